@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# Where each name stands.
+# Module of each name.
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "study"),
     **dict.fromkeys(("Check", "check"), "checks"),
@@ -108,10 +108,9 @@ _PACKAGES = ("sim", "ident", "scenarios")
 
 
 def _refuse_hidden(ours: str) -> None:
-    """Raise ImportError, with the file that hides it, where a package beside the file ``ours``'s
-    folder is not what Python would import: a user's own module of that name comes first.
+    """Raise ImportError if a user's module hides a package of the folder of ``ours``.
 
-    Nothing is imported for it.
+    Names the hiding file, without importing anything.
     """
     home = Path(ours).resolve().parent.parent
     for room in _PACKAGES:
@@ -138,7 +137,7 @@ def _refuse_hidden(ours: str) -> None:
 
 def _place_of(package: str) -> Path | None:
     """The folder of the package that the name leads to, or the file without its ending where it
-    leads to a module; None where nowhere.
+    leads to a module; None if nowhere.
     """
     loaded = sys.modules.get(package)
     try:
@@ -162,7 +161,7 @@ _refuse_hidden(__file__)
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, loaded from where it stands (PEP 562)."""
+    """Return a public name, imported on first use (PEP 562)."""
     from importlib import import_module
 
     if name in _EXPORTS:

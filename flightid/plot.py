@@ -1,5 +1,6 @@
-"""Figures of results: functions that take a result and return a matplotlib Figure, and
-``interactive``, which makes a figure zoom in a notebook.
+"""Figures of results: functions that take a result and return a matplotlib Figure.
+
+``interactive`` makes a figure zoomable in a notebook.
 """
 
 from __future__ import annotations

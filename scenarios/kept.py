@@ -1,4 +1,4 @@
-"""The model of a study as its folder keeps it, with its values and effects."""
+"""The model of a study in its folder, with values and effects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sim.errors import DeclarationError, FlightidError
 
 # ---- Effects as plain text and back
 
-# effects of the library, and nothing else, are made again by the name of their class
+# only effects of the library are restored by the name of their class
 ROOM = "sim.effects."
 
 
@@ -39,7 +39,7 @@ def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) 
     Raises
     ------
     DeclarationError : a user's effect that is not among ``own``, or a class that this version does
-    not have.
+        not have.
     """
     name = str(content.get("name", ""))
     if content.get("own"):
@@ -130,9 +130,7 @@ def _value(content: Any) -> Any:
 
 
 def refuse_other_kind(value: Any, kind: Any) -> None:
-    """Raise TypeError where a value that was read is not of the type that is declared for it, or
-    holds a number that is not finite.
-    """
+    """Raise TypeError if a value is not of its declared type, or not finite."""
     from pydantic import ConfigDict, TypeAdapter, ValidationError
 
     plain = is_dataclass(kind) and isinstance(kind, type)
@@ -147,7 +145,7 @@ def refuse_other_kind(value: Any, kind: Any) -> None:
 
 
 def refuse_other_fields(content: Mapping[str, Any], kind: type) -> None:
-    """Raise TypeError where the values under the names of a dataclass's fields are not of their
+    """Raise TypeError if the values under the names of a dataclass's fields are not of their
     types; KeyError for a name it does not have.
     """
     hints = get_type_hints(kind)
@@ -155,7 +153,7 @@ def refuse_other_fields(content: Mapping[str, Any], kind: type) -> None:
         refuse_other_kind(value, hints[key])
 
 
-# ---- The model of a study as its folder keeps it
+# ---- The stored model of a study
 
 NAME = "model.json"
 SCHEMA = "flightid/model/1"
@@ -181,9 +179,9 @@ _TRAINED = {
 class KeptReading:
     """How the fitted records were read and prepared.
 
-    ``hold`` of the inputs, ``by_hand`` where it was asked for; ``weight``: the lift that carries
-    the weight follows a measured pressure; ``flow``, ``attitude``: a measured airspeed or pitch
-    attitude is used. ``rate``, ``lowpass``, ``trusted`` as in a ``Plan``; zero: none.
+    ``hold``: of the inputs; ``by_hand``: requested by the user. ``weight``: the trim lift follows a
+    measured pressure. ``flow``, ``attitude``: a measured airspeed or pitch attitude is used.
+    ``rate``, ``lowpass``, ``trusted``: as in a ``Plan``; zero: none.
     """
 
     hold: str
@@ -202,13 +200,16 @@ class KeptModel:
 
     Attributes
     ----------
-    made_by : ``"identify"`` or ``"diagnose"``. model : a name of ``MODELS``, or what a user's own
-    model calls itself. vehicle : name and hash of the vehicle file, ``vehicle_text`` its content;
-    None and empty where an own model went without one. own_file, effects_file : a user's model and
-    effects, which are run only when they are named again. biases : outputs with a free bias. spiked
-    : inputs whose isolated wrong samples are mended. weighed : the weight along the flight path
-    acts, by a measured attitude. before, after : of a diagnosis the declared model, and that with
-    the effects found; of an identification ``after`` alone, without effects.
+    made_by : ``"identify"`` or ``"diagnose"``.
+    model : a name of ``MODELS``, or the name of a user's model.
+    vehicle, vehicle_text : name and hash of the vehicle file, and its content; None and empty for a
+        user's model without one.
+    own_file, effects_file : a user's model and effects, which are run only if named again.
+    biases : outputs with a free bias.
+    spiked : inputs with corrected spikes.
+    weighed : the weight along the flight path is included, by a measured attitude.
+    before, after : declared model and model with effects of a diagnosis; an identification has
+        ``after`` only.
     """
 
     made_by: str
@@ -262,14 +263,14 @@ class KeptFile:
     content: Mapping[str, Any]
 
     def file(self, key: str) -> InputFile | None:
-        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None where
+        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None if
         there was none.
         """
         entry = self.content["files"].get(key)
         return None if entry is None else InputFile(entry["name"], entry["sha256"])
 
     def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
-        """Return the model; ``own`` are the user's effects. Raises DeclarationError where it cannot
+        """Return the model; ``own`` are the user's effects. Raises DeclarationError if it cannot
         be made again.
         """
         try:
@@ -306,7 +307,7 @@ def read_kept(folder: str | Path) -> KeptFile:
     Raises
     ------
     DeclarationError : no such folder, no study in it, or one that keeps no model; the line says
-    what to run.
+        what to run.
     """
     folder = Path(folder)
     if not folder.is_dir():

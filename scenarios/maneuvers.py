@@ -86,9 +86,12 @@ class NumberedManeuver:
 
     Attributes
     ----------
-    number : from 1 on, in the order of the times. name : axis, kind and a count,
-    ``"pitch-doublet-2"``. found : what the search found. unit : of its amplitude. start, stop : s,
-    the part of the record to use: with rest before the input and the response after it.
+    number : from 1 on, in the order of the times.
+    name : axis, kind and a count, ``"pitch-doublet-2"``.
+    found : what the search found.
+    unit : of its amplitude.
+    start, stop : s, the part of the record to use: with rest before the input and the response
+        after it.
     """
 
     number: int
@@ -105,12 +108,14 @@ class FoundManeuvers:
 
     Attributes
     ----------
-    identity : the file. record : its channels that were searched, SI; controls stand among the
-    outputs, where samples may be missing. maneuvers : in the order of their times. active : share
-    of the time in which an input moves beyond its rest level. path : of the file, None where the
-    record is in memory. simulated : a program made it. unread : columns that look like channels and
-    were not read, by channel: a channel map names them. surfaces : of the channel map that are no
-    control of the search.
+    identity : the file.
+    record : searched channels, SI; controls are among the outputs, which may have missing samples.
+    maneuvers : in the order of their times.
+    active : share of the time in which an input moves beyond its rest level.
+    path : of the file, None if the record is in memory.
+    simulated : the record is simulated.
+    unread : columns that look like channels but need a channel map, by channel.
+    surfaces : of the channel map, not used as controls in the search.
     """
 
     identity: InputFile
@@ -175,7 +180,7 @@ def maneuvers_of(
     Raises
     ------
     RecordError : anything in the file that keeps it from being used; none of the channels that are
-    searched.
+        searched.
     """
     plan = plan or Plan()
     file = with_names(opened(source), plan.columns)
@@ -327,7 +332,7 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
 
 
 def _kinds_text(found: FoundManeuvers) -> str:
-    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty where nothing was found."""
+    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty if nothing was found."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
 

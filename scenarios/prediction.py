@@ -1,4 +1,4 @@
-"""The model that a study keeps on another record: predicted, printed and written."""
+"""Prediction of another record by the stored model of a study."""
 
 from __future__ import annotations
 
@@ -80,9 +80,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What a prediction is asked: a study folder, a record and how its columns are named; ``model``
-    and ``effects`` are a user's files, run, or what such files hold. ``tolerances`` : tests of
-    simulator qualification, see `scenarios.tolerances`.
+    """Request of a prediction: a study folder, a record and its columns.
+
+    ``model``, ``effects``: a user's files or their content. ``tolerances``: tests of simulator
+    qualification, see `scenarios.tolerances`.
     """
 
     study: Path
@@ -97,7 +98,7 @@ class PredictionRequest:
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors;
-    None where it left all measure.
+    None if it left all measure.
     """
 
     rows: np.ndarray
@@ -111,10 +112,10 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class PredictionResult:
-    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a
-    diagnosis, as declared.
+    """A record predicted by a study's model.
 
-    ``simulated``: a program made the record, by what the JSON beside it says.
+    ``after``: by the identified model. ``before``: by the declared model of a diagnosis.
+    ``simulated``: the record is simulated, according to its JSON file.
     """
 
     study: Path
@@ -137,7 +138,8 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     Raises
     ------
     DeclarationError : the folder keeps no model; a file of the user's that it rests on is not
-    named, or is another one. RecordError : anything in the record that keeps it from being used.
+        named, or is another one. RecordError : anything in the record that keeps it from being
+        used.
     """
     tests = read_tests(asked.tolerances) if asked.tolerances is not None else ()
     file = read_kept(asked.study)
@@ -246,9 +248,7 @@ def _by_diagnosis(
 
 
 def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """Return the study's vehicle, from the text that it keeps; of a user's own model with the file
-    that is named again.
-    """
+    """Return the study's vehicle from the stored text; for a user's model with its file."""
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
     if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
@@ -276,8 +276,7 @@ def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFi
         return read_vehicle(None, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         entry = file.file("vehicle")
-        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is
-        # written outside this folder.
+        # A study may be untrusted: its file names must not lead outside this folder.
         named = Path(entry.name).name.lstrip(".") if entry is not None else ""
         path = Path(folder) / (named or "vehicle.toml")
         write_text(path, text)
@@ -314,7 +313,7 @@ def _same(path: Path, known: InputFile, option: str) -> str:
 
 
 def _plan(kept: KeptModel, asked: Plan) -> Plan:
-    """Return the study's preparation, and of the record the part that is asked."""
+    """Return the study's preparation, with the requested part of the record."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or asked.trusted
@@ -346,7 +345,7 @@ def _warnings(ready: PreparedData) -> tuple[str, ...]:
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
-    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the
+    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty if the
     simulation left all measure.
     """
     f = simulation.figures
@@ -423,7 +422,7 @@ def predicting_model(found: PredictionResult) -> str:
 
 
 def errors_table(found: PredictionResult) -> Table:
-    """Errors with the study's effects, and before that as declared where there are any."""
+    """Errors with the study's effects, and before that as declared if there are any."""
     before = (
         _rows(found, found.before, "as declared")
         if found.before is not None and found.kept.after.effects
@@ -453,8 +452,8 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[li
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:
-    """Return whether the prediction is within the tolerances, and the tone; empty where none were
-    asked for.
+    """Return whether the prediction is within the tolerances, and the tone; empty if none were
+    requested.
     """
     if found.after.figures is None:
         return "no finite simulation", "open"
@@ -464,7 +463,7 @@ def _verdict(found: PredictionResult) -> tuple[str, str]:
     return f"{passed} of {count} tests passed", "good" if passed == count else "open"
 
 
-# ---- The page of a prediction: how far a kept model is from a record that it has not seen
+# ---- The page of a prediction
 
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:

@@ -38,8 +38,10 @@ class Tolerance:
 
     Attributes
     ----------
-    channel : its name. text : the tolerance with its unit, such as ``2 deg/s``.
-    share : of the measured value or of its peak, where that is more; 0 none. of : which of them.
+    channel : its name.
+    text : the tolerance with its unit, such as ``2 deg/s``.
+    share : of the measured value or of its peak, where that is more; 0 none.
+    of : which of them.
     """
 
     channel: str
@@ -75,7 +77,8 @@ class ObjectiveTest:
 
     Attributes
     ----------
-    name, title : for people. entry : of the table in the source.
+    name, title : for people.
+    entry : of the table in the source.
     requirements : all have to hold; of the alternatives of each, one.
     """
 
@@ -92,8 +95,10 @@ class ChannelVerdict:
 
     Attributes
     ----------
-    tolerance : asked. half_width : of the band, ``(N,)``. error : ``(N,)``, predicted less
-        measured, NaN where nothing was measured. requirement : number of the requirement.
+    tolerance : asked.
+    half_width : of the band, ``(N,)``.
+    error : ``(N,)``, predicted less measured, NaN if nothing was measured.
+    requirement : number of the requirement.
     """
 
     tolerance: Tolerance
@@ -212,7 +217,9 @@ def verdicts_of(
 
     Parameters
     ----------
-    tests : see `read_tests`. record : as measured. channels : m predicted ones.
+    tests : see `read_tests`.
+    record : as measured.
+    channels : m predicted ones.
     rows : ``(m, N)`` the prediction, in the record's units.
 
     Raises
@@ -222,7 +229,7 @@ def verdicts_of(
     predicted = dict(zip(channels, rows, strict=True))
     found = []
     for test in tests:
-        told = []
+        verdicts = []
         for number, alternatives in enumerate(test.requirements):
             there = [each for each in alternatives if each.channel in predicted]
             if not there:
@@ -236,8 +243,8 @@ def verdicts_of(
                 channel = record[each.channel]
                 error = np.where(channel.valid, predicted[each.channel] - channel.values, np.nan)
                 half = each.half_width(channel, f"test {test.name}, {each.channel}")
-                told.append(ChannelVerdict(each, half, error, number))
-        found.append(ToleranceVerdict(test, tuple(told)))
+                verdicts.append(ChannelVerdict(each, half, error, number))
+        found.append(ToleranceVerdict(test, tuple(verdicts)))
     return tuple(found)
 
 

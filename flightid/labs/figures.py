@@ -62,9 +62,11 @@ def figure_residual(
     noise: Mapping[str, float],
     marks: Sequence[float] = (),
 ) -> Figure:
-    """Residual of each output ``(N,)`` over time with two standard deviations of its noise; beside
-    it the power spectrum over that of the noise, ``marks`` (rad/s) drawn in, and the
-    autocorrelation with the band that holds 95 % of those of white noise."""
+    """Plot residuals ``(N,)`` over time, their power spectrum over that of the noise, and
+    autocorrelation.
+
+    With two noise sigmas and the 95 % band of white noise. ``marks``: frequencies, rad/s.
+    """
     sheet = make_sheet(
         [1.35] * len(residual), (1.35, 1.0, 0.8), share_x=True, row_gap=0.35, column_gap=0.72
     )
@@ -130,7 +132,7 @@ def _draw_power(  # type: ignore[no-untyped-def]
 
 
 def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
-    """Autocorrelation ``(lags,)`` of a series ``(N,)`` at lags 1, 2, ...; its mean is taken out."""
+    """Return the autocorrelation ``(lags,)`` of a series ``(N,)`` minus its mean, from lag 1."""
     e = values - values.mean()
     return np.array([float(e[k:] @ e[:-k]) for k in range(1, lags + 1)]) / float(e @ e)
 
@@ -177,8 +179,8 @@ def figure_structure(
 
     Parameters
     ----------
-    steps : of the coefficient ``axis``. spread : its variance, by which the predicted squared error
-        is drawn.
+    steps : of the coefficient ``axis``.
+    spread : its variance, by which the predicted squared error is drawn.
     shown : by caption: time (s), measured and modelled coefficient, each ``(M,)``.
     """
     sheet = make_sheet([1.7], (1.1, *(1.0,) * len(shown)), share_x=False, column_gap=0.65)

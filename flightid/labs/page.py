@@ -1,6 +1,4 @@
-"""What all labs show alike: pictures, command lines, tables, and questions that tell at once
-whether an answer holds.
-"""
+"""Common elements of labs: pictures, command lines, tables, and questions with immediate checks."""
 
 from __future__ import annotations
 
@@ -17,10 +15,10 @@ from scenarios.plots.drawing import figure_document, figure_frame
 
 @dataclass(frozen=True)
 class Question:
-    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` tells
-    whether its value is right.
+    """A question of a lab.
 
-    ``hint`` is shown beside a wrong answer, ``reason`` beside a right one.
+    ``field``: notebook element for the answer. ``right``: function that checks its value. ``hint``,
+    ``reason``: shown after a wrong and a right answer.
     """
 
     text: str
@@ -57,13 +55,13 @@ def beside(controls: Sequence[Any], figure: Any) -> Any:
 def sketch() -> Any:
     """The aircraft from the side and from above, with axes, angles, rates and their signs."""
     told = "Aircraft from the side and from above with body axes, angles, rates and signs"
-    # As a path: of bytes alone marimo would say that they are a PNG, which browsers do not draw.
+    # As a path: marimo would declare bytes as a PNG, which browsers do not draw.
     source = Path(__file__).with_name("axes.svg")
     return mo.image(source, alt=told, style={"width": "100%", "max-width": "720px"})
 
 
 def computing(what: str = "Computing the flight and its estimates") -> Any:
-    """A message that stands while the block below it computes."""
+    """Return a message that is shown while the next block computes."""
     return mo.status.spinner(title=f"{what} ...", remove_on_exit=True)
 
 
@@ -123,7 +121,7 @@ def choice(options: Sequence[str]) -> Any:
 
 
 def fields(questions: Mapping[str, Question]) -> Any:
-    """The answers of a lab as one element, so that a notebook reads them together."""
+    """Return the answers of a lab as one notebook element."""
     return mo.ui.dictionary({key: question.field for key, question in questions.items()})
 
 

@@ -45,18 +45,18 @@ if TYPE_CHECKING:
     import pandas
 
 
-# ---- check in Python: what the kinematics alone say of the sensors
+# ---- check in Python: sensor faults by kinematics
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check:
-    """What the kinematics say of the sensors; ``details`` is everything that is known of it."""
+    """Sensor faults found by kinematics. ``details``: the complete internal result."""
 
     details: checking.CompatibilityCheck
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """Names of the sensor faults that stand, ``"delay:alpha"`` and the like."""
+        """Names of the accepted sensor faults, such as ``"delay:alpha"``."""
         accepted = (each.name for each in self.details.result.findings if each.stands)
         return tuple(dict.fromkeys(accepted))
 
@@ -88,8 +88,9 @@ class Check:
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a sensor fault, from all records together: value and sigma by output error
-        and by the smoother, gain, p, whether it stands.
+        """Return one row per sensor fault, from all records.
+
+        Columns: value and sigma by output error and by the smoother, gain, p, acceptance.
         """
         import pandas
 
@@ -169,7 +170,7 @@ def check(
 
     Raises
     ------
-    InputError : anything in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -190,7 +191,7 @@ def check(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Maneuvers:
-    """The maneuvers of a record. ``details``: everything that the library knows of them."""
+    """The maneuvers of a record. ``details``: the complete internal result."""
 
     details: maneuvers.FoundManeuvers
 
@@ -217,8 +218,9 @@ class Maneuvers:
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a maneuver by its number: times of the input, the part to use, axis, kind,
-        channel, amplitude (SI), t values.
+        """Return one row per maneuver, by number.
+
+        Columns: times of the input, part to use, axis, kind, channel, amplitude (SI), t values.
         """
         import pandas
 
@@ -283,13 +285,13 @@ def find_maneuvers(
     Parameters
     ----------
     record : a ``Record``, or whatever ``read_record`` takes.
-    channels : a channel map as in ``read_record``. columns : names of the columns of a file without
-        a header, in their order.
+    channels : a channel map as in ``read_record``.
+    columns : names of the columns of a file without a header, in their order.
     rate : Hz, of a file without a clock, or of the grid of a log's topics.
 
     Raises
     ------
-    InputError : anything in the record that keeps it from being searched, in one line.
+    InputError : a record that cannot be searched; a message of one line.
 
     Examples
     --------
@@ -308,7 +310,7 @@ def find_maneuvers(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
-    """Frequency responses of m outputs to q inputs. ``details``: everything the library knows."""
+    """Frequency responses of m outputs to q inputs. ``details``: the complete internal result."""
 
     details: analysis.ResponseEstimates
 
@@ -399,8 +401,10 @@ class FrequencyResponse:
 
     @property
     def worst_margins(self) -> dict[str, dict[str, Any]]:
-        """The least of each margin over the maneuvers: ``value``, ``half_width`` of the interval
-        that holds for all together, ``maneuver``, ``p_alike``; empty with one maneuver."""
+        """Smallest value of each margin over the maneuvers; empty with one maneuver.
+
+        Keys: ``value``, ``half_width`` of the simultaneous interval, ``maneuver``, ``p_alike``.
+        """
         from scenarios.responses.loops import margins_content
 
         loop = self.details.loop
@@ -419,7 +423,7 @@ class FrequencyResponse:
         """Return the fitted transfer function of one response as python-control's.
 
         ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
-        approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
+        approximation of its delay; 0 leaves the delay out. Raises InputError if none is fitted.
         """
         import control
 
@@ -521,25 +525,27 @@ def frequency_response(
     ----------
     records : one or several, which are pooled; each a ``Record`` or whatever ``read_record`` takes.
     input, output : names of columns or channels, one or a list. Several inputs give conditioned
-        responses: of each input with the others held.
-    reference : with feedback, excitations that the noise does not reach, one for each input.
+        responses.
+    reference : for closed loops: external excitations, one for each input.
     channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
-    band : lowest and highest frequency, Hz; None takes it from the windows and the inputs' power.
-    window : lengths of the windows, s; none takes four. tapers : sine tapers instead of windows.
-    coherence : least one of the usable band.
+    band : lowest and highest frequency, Hz; None: by the windows and the inputs' power.
+    window : lengths of the windows, s; default: four lengths.
+    tapers : number of sine tapers, used instead of windows.
+    coherence : least coherence of the usable band.
     fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
         ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
-    fix : parameters of the forms that are held. shared_poles : one denominator for all.
-    bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
-    margins : ``"minus"`` or ``"plus"``: stability margins of a loop. ``input`` is the signal behind
-        the sum, ``output`` the one that returns into it with this sign, ``reference`` the
-        excitation that is added.
-    levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
-    airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
-    pilot : rad/s, closed-loop bandwidth of Neal and Smith's pilot; needs ``bandwidth``.
-        pilot_delay : s, of that pilot; None takes 0.25.
-    model, vehicle : a linear model, built in or the path of your own, fitted to all responses at
-        once, with the file of its constants and starting values. ``fix`` holds its parameters.
+    fix : fixed parameters of the forms.
+    shared_poles : one denominator for all.
+    bandwidth : kind of outputs, ``"rate"`` or ``"attitude"``: computes bandwidth and phase delay.
+    margins : ``"minus"`` or ``"plus"``: computes stability margins of a loop. ``input`` is the
+        signal after the summing point, ``output`` the signal fed back with this sign,
+        ``reference`` the added excitation.
+    levels : aircraft class and flight phase, ``"IV-A"``: computes levels of fitted forms.
+    airspeed : m/s: computes n/alpha and CAP of a fitted ``"pitch"``.
+    pilot : closed-loop bandwidth of the Neal-Smith pilot, rad/s; needs ``bandwidth``.
+    pilot_delay : of that pilot, s; None: 0.25.
+    model, vehicle : linear model fitted to all responses, built in or the path of a user's model,
+        and its vehicle file. ``fix`` fixes its parameters.
 
     Raises
     ------

@@ -1,6 +1,4 @@
-"""`design` in Python, which maneuver to fly; `structure`, the terms of a model from records; and
-`export`, models that leave the tool.
-"""
+"""Design of maneuvers (`design`), model structure (`structure`) and `export` in Python."""
 
 from __future__ import annotations
 
@@ -43,8 +41,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """Maneuvers compared before they are flown, the best first. ``details``: everything that the
-    library knows of it.
+    """Maneuvers compared before they are flown, the best first. ``details``: the complete internal
+    result.
     """
 
     details: designing.DesignResult
@@ -56,9 +54,7 @@ class Design:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the best maneuver tells the effects apart; zero where none
-        were named.
-        """
+        """Least probability that the best maneuver separates the named effects; zero without."""
         return self.details.best.chance
 
     @property
@@ -72,9 +68,7 @@ class Design:
         return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
-        """Return the input to be flown, of the best kind or another: a record without outputs, SI,
-        held between samples.
-        """
+        """Return the input of a maneuver (default: the best) as a record without outputs, SI."""
         from scenarios.maneuver_design.report import input_of
 
         chosen = next(
@@ -83,10 +77,11 @@ class Design:
         return record_of(input_of(chosen))
 
     def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
-        """Return the coherence and random error to expect of a response, by frequency in Hz; of the
-        best kind or another.
+        """Return expected coherence and random error of a response, by frequency (Hz).
 
-        Raises InputError where no band was asked for, or there is no such response.
+        ``kind``: of the maneuver; default: the best.
+
+        Raises InputError if no band was requested, or there is no such response.
         """
         import pandas
 
@@ -105,7 +100,7 @@ class Design:
         return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row a kind, the best first: pace (s), peaks, mean sigma over the values, log
+        """Return one row per kind, the best first: pace (s), peaks, mean sigma over the values, log
         likelihood and chance.
         """
         import pandas
@@ -168,13 +163,17 @@ def design(
 
     Parameters
     ----------
-    model, vehicle : as in ``identify``. limits : a TOML file, or its content: ``{"nz_max": 2.5,
-    "elevator_rate": "40 deg/s"}``. tell : names of effects to be told apart, the first against each
-    other one. size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
+    model, vehicle : as in ``identify``.
+    limits : a TOML file, or its content: ``{"nz_max": 2.5, "elevator_rate": "40 deg/s"}``.
+    tell : names of effects to separate, the first from each of the others.
+    size : of the first effect: ``"typical"``, ``"found"`` (barely detectable), or parameter values.
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
-    SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
-    over it, compared by the frequency responses to expect (``coherence``). computer : a flight
-    computer moves the controls; False: a pilot, who makes no quick steps and no multisines.
+        SI or texts with a unit.
+    duration, rate : s, samples a second.
+    band : Hz; a sweep and multisines over it, compared by the frequency responses to expect
+        (``coherence``).
+    computer : a flight computer moves the controls; False: a pilot, who makes no quick steps and no
+        multisines.
 
     Raises
     ------
@@ -222,8 +221,8 @@ def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Structure:
-    """Terms of the aerodynamic coefficients that records support. ``details``: everything that the
-    library knows of them.
+    """Terms of the aerodynamic coefficients that records support. ``details``: the complete
+    internal result.
     """
 
     details: structures.FoundStructure
@@ -238,7 +237,7 @@ class Structure:
 
     @property
     def r2(self) -> dict[str, float]:
-        """R2 of each coefficient on maneuvers left out; on those fitted where there is one."""
+        """R2 of each coefficient on maneuvers left out; on those fitted if there is one."""
         found = {}
         for axis, each in self.details.selections.items():
             left_out = each.held_out is not None and isfinite(each.held_out)
@@ -257,7 +256,7 @@ class Structure:
         return structure_text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a term: coefficient, text, value and standard deviation."""
+        """Return one row per term: coefficient, text, value and standard deviation."""
         import pandas
 
         sigmas = self.details.sigmas
@@ -298,7 +297,7 @@ def structure(
     validate: Source | Sequence[Source] = (),
     *,
     method: str = structures.METHODS[0],
-    degree: int = structures.MOST_DEGREE,
+    degree: int = structures.DEFAULT_DEGREE,
     splines: int = 0,
     bandwidth: float = DERIVATIVE_BANDWIDTH,
     terms: str | PathLike[str] | None = None,
@@ -321,10 +320,13 @@ def structure(
     records : one a maneuver, each a ``Record`` or whatever ``read_record`` takes; airspeed, alpha,
         beta, p, q, r, ax, ay, az and the surfaces of the file.
     vehicle : file of model ``aircraft``; its terms are a baseline or are not used.
-    validate : records whose coefficients are predicted, not fitted: ``predicted`` of the result.
-    method : ``"stepwise"`` or ``"orthogonal"``. degree : of the products of signals offered.
-    splines : knots in alpha. bandwidth : Hz, of the angular accelerations.
-    terms : path of a file with the terms offered. baseline : increments to the file's terms.
+    validate : records that are predicted, not fitted; see ``predicted`` of the result.
+    method : ``"stepwise"`` or ``"orthogonal"``.
+    degree : of the products of signals offered.
+    splines : knots in alpha.
+    bandwidth : Hz, of the angular accelerations.
+    terms : path of a file with the terms offered.
+    baseline : increments to the file's terms.
     hierarchical : a product enters after the linear terms of its symmetry.
     channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
 

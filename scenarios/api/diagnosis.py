@@ -68,7 +68,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    details : everything that the library knows of the search and its files.
+    details : the complete internal result.
     """
 
     details: Tracing
@@ -107,7 +107,7 @@ class Diagnosis:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Parameters of the declared model with the claimed effects beside them."""
+        """Parameters of the declared model, fitted together with the claimed effects."""
         return _parameters(self.details.diagnosis.after)
 
     @property
@@ -157,7 +157,8 @@ class Diagnosis:
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, value and sigma of the declared model (``before``)
+        """Return one row per parameter: ``unit``, value and sigma of the declared model
+        (``before``)
         and with the effects (``after``).
         """
         import pandas
@@ -192,7 +193,7 @@ class Diagnosis:
         )
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -214,9 +215,7 @@ class Diagnosis:
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """Return the declared model with ``parameters``, as python-control's with named signals;
-        the claimed effects are no part of it.
-        """
+        """Return the declared model with ``parameters`` for python-control, without the effects."""
         from ident.flying_qualities.modes import to_control
         from scenarios.identification.low_order import linearised
         from sim.declaration.compile import compile_model
@@ -261,10 +260,10 @@ class Diagnosis:
         return f"<Diagnosis: {self.verdict}; {named}; {self.parameters!r:.500}>"
 
     def _repr_html_(self) -> str:
-        told = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
+        sentences = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
         return tables.page(
             f"{self.verdict.upper()}: {self.headline}",
-            tables.sentences(told),
+            tables.sentences(sentences),
             self.parameters.html_table(),
             tables.sentences(self.warnings),
         )
@@ -303,11 +302,11 @@ def diagnose(
         category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of
     one. effects : effects of your own, or the path of a Python file with them. effort :
-    ``"normal"`` or ``"thorough"``. progress : told the stage and the share done, 0 to 1.
+    ``"normal"`` or ``"thorough"``. progress : called with the stage and the share done, 0 to 1.
 
     Raises
     ------
-    InputError : anything asked or in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -348,8 +347,8 @@ def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Survey:
-    """What many flights of one aircraft show together. ``details``: everything that the library
-    knows of it. ``folder``: where flights are kept.
+    """What many flights of one aircraft show together. ``details``: the complete internal result.
+    ``folder``: where flights are kept.
     """
 
     details: surveying.SurveyResult
@@ -388,7 +387,7 @@ class Survey:
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return the derivatives, one row a flight: value (``Cm_alpha``) and sigma
+        """Return the derivatives, one row per flight: value (``Cm_alpha``) and sigma
         (``Cm_alpha_std``) of each in SI, and the flight's conditions.
         """
         import pandas
@@ -403,7 +402,7 @@ class Survey:
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("flight")
 
     def recurring(self) -> pandas.DataFrame:
-        """Return the effects, one row a flight: the probability that it has each."""
+        """Return the effects, one row per flight: the probability that it has each."""
         import pandas
 
         return pandas.DataFrame(
@@ -463,17 +462,18 @@ def survey(
 
     Parameters
     ----------
-    flights : the file that names model, vehicle and records. folder : where each flight's results
-    are kept, so that the next survey computes
-        only what is new; None takes a new one for temporary files. jobs : processes, all cores when
-        left out.
-    figures : of the flights' own pages. progress : told the stage and the share done, 0 to 1.
+    flights : the file that names model, vehicle and records.
+    folder : where each flight's results are kept, so that the next survey computes only what is
+        new; None takes a new one for temporary files.
+    jobs : processes, all cores when left out.
+    figures : of the flights' own pages.
+    progress : called with the stage and the share done, 0 to 1.
     cluster : the address of a Dask scheduler, whose workers take the place of processes.
 
     Raises
     ------
     InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
-    ``failed``.
+        ``failed``.
 
     Examples
     --------

@@ -66,7 +66,7 @@ class Identification:
 
     Attributes
     ----------
-    details : everything that the library knows of the fit and its files.
+    details : the complete internal result.
     """
 
     details: Identified
@@ -118,7 +118,7 @@ class Identification:
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """Profile-likelihood intervals where they were asked; an end that is open is infinite."""
+        """Profile-likelihood intervals, if requested; an open end is infinite."""
         ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
         return {
             name: (-math.inf if low is None else low, math.inf if high is None else high)
@@ -186,11 +186,11 @@ class Identification:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -227,7 +227,7 @@ class Identification:
 
     def linearised(self) -> StateSpace:
         """Return the identified model as matrices about its point of reference, with units and
-        delays. Raises InputError where there is no such point.
+        delays. Raises InputError if there is no such point.
         """
         from scenarios.identification.low_order import state_space_of
 
@@ -306,22 +306,26 @@ def identify(
     ----------
     records : one record or several; each a ``Record`` or whatever ``read_record`` takes.
     model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the
-    path of its Python file. vehicle : what ``vehicle`` takes: a file, a name of the library,
-    numbers; None takes ``vehicle.toml`` beside the first record. method : output-error,
-    filter-error, frequency-domain, equation-error, ekf, ukf. validate : records that are predicted
-    with what was estimated from the others. profile : parameters whose profile-likelihood interval
-    is wanted; True: of every one. band : Hz, for frequency-domain. engine : of the extended Kalman
-    filter, filterpy or batched. channels : a channel map as in ``read_record``, for all records.
-    columns : names of the columns of files without a header, in their order. start, stop : the part
-    that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as
-    the command's options. maneuver : maneuvers that are used instead, by number or name, one or a
-    list. maneuvers : what ``find_maneuvers`` returned, or
-        the path of its ``maneuvers.toml``; None takes the one beside the record.
-    aircraft_class, category : by which levels of flying qualities are told.
+        path of its Python file.
+    vehicle : what ``vehicle`` takes: a file, a name of the library, numbers; None takes
+        ``vehicle.toml`` beside the first record.
+    method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
+    validate : records that are predicted with what was estimated from the others.
+    profile : parameters whose profile-likelihood interval is wanted; True: of every one.
+    band : Hz, for frequency-domain.
+    engine : of the extended Kalman filter, filterpy or batched.
+    channels : a channel map as in ``read_record``, for all records.
+    columns : names of the columns of files without a header, in their order.
+    start, stop : the part that is used, s; a list of each for several maneuvers.
+    hold, rate, lowpass, trust_record : as the command's options.
+    maneuver : maneuvers that are used instead, by number or name, one or a list.
+    maneuvers : what ``find_maneuvers`` returned, or the path of its ``maneuvers.toml``; None takes
+        the one beside the record.
+    aircraft_class, category : for levels of flying qualities.
 
     Raises
     ------
-    InputError : anything asked or in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -371,8 +375,8 @@ class Saved(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
-    """A record predicted by a model that was not fitted to it. ``details``: everything that the
-    library knows of it.
+    """A record predicted by a model that was not fitted to it. ``details``: the complete internal
+    result.
     """
 
     details: predicting.PredictionResult
@@ -449,12 +453,12 @@ class Prediction:
         return write_report(self.save, path)
 
     def __repr__(self) -> str:
-        told = ", ".join(
+        text = ", ".join(
             f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted"
         )
         return (
             f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: "
-            f"fit {told or 'left all measure'}>"
+            f"fit {text or 'left all measure'}>"
         )
 
     def _repr_html_(self) -> str:
@@ -491,12 +495,11 @@ def predict(
     Parameters
     ----------
     study : the folder of an ``identify`` or ``diagnose``, or such a result.
-    record : a ``Record`` or whatever ``read_record`` takes. channels, columns, start, stop,
-        maneuver, maneuvers, trust_record : as in
-        ``identify``.
+    record : a ``Record`` or whatever ``read_record`` takes.
+    channels, columns, start, stop, maneuver, maneuvers, trust_record : as in ``identify``.
     rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their
-    files.
+        files.
 
     Raises
     ------

@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """Measured signals on one time base, as they came: nothing is converted before it is asked for.
+    """Measured signals on one time base, as they came: nothing is converted before it is requested.
 
-    ``record["alpha"]`` is a channel in SI and radians, NaN where a sample is missing; ``time`` in
+    ``record["alpha"]`` is a channel in SI and radians, NaN if a sample is missing; ``time`` in
     s. Channels are found by their names and units as in files (``alpha``, ``alpha_deg``, ``q
     [deg/s]``); columns that are no channel we know keep their names and numbers.
 
@@ -91,12 +91,12 @@ class Record:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """Channels that are no controls."""
+        """Names of all channels but the controls."""
         return tuple(name for name in self.names if name not in self.input_names)
 
     @cached_property
     def time(self) -> np.ndarray:
-        """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is
+        """Time stamps, s, shape ``(N,)``. Raises InputError if they do not increase or one is
         missing.
         """
         return window_of(self.file)[0]
@@ -153,7 +153,7 @@ class Record:
         """Return the rows from ``start`` to ``stop`` (s, both included) as a record of their own;
         None leaves that end open.
 
-        Raises InputError where there is no such row.
+        Raises InputError if there is no such row.
         """
         from scenarios.api.records import rows_of_file
 
@@ -301,16 +301,16 @@ def read_record(
 
     Parameters
     ----------
-    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose
-        time is a column ``time`` or its index (datetimes, timedeltas, or an index
-        named time); a mapping of names to arrays, or a structured array; a Dataset; a
-        TimeResponseData; a record.
+    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose time is a
+        column ``time`` or its index (datetimes, timedeltas, or an index named time); a mapping of
+        names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
     units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
     channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha":
-    ("AoA1", "deg")}``; or a channel map's path. inputs : which channels are controls; else
-    elevator, stick, aileron, rudder and thrust. hold : ``"previous"`` or ``"linear"``, how inputs
-    behave between samples; else as the sidecar says or the data do. name : what messages call a
-    record in memory; a file has its own.
+        ("AoA1", "deg")}``; or a channel map's path.
+    inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
+    hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar
+        says or the data do.
+    name : what messages call a record in memory; a file has its own.
 
     Raises
     ------

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# ---- What a record says of itself to whatever converts or draws it
+# ---- Contents of a record, for conversion and plots
 
 
 class Recorded(Protocol):
@@ -89,7 +89,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
     """
     taken: dict[int, tuple[str, ChannelColumn]] = {}
     under = file.table.units or ("",) * len(file.table.header)
-    # what is mapped is nothing else
+    # a mapped column is no other channel
     for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):
         found, unit = _found(file, name), CHANNEL_UNITS[name]
         if (
@@ -97,10 +97,10 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             and found.index not in taken
             and found.index not in file.table.unreadable
         ):
-            told = found.unit if name == STICK else unit
+            shown_unit = found.unit if name == STICK else unit
             taken[found.index] = (
                 name,
-                ChannelColumn(told, found.header, partial(_channel, file, name)),
+                ChannelColumn(shown_unit, found.header, partial(_channel, file, name)),
             )
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):
         choice = file.choices[name]
@@ -122,7 +122,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             and _numeric(file, index)
         ):
             name, unit_told = split_header(cell)
-            told = (
+            shown_unit = (
                 unit_told
                 or under[index]
                 or file.sidecar.units.get(name)
@@ -131,7 +131,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             )
             taken[index] = (
                 name if name not in CHANNEL_UNITS else cell,
-                ChannelColumn(told, cell, partial(_raw, file, index)),
+                ChannelColumn(shown_unit, cell, partial(_raw, file, index)),
             )
     clock = clock_place(file.table)
     return {
@@ -142,7 +142,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
 
 
 def refuse_unreadable(file: RecordFile, name: str) -> None:
-    """Raise RecordError where a channel's column is in the file and holds no sequence of
+    """Raise RecordError if a channel's column is in the file and holds no sequence of
     numbers.
     """
     found = _found(file, name) if name in CHANNEL_UNITS else None
@@ -306,7 +306,7 @@ def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
     The time comes from the index where no column is named so and the index is one of times, or is
     named time.
 
-    Raises RecordError where two columns have one name.
+    Raises RecordError if two columns have one name.
     """
     import pandas
 
@@ -347,7 +347,7 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     """Return the rows of a record file between two times, s, under a name that tells them; row
     numbers stay those of the file.
 
-    Raises RecordError where there is no such row.
+    Raises RecordError if there is no such row.
     """
     time, rows = window_of(file, start, stop)
     ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
@@ -428,7 +428,7 @@ def _column(label: str, name: str, values: Any) -> np.ndarray:
 
 
 def _plain(values: Any) -> np.ndarray:
-    """Return a NumPy array; of a pandas column with NaN where a number is missing, and without its
+    """Return a NumPy array; of a pandas column with NaN if a number is missing, and without its
     time zone.
     """
     dtype = getattr(values, "dtype", None)
@@ -459,9 +459,9 @@ def _digest(table: CellTable) -> str:
 
 @dataclass(frozen=True)
 class ContainerFacts:
-    """What a container says of a record besides its numbers; None and empty where it does not say.
+    """Facts on a record in its container, besides the numbers; None or empty if not stated.
 
-    ``unreadable``: names of variables that are not one value a sample, and why.
+    ``unreadable``: variables without one value per sample, with the reason.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
@@ -540,7 +540,7 @@ def to_pandas(record: Recorded) -> pandas.DataFrame:
 
 def to_xarray(record: Recorded) -> xarray.Dataset:
     """Return the channels in SI over the coordinate ``time``, units as attributes. Raises
-    ImportError where xarray is not installed.
+    ImportError if xarray is not installed.
     """
     try:
         import xarray
@@ -554,7 +554,7 @@ def to_xarray(record: Recorded) -> xarray.Dataset:
 
 def to_control(record: Recorded) -> control.TimeResponseData:
     """Return the record as python-control's response: outputs ``(m, N)`` and inputs with labels;
-    NaN where a sample is missing.
+    NaN if a sample is missing.
     """
     import control
 
@@ -609,17 +609,17 @@ def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFa
         for name, each in every.items()
         if name not in variables
     }
-    told = _of_attributes(dataset.attrs)
+    facts = _of_attributes(dataset.attrs)
     units = {
         name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs
     }
     columns = {name: each.to_numpy() for name, each in variables.items()}
     return columns, ContainerFacts(
-        {**told.units, **units}, told.name, told.hold, told.inputs, others
+        {**facts.units, **units}, facts.name, facts.hold, facts.inputs, others
     )
 
 
-# ---- Whatever holds a record, opened as a record file, with what is said of it
+# ---- Records in any form, opened as record files
 
 Units = Mapping[str, str]
 # A channel map: channel -> column, with its unit where the column does not say it; or the path of a
@@ -641,9 +641,9 @@ def opened_source(
     Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
     DeclarationError.
     """
-    content, told = unpacked(source)
-    known = {**told.units, **(units or {})}
-    held = plan_of(hold=told.hold if hold is None else hold).hold
+    content, facts = unpacked(source)
+    known = {**facts.units, **(units or {})}
+    held = plan_of(hold=facts.hold if hold is None else hold).hold
     if isinstance(content, Path):
         file = read_record_file(content)
         sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
@@ -652,7 +652,9 @@ def opened_source(
             sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True),
         )
     else:
-        file = file_of_columns(content, name or told.name, known, held, unreadable=told.unreadable)
+        file = file_of_columns(
+            content, name or facts.name, known, held, unreadable=facts.unreadable
+        )
     chosen = choices_of(channels, units or {})
     if chosen is not None:
         choices = (
@@ -662,7 +664,7 @@ def opened_source(
         )
         file = _computed(replace(file, choices=choices))
     refuse_units(units or {}, file)
-    return file, told.inputs
+    return file, facts.inputs
 
 
 def _computed(file: RecordFile) -> RecordFile:

@@ -1,4 +1,4 @@
-"""From keywords to requests: scenarios of every kind run, records flown for their data alone."""
+"""From keywords to requests: run scenarios of every kind, simulate records."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # ---- Scenarios of every kind
 
 Progress = Callable[[str, float], None]
-KEPT = "below; save(FOLDER) keeps them"  # where more is to be read than a summary says, in Python
+KEPT = "below; save(FOLDER) keeps them"  # place of details, in Python
 
 
 class Write(Protocol):
@@ -46,12 +46,10 @@ class Write(Protocol):
 
 @dataclass(frozen=True)
 class Runner:
-    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder
-    with figures of some formats, and printed.
+    """Functions of a loaded scenario: run with a seed (None: its own), write, and print.
 
-    ``show`` prints a study, which says where else its details are. ``text``: what is printed where
-    the output is no terminal, for Python. ``counted``: the share done that it tells is a measure of
-    its time, as that of a search is not.
+    ``show``: prints a study and the place of its details. ``text``: plain printed text, for Python.
+    ``counted``: reported shares measure time, unlike those of a search.
     """
 
     run: Callable[[int | None, Progress], Any]
@@ -62,7 +60,7 @@ class Runner:
 
 
 def no_progress(stage: str, share: float) -> None:
-    """Progress that nobody asked for."""
+    """Ignore progress."""
 
 
 def _identification(name: str, changes: Sequence[str]) -> Runner:
@@ -210,9 +208,7 @@ def request_of(
     aircraft_class: str | None = None,
     category: str | None = None,
 ) -> Request:
-    """Return the request; records are opened now, so that a fault in one is told before anything is
-    computed.
-    """
+    """Return the request; records are opened now, so that errors appear before any computation."""
     fitted, predicted = _listed(records), _listed(validate)
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
@@ -255,7 +251,7 @@ def plan_from(
 
 
 def with_parts(request: Request, asked: Named, found: Found) -> Request:
-    """Return the request with the parts of the maneuvers that are asked for as its segments. Raises
+    """Return the request with the parts of the maneuvers that are requested as its segments. Raises
     DeclarationError.
     """
     from scenarios.preparation.plan import DeclaredParts, with_maneuvers
@@ -326,8 +322,8 @@ def file_of(given: Source) -> RecordFile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None
-    where the scenario has no vehicle file).
+    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None if
+    the scenario has no vehicle file).
     """
 
     records: tuple[ApiRecord, ...]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
     """Write the page that ``save`` puts into a study's folder; returns the path. Raises
-    DeclarationError where it puts none there.
+    DeclarationError if it puts none there.
     """
     with TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch) / "study"
@@ -74,7 +74,7 @@ class Parameter:
 
     @property
     def determined(self) -> bool:
-        """Whether the record says anything of it."""
+        """Whether the record determines it."""
         return determined(self.value, self.sigma)
 
     def __float__(self) -> float:
@@ -125,7 +125,7 @@ class Parameters(Mapping[str, Parameter]):
         return pandas.DataFrame(columns, index=index)
 
     def to_markdown(self) -> str:
-        """Return a Markdown table with the digits that the sigmas make sensible."""
+        """Return a Markdown table with digits by the sigmas."""
         from scenarios.report.folder import to_markdown
 
         return to_markdown(self._table(""))
@@ -175,7 +175,7 @@ def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) ->
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:
-    """Name, unit, value and sigma with the digits that the sigma makes sensible."""
+    """Return name, unit, value and sigma with digits by the sigma."""
     unit = item.unit if item.unit != "1" else ""
     if not item.determined:
         return item.name, unit, "not determined", "-"
@@ -278,8 +278,10 @@ class Effect:
 
     Attributes
     ----------
-    name : as ``flightid.effects()`` lists it. sentence : in words, with its numbers.
-    parameters : its own, by local name. alternatives : effects that fit these data as well.
+    name : as ``flightid.effects()`` lists it.
+    sentence : in words, with its numbers.
+    parameters : its own, by local name.
+    alternatives : effects that fit these data as well.
     probability : that it acts, or each that could take its place, by name.
     """
 

@@ -95,12 +95,13 @@ Settings = Mapping[str, Any] | Sequence[str] | None
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
-    """A scenario that has been run: what is true, what was estimated, how sure.
+    """Result of a scenario: true values, estimates and sigmas.
 
     Attributes
     ----------
-    name : the scenario's. kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
-    details : everything that the library knows of it, of another type for each kind.
+    name : the scenario's.
+    kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
+    details : the complete internal result, of another type for each kind.
     """
 
     name: str
@@ -137,9 +138,7 @@ class Study:
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """True values by name, of those parameters that have one; what the fitted model should find
-        where that is another.
-        """
+        """True values by name; for a simplified model, the values that it should find."""
         if self.kind == IDENTIFICATION:
             return {
                 row.name: row.reference
@@ -181,7 +180,7 @@ class Study:
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, ``value``, ``sigma``, and where it is known
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``, and where it is known
         ``true`` with the error in ``sigmas``.
         """
         frame = self.parameters.to_dataframe()
@@ -191,7 +190,7 @@ class Study:
         return frame
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -257,7 +256,7 @@ class Study:
 
 
 def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
-    """Return the true value, and how far the estimate is from it; dashes where there is none."""
+    """Return the true value, and how far the estimate is from it; dashes if there is none."""
     if item.name not in true:
         return "-", "-"
     return (
@@ -281,7 +280,8 @@ def run(
     name : a scenario of the catalogue (``scenarios()`` lists them), or the path of a scenario file.
     seed : of the random numbers; the scenario's own when left out.
     set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or
-    ``["flight.rate=50"]``. progress : told the stage and the share done, 0 to 1.
+        ``["flight.rate=50"]``.
+    progress : called with the stage and the share done, 0 to 1.
 
     Raises
     ------
@@ -349,8 +349,11 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Estimates of many runs against what is true. ``details``: everything that the library knows
-    of it; ``noise_levels``: whether these are looked for also where no sigma is wrong."""
+    """Estimates of many runs, compared with the truth.
+
+    ``details``: the complete internal result. ``noise_levels``: noise levels are estimated even if
+    no sigma is wrong.
+    """
 
     details: campaigns.CampaignRuns
     noise_levels: bool = False
@@ -372,7 +375,7 @@ class Campaign:
 
     @property
     def coverage(self) -> float:
-        """Share of two-sigma intervals of all parameters that hold the reference."""
+        """Share of two-sigma intervals, over all parameters, that contain the reference."""
         return self.details.pooled.within_two
 
     @property
@@ -381,7 +384,7 @@ class Campaign:
         return self.details.pooled.interval
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma
+        """Return one row per parameter: bias, scatter, reported sigma, shares of one- and two-sigma
         intervals that hold the reference.
         """
         import pandas
@@ -433,7 +436,7 @@ class Campaign:
         return judge(self.details, levels=self.noise_levels)
 
     def estimates(self) -> pandas.DataFrame:
-        """Return one row a run: its seed, each estimate and its ``std_NAME``."""
+        """Return one row per run: its seed, each estimate and its ``std_NAME``."""
         import pandas
 
         pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}

@@ -1,5 +1,6 @@
-"""Small tables of results and of the libraries, as text, HTML and DataFrame; the exception for bad
-input; and keywords of Python: messages in their words instead of options, and what they may hold.
+"""Tables of results and libraries as text, HTML and DataFrame; errors and keywords of Python.
+
+Error messages name Python keywords instead of command-line options.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _COMMAND = re.compile(
     r"\bflightid ([a-z]+)"
     r"((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[A-Za-z]\w*))*)"
 )
-WORDS = {  # Options whose keyword is another word: those that Python keeps for itself, and plurals.
+WORDS = {  # Options with another name in Python: reserved words and plurals.
     "from": "start",
     "to": "stop",
     "class": "aircraft_class",
@@ -74,7 +75,7 @@ def in_python_words(sentences: Iterable[str]) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def in_python() -> Iterator[None]:
-    """Raise what is raised inside in the words of Python; the kind of the error stays."""
+    """Context manager that replaces options by keywords in messages of errors."""
     try:
         yield
     except FlightidError as error:
@@ -85,7 +86,7 @@ def in_python() -> Iterator[None]:
 
 
 def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function of the commands whose messages name keywords, not options."""
+    """Return a function whose error messages name keywords instead of options."""
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -140,13 +141,13 @@ def page(heading: str, *parts: str) -> str:
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """Return a list of sentences; nothing where there is none."""
+    """Return a list of sentences; nothing if there is none."""
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
     """Return a table whose first ``left`` columns stand at the left and the others at the right;
-    nothing where there is no row.
+    nothing if there is no row.
     """
     sides = ["left" if i < left else "right" for i in range(len(headings))]
     return _table(headings, rows, sides)

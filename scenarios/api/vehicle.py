@@ -167,7 +167,7 @@ def source_of(given: Any, model: str) -> Source | None:
 
 
 def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """The content with ``numbers`` in the place of its own; tables are replaced key by key."""
+    """Return the content with ``numbers`` replaced; tables key by key."""
     merged = {
         key: {**content[key], **value}
         if isinstance(value, Mapping) and isinstance(content.get(key), Mapping)
@@ -222,7 +222,7 @@ class VehicleParameter:
         return self._followed()
 
     def _followed(self) -> float | None:
-        """Return the value of a tie at the starting values; None if that is no number."""
+        """Return the value of a tied parameter at the starting values; None if not a number."""
         terms = self.vehicle.content.get(TIED, {}).get(self.name)
         total = 0.0
         for term in [terms] if isinstance(terms, Mapping) else terms or [{}]:
@@ -286,11 +286,12 @@ class VehicleParameter:
         return self._change(BOUNDS, [first, last])
 
     def tie(self, other: str, factor: float = 1.0, constant: float = 0.0) -> Vehicle:
-        """Let the parameter follow another: ``constant + factor * other``; it is no unknown.
+        """Tie the parameter to another: ``constant + factor * other``; it is then not estimated.
 
         Parameters
         ----------
-        other : name of the parameter that it follows. factor, constant : SI and radians.
+        other : name of the parameter that it follows.
+        factor, constant : SI and radians.
 
         Raises
         ------
@@ -325,7 +326,7 @@ class VehicleParameter:
             tables[table][self.name] = entry
         content = {key: value for key, value in content.items() if key not in CONSTRAINTS}
         content |= {key: each for key, each in tables.items() if each}
-        # A fixed or tied parameter stands in one table alone, as the reader of files demands.
+        # A fixed or tied parameter may be in one table only.
         apart = {self.name, *tables[FIXED], *tables[TIED]}
         if "modes" in content:
             content["modes"] = [_without(each, apart) for each in _mode_tables(content)]

@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """``app``, the application, made when it is asked for."""
+    """``app``, the application, made when it is requested."""
     if name == "app":
         from scenarios.cli.application import app
 

@@ -253,7 +253,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 
 def examples_text(command: str) -> str:
-    """The examples of a command as its help ends with them; empty where there are none."""
+    """The examples of a command as its help ends with them; empty if there are none."""
     lines = [
         line
         for typed, does in EXAMPLES.get(command, ())
@@ -390,7 +390,7 @@ app = _application()
 
 
 def refuse_foreign_digits(given: Sequence[str]) -> None:
-    """Raise DeclarationError where an option's number is typed as Python alone would read it: in
+    """Raise DeclarationError if an option's number is typed as Python alone would read it: in
     digits of another script, or with underscores.
     """
     for at, word in enumerate(given):

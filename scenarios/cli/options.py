@@ -30,8 +30,7 @@ from scenarios.report.figure_formats import Formats, formats_of
 
 # ---- What a shell completes
 
-# Said here once more, so that neither help nor completion loads what computes; a test holds both
-# against the lists that count.
+# Copies of lists, so that help and completion load no numerics; a test compares them.
 MODEL_NAMES = (
     "ballistic",
     "rigid",
@@ -308,11 +307,11 @@ class OutputOptions:
     progress: bool
 
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 
 
 class _Copied(io.TextIOBase):
-    """A stream that also keeps what is written to it; of all else it is the stream itself."""
+    """A stream that also stores what is written to it."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.kept = stream, io.StringIO()
@@ -344,8 +343,9 @@ class _Copied(io.TextIOBase):
 
 @contextlib.contextmanager
 def keeping_text(out: Path | None) -> Iterator[None]:
-    """Keep the printed text of a command as ``study.txt`` in its folder, if the command does not
-    write this file itself; a command that ends badly keeps nothing.
+    """Store the printed text of a successful command as ``study.txt`` in its folder.
+
+    Only if the command does not write this file itself.
     """
     if out is None:
         yield
@@ -376,12 +376,10 @@ def _identity(path: Path) -> tuple[int, int] | None:
 def output_options(
     out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()
 ) -> Iterator[OutputOptions]:
-    """Run a command that prints on stdout and writes ``documents``, by their paths in its folder,
-    the study's JSON.
+    """Context manager for a command that prints and writes ``documents`` (JSON files).
 
-    With ``as_json`` nothing of it is printed but its document, several of them as a list; with
-    ``quiet`` nothing but the warnings that its document holds, on stderr. Without a folder it
-    writes into one that is gone afterwards.
+    ``as_json``: print only the documents, several as a list. ``quiet``: print only the documents'
+    warnings, on stderr. Without a folder, a temporary one is used.
     """
     # Studies in folders of their own each have their text already.
     kept = out if any("/" not in name for name in documents) else None
@@ -401,7 +399,7 @@ def output_options(
         except KeyboardInterrupt:
             if out is not None:
                 raise
-            # what it says is kept is in a folder that is gone now
+            # its folder is deleted
             raise KeyboardInterrupt from None
         texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
     if as_json:
@@ -439,7 +437,8 @@ class Preparation:
 
         Parameters
         ----------
-        records : beside which a file of maneuvers is looked for. trusted : of ``--trust-record``.
+        records : beside which a file of maneuvers is looked for.
+        trusted : of ``--trust-record``.
 
         Raises
         ------

@@ -78,8 +78,8 @@ def maneuvers(
     from scenarios.commands.records import search_record
 
     plan = plan_of(rate=rate, columns=columns)
-    with output.of("maneuvers.json") as told:
-        search_record(record, channels, plan, told.out, told.figures)
+    with output.of("maneuvers.json") as target:
+        search_record(record, channels, plan, target.out, target.figures)
 
 
 # ---- flightid response
@@ -202,7 +202,7 @@ def response(
 
     plan = preparation.plan(records)
     request = Request(tuple(records), channels=preparation.channels, plan=plan)
-    with output.of("responses.json") as told:
+    with output.of("responses.json") as target:
         respond(
             request,
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
@@ -211,8 +211,8 @@ def response(
             bandwidth,
             margins,
             (levels, airspeed),
-            told.out,
-            told.figures,
+            target.out,
+            target.figures,
             (pilot, pilot_delay),
             (model, vehicle),
         )
@@ -282,9 +282,9 @@ def identify(
         aircraft_class=aircraft_class,
         flight_phase=category,
     )
-    with output.of("comparison.json") as told:
+    with output.of("comparison.json") as target:
         identify_records(
-            request, method, told.out, told.figures, options_of(profile, band, engine), matrices
+            request, method, target.out, target.figures, options_of(profile, band, engine), matrices
         )
 
 
@@ -341,8 +341,8 @@ def diagnose(
         aircraft_class,
         category,
     )
-    with output.of("diagnosis.json") as told:
-        diagnose_records(request, told.out, told.figures, progress=told.progress)
+    with output.of("diagnosis.json") as target:
+        diagnose_records(request, target.out, target.figures, progress=target.progress)
 
 
 # ---- flightid check
@@ -361,11 +361,11 @@ def check(
     from scenarios.commands.records import check_records
 
     plan = preparation.plan(records, trusted=trust)
-    with output.of("compatibility.json") as told:
+    with output.of("compatibility.json") as target:
         check_records(
             Request(tuple(records), vehicle=vehicle, channels=preparation.channels, plan=plan),
-            told.out,
-            told.figures,
+            target.out,
+            target.figures,
         )
 
 
@@ -438,9 +438,9 @@ def survey(
         quiet=quiet,
         as_json=as_json,
         documents=["survey.json"],
-    ) as told:
+    ) as target:
         survey_records(
-            flights, told.out, jobs, told.figures, progress=told.progress, cluster=cluster
+            flights, target.out, jobs, target.figures, progress=target.progress, cluster=cluster
         )
 
 
@@ -568,20 +568,20 @@ def watch(
     )
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
-        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as told:
-            watch_loop(record, names, channels, told.out, idle, until_end, page, port, plan, band)
+        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
+            watch_loop(record, names, channels, target.out, idle, until_end, page, port, plan, band)
         return
     assert model is not None
     with output_options(
         out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
-    ) as told:
+    ) as target:
         watch_stream(
             record,
             model,
             vehicle,
             reference,
             channels,
-            told.out,
+            target.out,
             idle,
             until_end,
             refine,

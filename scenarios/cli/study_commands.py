@@ -1,4 +1,4 @@
-"""Commands of simulated studies, libraries, labs and models of studies: their options."""
+"""Options of the commands on simulated studies, libraries, labs, and models of studies."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def run(
         quiet=quiet,
         as_json=as_json,
         documents=documents_of(names, compare),
-    ) as told:
-        work(names, seed, told.out, changes or [], told.figures, progress=told.progress)
+    ) as target:
+        work(names, seed, target.out, changes or [], target.figures, progress=target.progress)
 
 
 # ---- flightid simulate
@@ -178,16 +178,16 @@ def campaign(
             "no number of runs is given", where="--runs", remedy="give two or more"
         )
     formats, documents = formats_of(figures, no_figures), ["campaign.json"]
-    with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as told:
+    with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as target:
         run = partial(
             run_campaign if isinstance(what, str) else own_campaign,
             runs=runs,
             seed=seed,
-            manner=Execution(jobs, told.out, resume, cluster, time_limit),
+            manner=Execution(jobs, target.out, resume, cluster, time_limit),
             changes=changes or [],
-            figures=told.figures,
+            figures=target.figures,
             levels=noise_levels,
-            progress=told.progress,
+            progress=target.progress,
         )
         if isinstance(what, str):
             run(what, method=method)
@@ -229,8 +229,8 @@ def compare(
         quiet=quiet,
         as_json=as_json,
         documents=["compared.json"],
-    ) as told:
-        compare_studies(studies, told.out, every, told.figures)
+    ) as target:
+        compare_studies(studies, target.out, every, target.figures)
 
 
 # ---- flightid design
@@ -330,8 +330,8 @@ def design(
         quiet=quiet,
         as_json=as_json,
         documents=["design.json"],
-    ) as told:
-        design_maneuver(asked, told.out, told.figures, progress=told.progress)
+    ) as target:
+        design_maneuver(asked, target.out, target.figures, progress=target.progress)
 
 
 # ---- flightid report
@@ -517,8 +517,8 @@ def structure(
         plan=plan,
     )
     options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
-    with output.of("structure.json") as told:
-        find_structure(request, options, told.out, told.figures)
+    with output.of("structure.json") as target:
+        find_structure(request, options, target.out, target.figures)
 
 
 # ---- flightid predict
@@ -567,8 +567,8 @@ def predict(
     plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
     plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
     request = PredictionRequest(study, record, channels, plan, model, effects, tolerances)
-    with output.of("prediction.json") as told:
-        predict_with_study(request, told.out, told.figures)
+    with output.of("prediction.json") as target:
+        predict_with_study(request, target.out, target.figures)
 
 
 # ---- flightid export

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # options that take every word up to the next option
 SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}
-NONE_MEANS = {"--profile": "all"}  # what such an option without a word stands for
+NONE_MEANS = {"--profile": "all"}  # value of such an option without a word
 FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")
 BAND = ("--band",)  # options of two words
 FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record and no parameter
@@ -154,20 +154,16 @@ INTERRUPTED_EXIT_CODE = 130  # exit code of what Ctrl-C ended: 128 and the numbe
 
 
 class Stopped(Exception):
-    """Ctrl-C on its way through the command-line library, which would print a line of its own; the
-    text says what is kept.
-    """
+    """Ctrl-C, hidden from the command-line library; its text names the stored results."""
 
 
 def report(error: BaseException) -> int:
     """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1
     anything else, 0 a clean exit.
 
-    What came through a user's model or effects is a fault of that file, SystemExit too.
-
-    What a command keeps when it is stopped is the text of its KeyboardInterrupt; most keep nothing.
-    The command-line library's own errors are known by their form, for it ships click under changing
-    names.
+    Errors from a user's model or effects, SystemExit included, are reported as faults of that file.
+    The text of a KeyboardInterrupt says which results are stored. Errors of the command-line
+    library are recognised by their attributes, since it ships click under changing names.
     """
     if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (
         place := _in_users_file(error)
@@ -202,7 +198,7 @@ def report(error: BaseException) -> int:
 
 
 def _in_users_file(error: BaseException) -> str:
-    """File and line of the user's Python code that an error came through last; empty where it came
+    """File and line of the user's Python code that an error came through last; empty if it came
     through none.
     """
     found = ""
@@ -219,7 +215,7 @@ def _usage(error: Any) -> str:
 
 
 def _of_system(error: OSError) -> str:
-    """Return what the operating system refused, for which file, and a remedy."""
+    """Return error, file and remedy of an operating-system error."""
     remedies = {
         **dict.fromkeys(_FULL, "make room, or write to another place"),
         **dict.fromkeys(
@@ -257,7 +253,7 @@ def _say(text: str, code: int) -> int:
     )
     if len(line) > LONGEST_LINE:
         line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
-    if sys.stderr is not None:  # it may be closed, or full: the exit code says enough then
+    if sys.stderr is not None:  # it may be closed or full; the exit code remains
         with contextlib.suppress(OSError, ValueError):
             print(f"flightid: {line}", file=sys.stderr)
     return code

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # ---- flightid list, flightid effects and flightid vehicles: what there is
 
-TERMINAL_COLUMNS = 80  # of a terminal, which a list fits
+TERMINAL_COLUMNS = 80  # width of lists
 UNLIMITED = 1e9  # in SI: what effects write for no bound
 
 
@@ -50,9 +50,7 @@ def list_scenarios() -> None:
 
 
 def show_scenario(name: str) -> None:
-    """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy
-    to edit.
-    """
+    """Print a scenario's file unchanged, for ``flightid list rigid > mine.toml``."""
     from scenarios.studies.catalogue import scenario_text
 
     print(scenario_text(name), end="")
@@ -115,7 +113,7 @@ def show_effects(name: str | None) -> None:
 
 
 def _parameters(effect: Effect) -> list[TableColumn]:
-    """Start, bounds and what is believed without asking, of each parameter."""
+    """Return start, bounds and plausible range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
     shown = [shown_in(item.unit, item.name) for item in effect.parameters]
@@ -233,7 +231,7 @@ def _believed(effect: Effect, name: str, factor: float) -> str:
 # ---- flightid models
 
 SAME_VALUE_TOLERANCE = 1e-12  # relative, of a call with arrays to single ones: rounding
-SLOPE_TOLERANCE = 1e-5  # of complex steps to differences, whose own error is smaller
+SLOPE_TOLERANCE = 1e-5  # between complex steps and differences, whose error is smaller
 
 
 def show_models(name: str | None) -> None:
@@ -280,9 +278,7 @@ def _explanation(equations: Equations) -> str:
 
 
 def show_example(name: str | None) -> None:
-    """The file of the scenario ``own-model`` as it stands, so that ``flightid models --example >
-    my_model.py`` makes a copy to edit.
-    """
+    """Print the example of a model file, for ``flightid models --example > my_model.py``."""
     if name is not None:
         raise DeclarationError(
             f"a model is named as well, {name!r}",
@@ -295,7 +291,7 @@ def show_example(name: str | None) -> None:
 
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
-    """Equations of a model, and names with units of its constants and of what is estimated."""
+    """Return the equations of a model, and its constants and parameters with units."""
     from scenarios.files.aircraft_files import example
     from scenarios.files.vehicles import AIRCRAFT
     from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
@@ -367,7 +363,7 @@ def _print_block(heading: str, entries: Sequence[str]) -> None:
 
 
 def print_checks(model: Model) -> None:
-    """Print the checks of a user model that need no record. Raises ModelError where arrays or
+    """Print the checks of a user model that need no record. Raises ModelError if arrays or
     complex steps do not pass through it.
     """
     from scenarios.identification.model_checks import (
@@ -448,7 +444,7 @@ def lab_files() -> dict[int, Path]:
 
 
 def title_of(path: Path) -> str:
-    """Return the title that a notebook gives itself."""
+    """Return the title in a notebook."""
     found = _TITLE.search(path.read_text(encoding="utf-8"))
     return found[1] if found else path.stem
 

@@ -44,7 +44,7 @@ from sim.errors import DeclarationError, RecordError
 if TYPE_CHECKING:
     from scenarios.structure.study import StructureOptions
 
-# ---- flightid check: what the kinematics alone say of the sensors, printed and written
+# ---- flightid check: sensor faults by kinematics
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:
@@ -255,8 +255,8 @@ def draft_map(
 
     Raises
     ------
-    FlightidError : the file cannot be read, or none of the channels that its names suggest;
-    ``out`` holds a map or vehicle file already.
+    FlightidError : the file cannot be read, or none of the channels that its names suggest; ``out``
+        holds a map or vehicle file already.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
@@ -429,7 +429,9 @@ def find_structure(
 
     Parameters
     ----------
-    request : records and vehicle file. options : how terms are offered and chosen. out : folder.
+    request : records and vehicle file.
+    options : how terms are offered and chosen.
+    out : folder.
     """
     from scenarios.structure.report import structure_text, write_structure
     from scenarios.structure.study import structure_of_files

@@ -57,9 +57,7 @@ def compare_studies(
 
 
 def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write the record, a vehicle file for each model that it serves, and the truth in a file of
-    its own; the files.
-    """
+    """Write record, vehicle files for suitable models, and truth; return the files."""
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of, write_jsbsim
@@ -85,7 +83,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
 
 
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write what the loop is given of a tracing scenario, as ``_write``; the files."""
+    """Write the records and vehicle file of a tracing scenario; return the files."""
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.planted.flights import trace_scenario_of
 
@@ -95,9 +93,7 @@ def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str
 def simulate_own(
     asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
 ) -> list[Path]:
-    """Write what the loop is given of a user's own model in a flight that the command line
-    describes, as ``_write``; the files.
-    """
+    """Write the records and vehicle file of a user's model in a flight; return the files."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.trials.planted.flights import trace_scenario_of
     from scenarios.trials.planted.own_flight import trace_document
@@ -109,11 +105,10 @@ def simulate_own(
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Return both records and the vehicle file that the loop is given, the truth left out; ``file``
-    declares the scenario.
+    """Write both records and the vehicle file, without the truth; return the files.
 
-    ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and
-    ``record_vehicle.toml``.
+    ``file``: declares the scenario. A requested ``record.csv`` is the training record, next to
+    ``record_validate.csv`` and ``record_vehicle.toml``.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.trials.planted.flights import fly_trace
@@ -148,11 +143,9 @@ def run_scenarios(
     told: bool = True,
     progress: bool = True,
 ) -> None:
-    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``,
-    which is printed if ``told``.
+    """Run scenarios one after the other; several get separate folders under ``out``.
 
-    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the studies that are
-    finished.
+    ``told``: print the folder. ``progress``: show progress. After Ctrl-C, finished studies remain.
     """
     from scenarios.studies.catalogue import scenario_kind
 
@@ -291,7 +284,7 @@ def simulate(
 
 
 def files_text(files: Sequence[Path]) -> str:
-    """Return the JSON that says which files ``simulate`` wrote."""
+    """Return JSON with the files that ``simulate`` wrote."""
     from scenarios.files.writing import json_text
 
     return json_text({"schema": "flightid/simulated/1", "files": [str(path) for path in files]})
@@ -379,7 +372,7 @@ def run_campaign(
 
 
 def refuse_method(method: str | None) -> None:
-    """Raise DeclarationError where a method is named for what has one alone."""
+    """Raise DeclarationError if a method is named for what has one alone."""
     if method is not None:
         raise DeclarationError(
             "this campaign has no methods to choose from", where="--method", remedy="leave it out"
@@ -434,7 +427,7 @@ def _assessed(
 def design_maneuver(
     asked: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
-    """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
+    """Design a maneuver, write and print it; ``progress``: show progress."""
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text
     from scenarios.report.summary import terminal_width
@@ -450,7 +443,7 @@ def design_maneuver(
         print(written_to(out))
 
 
-# ---- flightid report: pages made again from what stands in their folders
+# ---- flightid report: pages remade from their folders
 
 
 def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:

@@ -55,14 +55,12 @@ ACCELEROMETERS = ("nz", "az", "ny", "ay")
 
 @dataclass(frozen=True, eq=False)
 class CompatibilityCheck:
-    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or
+    """A check with what it was made from. ``vehicle`` is None if no vehicle file was given or
     found.
 
-    ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own.
-    ``declared_density``: kg/m3, of the vehicle file, where an airspeed was made of a dynamic
-    pressure. None where they were not used. ``notes`` say how records were prepared, ``look`` what
-    their raw columns show, ``simulated`` whether a program made all of them, as the JSON beside
-    them says.
+    ``declared_speed`` (m/s), ``declared_density`` (kg/m3): of the vehicle file; None if not used.
+    ``notes``: on the preparation. ``look``: check of the raw columns. ``simulated``: all records
+    are simulated, according to their JSON files.
     """
 
     result: Compatibility
@@ -79,7 +77,7 @@ class CompatibilityCheck:
 
 def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
     """Return the number of the vehicle file that, were it wrong, would look like the scale of an
-    accelerometer; empty where there is none.
+    accelerometer; empty if there is none.
 
     In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V =
     sqrt(2 q/rho) of a dynamic pressure goes with the air's density.
@@ -107,7 +105,7 @@ def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> st
 def noise_levels(
     check: CompatibilityCheck, result: CheckResult | None = None
 ) -> dict[str, float | None]:
-    """Noise by channel (SI) of all records together or of one ``result``, None where the records do
+    """Noise by channel (SI) of all records together or of one ``result``, None if the records do
     not show it; nz may come from az.
     """
     out: dict[str, float | None] = {}
@@ -209,9 +207,7 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
 
 
 def _airspeed_of(vehicle: VehicleFile) -> float | None:
-    """Return the declared airspeed; of equations that know the airspeed the one that they are
-    referred to.
-    """
+    """Return the declared or reference airspeed of the vehicle file."""
     known = [vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants]
     if not known and vehicle.own is not None and AIRSPEEDS[0] in vehicle.own.initial:
         known = [vehicle.own.initial[AIRSPEEDS[0]].value]  # where the motion begins
@@ -225,21 +221,20 @@ def record_to_check(
     choices: Mapping[str, ColumnChoice] | None = None,
     vehicle: VehicleFile | None = None,
 ) -> tuple[Record, tuple[str, ...], RecordCheck]:
-    """Return a part of a file with every channel that the kinematics know, sentences on how it was
-    prepared, and what its raw columns show.
+    """Return a part of a file for the kinematic check, notes, and the check of raw columns.
 
-    ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic
-    pressure where none is recorded.
+    ``choices``: a channel map. ``vehicle``: gives the air density to compute airspeed from dynamic
+    pressure.
 
     Raises
     ------
     RecordError : anything that keeps the file from being used, none of the channels in it, or
-    columns that are certainly not what they are called.
+        columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_with_notes
     from scenarios.preparation.filtering import filtered, named
 
-    # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
+    # Inputs show where loads may jump between samples; they are optional and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)
     named_file = with_names(file, plan.columns)
     read, notes = read_with_notes(
@@ -302,9 +297,7 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
-    """Return the record without its dynamic pressure, but with the airspeed that this makes where
-    none is recorded and the air's density is known.
-    """
+    """Return the record with airspeed computed from dynamic pressure, if needed and possible."""
     if PRESSURE not in record.output_names:
         return record, ""
     pressure = record[PRESSURE]

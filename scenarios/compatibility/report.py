@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
 
 
-# ---- Which figures a check gets: one for each record whose motion was integrated
+# ---- Figures of a check: one for each integrated record
 
 
 def check_figures(result: Compatibility, simulated: bool) -> Iterator[Named]:
@@ -96,9 +96,7 @@ PLACES = {
 def print_check(
     check: CompatibilityCheck, out: Console | None = None, details: str = BELOW
 ) -> None:
-    """Print a check: a summary, the estimates of all records together, those of the others where
-    they differ, findings, limits.
-    """
+    """Print a check: summary, estimates, differences between records, findings, limits."""
     out = out or console()
     result = check.result
     print_summary(out, check_summary(check, details))
@@ -128,7 +126,7 @@ def print_check(
 
 
 def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
-    """Return the records and relations, what stands, by how much, and the noise that is left."""
+    """Return the summary: records, relations, accepted faults with sizes, remaining noise."""
     result, lines = check.result, finding_lines(check)
     samples = sum(len(record) for record in check.records)
     said: set[str] = set()
@@ -300,7 +298,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
 
 
 def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
-    """Return the smoother's value of every fault in each record by itself."""
+    """Return the smoother's value of every fault in each record."""
     found = [{item.name: item for item in result.estimates} for result in single]
     return table(
         "",
@@ -322,7 +320,7 @@ def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
 
 
 def _estimates(check: CompatibilityCheck) -> list[Block]:
-    """Return every fault of all records together, and of each by itself where there are several."""
+    """Return every fault from all records together, and from each record if there are several."""
     result, several = check.result, len(check.records) > 1
     if not result.joint.estimates:
         return []

@@ -1,5 +1,5 @@
-"""The tracing loop on files: records, vehicle and candidates together, a part held out where there
-is one, and a maneuver designed that would separate effects that these records cannot.
+"""The tracing loop on files: records, vehicle and candidates together, a part held out if there is
+one, and a maneuver designed that would separate effects that these records cannot.
 
 Types of a diagnosis of files, its model as the study folder keeps it, and overflows counted
 during a search.
@@ -71,10 +71,10 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was
+    """All files that a diagnosis rests on; ``validation`` is empty if only a part of a file was
     held out, ``effects`` where none was named.
 
-    ``model`` is the file of a user's own model, None where it is built in.
+    ``model`` is the file of a user's own model, None if it is built in.
     """
 
     records: tuple[InputFile, ...]
@@ -88,16 +88,21 @@ class Inputs:
 class Tracing:
     """A diagnosis with what it was made from.
 
-    ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is
-    the time (s) at which the last record was cut, None where whole records were predicted.
-    ``explanations`` and ``traits`` of the candidates by name. ``notes`` say how the records were
-    prepared, one sentence each; ``doubts`` what in the files is likely to be wrong. ``kinematics``:
-    what the records say without any aerodynamics, None where it was not asked. ``look``: what their
-    raw columns show. ``overflows``: computations of the loop that left the range of numbers, and
-    were left out. ``plan``: how the records were to be read. ``effort``: how far the search looked.
-    ``flown``: by which class and category levels of flying qualities are told. ``decides``: the
-    maneuver that would tell what these records could not, of an ambiguous diagnosis. ``simulated``:
-    whether a program made all records, as the JSON beside them says.
+    Attributes
+    ----------
+    records, validation : fitted and predicted records.
+    held_out_from : time (s) at which the last record was cut; None for whole predicted records.
+    explanations, traits : of the candidates, by name.
+    notes : on the preparation of the records.
+    doubts : likely faults of the files.
+    kinematics : results without aerodynamics, None if not computed.
+    look : check of the raw columns.
+    overflows : computations that overflowed and were skipped.
+    plan : preparation of the records.
+    effort : of the search.
+    flown : aircraft class and flight phase for levels of flying qualities.
+    decides : for an ambiguous diagnosis, the maneuver that would decide it.
+    simulated : all records are simulated, according to their JSON files.
     """
 
     diagnosis: Diagnosis
@@ -125,7 +130,7 @@ class Tracing:
 
     @property
     def stick_unit(self) -> str:
-        """The stick's label, empty where there is no stick."""
+        """The stick's label, empty if there is no stick."""
         return next(
             (channel.unit for channel in self.records[0].inputs if channel.name == STICK), ""
         )
@@ -135,9 +140,7 @@ SPIKES = "sensor-spikes:"
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """Return the model that a diagnosis leaves; None where the loop did not say what it was fitted
-    with.
-    """
+    """Return the final model of a diagnosis; None if its trained values are unknown."""
     d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
     if d.trained_before is None or d.trained_after is None:
         return None
@@ -193,14 +196,12 @@ class Trace(Protocol):
 
 @dataclass
 class Overflows:
-    """How often a computation left the range of numbers; the loop leaves out what it would have
-    shown.
-    """
+    """Counter of overflowed computations, which the loop skips."""
 
     count: int = 0
 
     def __call__(self, kind: str, flag: int) -> None:
-        """NumPy's call where a result overflows or is no number."""
+        """Handle an overflow or invalid result, as NumPy's error callback."""
         self.count += 1
 
     def counted(self, trace: Trace) -> Trace:
@@ -215,8 +216,8 @@ class Overflows:
         return counting
 
 
-DESIGN_DIGITS = 4  # of every number that is asked: what is printed is what was designed with
-# s of a flight: with less there is no room, with more a design could take longer than the diagnosis
+DESIGN_DIGITS = 4  # digits of a design's inputs, so that printed numbers repeat it
+# s, shortest and longest flight of a design
 SHORTEST, LONGEST = 10.0, 20.0
 # a hand is quicker, in peaks a second, where it does not go to the full deflection
 SMALLER_DEFLECTION_RATE = 2.0
@@ -225,11 +226,10 @@ SMALLER_DEFLECTION_RATE = 2.0
 def deciding_maneuver(
     d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]
 ) -> DesignResult | None:
-    """Return the design for an ambiguous diagnosis; None for any other, and where nothing can be
-    designed for these effects.
+    """Return the design of a deciding maneuver for an ambiguous diagnosis; None if not possible.
 
-    Peak deflections, sampling and noise are those of the records, derivatives and sizes those that
-    were found.
+    Peak deflections, sampling and noise are those of the records; derivatives and effects have
+    their estimated values.
     """
     asked = _asked(d, request, vehicle, model, records) if d.verdict is Verdict.AMBIGUOUS else None
     if asked is None:
@@ -252,8 +252,7 @@ def _asked(
     if not doubtful or not model.equations.inputs:
         return None
     claim = doubtful[0]
-    # What no record tells apart no flight decides, and one rival is what there is time for: the
-    # plainest, of which others are wider forms.
+    # Equivalent effects cannot be separated by any flight. Use one rival, the simplest form.
     rivals = (
         [
             name
@@ -335,7 +334,7 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
-    """Return the vehicle file as it was read; None where an own model went without one."""
+    """Return the vehicle file as it was read; None if an own model went without one."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -369,8 +368,9 @@ def diagnose_files(
     Parameters
     ----------
     request : the files and how they are read. With none to validate on, the last of several
-    records, or the last part of one, is held out. progress : told the stage and the share done, 0
-    to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
+        records, or the last part of one, is held out.
+    progress : called with the stage and the share done, 0 to 1.
+    trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
     ------
@@ -423,7 +423,7 @@ def diagnose_files(
 
 @dataclass(frozen=True, eq=False)
 class _Study:
-    """What a result is told with: the files, how they were read, and what could be claimed."""
+    """Context of a result: files, their preparation, and candidate effects."""
 
     request: Request
     opened: Opened
@@ -519,7 +519,7 @@ def _guards(model: Model) -> Sequence[Traceable]:
 
 
 def _loop(model: Model) -> Trace:
-    """Return the tracing loop, with what stands for errors of this model's forces."""
+    """Return the tracing loop, with terms for errors of this model's forces."""
     from functools import partial
 
     from ident.tracing.loop import diagnose
@@ -538,7 +538,7 @@ def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
     """Return the check of the kinematics alone: on all that was read where one record is fitted,
-    else on the fitted records; None where there is none.
+    else on the fitted records; None if there is none.
     """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 
-RECORDS_NAMED = 4  # of those checked
+RECORDS_NAMED = 4  # checked records that are named
 AGREEING_SIGMAS = 3.0  # standard deviations within which two values agree
 PARAMETERS = {
     "delay": "delay",
@@ -40,8 +40,8 @@ PARAMETERS = {
 BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
 AGREES, IN_KIND, DIFFERS = "agrees", "agrees in kind", "differs in size"
 CONTRADICTS, NOTHING = "contradicts", "says nothing"
-# The arm of a vane is to the kinematics that of an accelerometer on the other side: (d/V) q against
-# the integral of (g/V) (arm/g) q_dot.
+# For kinematics, a vane ahead equals an accelerometer behind: (d/V) q and the integral of
+# (g/V) (arm/g) q_dot have the same form.
 MIRRORED = {
     "vane-offset": "accelerometer-offset:nz",
     "accelerometer-offset:nz": "vane-offset",
@@ -52,9 +52,10 @@ _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """A check of some of a diagnosis' records (``records``: their names). ``result`` is None where
-    none was possible, ``why`` says it. ``held_out``: data that a diagnosis does not fit took
-    part.
+    """Kinematic check of records of a diagnosis.
+
+    ``records``: names. ``result``: None if not possible, with the reason in ``why``. ``held_out``:
+    held-out data were included.
     """
 
     records: tuple[str, ...]
@@ -76,9 +77,11 @@ class Kinematics:
 
 @dataclass(frozen=True)
 class Agreement:
-    """One sensor effect of a diagnosis against the kinematics: ``says`` one of AGREES, IN_KIND
-    (another of its group, whose size is of another nature), DIFFERS, CONTRADICTS, NOTHING;
-    ``found`` their value."""
+    """Comparison of one sensor effect of a diagnosis with the kinematics.
+
+    ``says``: AGREES, IN_KIND (a related effect with another kind of size), DIFFERS, CONTRADICTS or
+    NOTHING. ``found``: value from kinematics.
+    """
 
     effect: str
     says: str
@@ -87,9 +90,7 @@ class Agreement:
 
 
 def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreement]:
-    """Each sensor effect of the claims, in their order, against what the kinematics make of the
-    same fault.
-    """
+    """Return the comparison of each claimed sensor effect with the kinematics, in order."""
     result = kinematics.result
     if result is None:
         return []
@@ -99,7 +100,7 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
 
 
 def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Groups of effects that both methods of the kinematic check name, the likeliest first."""
+    """Return groups of effects that both methods of the check name, the likeliest first."""
     result = None if kinematics is None else kinematics.result
     if result is None:
         return []
@@ -114,9 +115,7 @@ def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
-    """Return the faults that stand in the kinematics and belong to the group of no claim and are no
-    twin of one, one of each group.
-    """
+    """Return one kinematic fault of each group without a claim or an equivalent claim."""
     from sim.effects.library import traits_of
 
     said = {name for claim in claims for name in (claim.name, *claim.alternatives)}
@@ -165,9 +164,7 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
 
 
 def _comparable(finding: SensorFinding, name: str) -> bool:
-    """Return whether the size of a finding is of the nature of that of the effect ``name``: the
-    same, or both times of one channel.
-    """
+    """Return whether sizes of finding and ``name`` compare: same effect, or both are times."""
     kind, _, channel = name.removeprefix("sensor-").partition(":")
     return finding.name == name or (
         finding.kind in _TIMES and kind in _TIMES and finding.channel == channel
@@ -178,16 +175,16 @@ def _as_well(same: SensorFinding, result: Compatibility) -> str:
     """Return the other faults that explain the records equally well, with their sizes."""
     by_name = {each.name: each for each in result.findings}
     known = [by_name[name] for name in same.group if name in by_name]
-    told = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
-    told += [name for name in same.group if name not in by_name]
-    return f" or, equally well, {' or '.join(told)}" if told else ""
+    texts = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
+    texts += [name for name in same.group if name not in by_name]
+    return f" or, equally well, {' or '.join(texts)}" if texts else ""
 
 
 def _compared(
     claim: Claim, mine: Quantity, same: SensorFinding, result: Compatibility
 ) -> Agreement:
     found = Quantity(same.value, same.std, same.unit)
-    told = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
+    sentence = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
     group = (
         ""
         if same.name == claim.name
@@ -198,21 +195,21 @@ def _compared(
             f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, "
             f"{_apart(found, mine):.1f} sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{told}: {group}{words}")
+        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {group}{words}")
     return Agreement(
         claim.name,
         AGREES,
         found,
-        f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}",
+        f"{sentence}: {group}agrees with the diagnosis, {with_sigma(mine)}",
     )
 
 
 def _on_the_other_side(
     claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding
 ) -> Agreement:
-    """Return an arm where the kinematics found its twin, whose arm points the other way."""
+    """Return the comparison of an arm with its kinematic equivalent, of opposite sign."""
     as_mine = Quantity(-found.value, found.std, found.unit)
-    told = (
+    sentence = (
         f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
         f"{claim.name} {with_sigma(as_mine)}"
     )
@@ -221,17 +218,17 @@ def _on_the_other_side(
             f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} "
             "sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{told}: {words}")
+        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {words}")
     return Agreement(
         claim.name,
         AGREES,
         found,
-        f"{told}: agrees with the diagnosis, {with_sigma(mine)}",
+        f"{sentence}: agrees with the diagnosis, {with_sigma(mine)}",
     )
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
-    """Return a way of being late in whose place the kinematics see another, of the same channel."""
+    """Return the comparison of a lag or delay for which kinematics find the other kind."""
     own = next((finding for finding in result.findings if finding.name == claim.name), None)
     other = late_instead(own, result) if own is not None else None
     if own is None or other is None or own.lost is None or not math.isfinite(own.lost):
@@ -265,9 +262,7 @@ def _late(finding: SensorFinding) -> bool:
 
 
 def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
-    """Return a claim of which nothing stands in the kinematics: their estimate may still agree with
-    it, or rule it out.
-    """
+    """Return the comparison of a claim without an accepted kinematic fault, by its estimate."""
     if item is None or not item.determined or not _finite(item.smoother.value, item.smoother.std):
         return Agreement(
             claim.name,
@@ -276,33 +271,33 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
             f"kinematics alone say nothing of {claim.name}: these channels cannot tell it",
         )
     found = Quantity(item.smoother.value, item.smoother.std, item.unit)
-    told = f"kinematics alone give {claim.name} {with_sigma(found)}"
+    sentence = f"kinematics alone give {claim.name} {with_sigma(found)}"
     absent = Quantity(1.0 if item.kind == "scale" else 0.0, 0.0, item.unit)
     if not item.agrees:
         return Agreement(
             claim.name,
             NOTHING,
             found,
-            f"{told}, but their two methods disagree: says nothing of the diagnosis",
+            f"{sentence}, but their two methods disagree: says nothing of the diagnosis",
         )
     if _differ(found, mine, worth_of(item)):
         return Agreement(
             claim.name,
             CONTRADICTS,
             found,
-            f"{told}: contradicts the {with_sigma(mine)} of the diagnosis",
+            f"{sentence}: contradicts the {with_sigma(mine)} of the diagnosis",
         )
     if _apart(found, absent) > AGREEING_SIGMAS:
         words = (
             f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
             "itself"
         )
-        return Agreement(claim.name, AGREES, found, f"{told}: {words}")
+        return Agreement(claim.name, AGREES, found, f"{sentence}: {words}")
     return Agreement(
         claim.name,
         NOTHING,
         found,
-        f"{told}: says nothing, neither against the diagnosis nor for it",
+        f"{sentence}: says nothing, neither against the diagnosis nor for it",
     )
 
 
@@ -325,7 +320,7 @@ def _apart(a: Quantity, b: Quantity) -> float:
 
 
 def _is_sensor(name: str) -> bool:
-    """Return whether an effect is a fault that the kinematics know."""
+    """Return whether an effect is a fault in the kinematic check."""
     base = name.partition(":")[0].partition("#")[0]
     return base in ("vane-offset", "accelerometer-offset") or base in {
         f"sensor-{kind}" for kind in PARAMETERS
@@ -344,12 +339,15 @@ MOST_RECORDS = 12  # records, so that of each some twenty seconds at 10 Hz are l
 
 @dataclass(frozen=True)
 class Relations:
-    """What the kinematics are asked of the records of one kind of equations.
+    """Kinematic check for one kind of equations.
 
-    ``needed``: channels without which a record is left out. ``channels``: those that take part,
-    where they are recorded. ``rates``: those by which a stretch is lively. ``six``: the relations
-    of six degrees of freedom, with load factors in the place of accelerometers. ``names``: of a
-    fault there, that of the model's effect, where it differs.
+    Attributes
+    ----------
+    needed : required channels of a record.
+    channels : channels that are used if recorded.
+    rates : channels that measure how much a stretch moves.
+    six : six degrees of freedom, with load factors instead of accelerometers.
+    names : fault of the check -> effect of the model, where they differ.
     """
 
     needed: tuple[str, ...]
@@ -362,7 +360,7 @@ class Relations:
 PITCH = Relations(
     ("alpha", "q", "nz"), ("alpha", "q", "nz", "az", "theta", "airspeed", "ax"), six=False
 )
-# An airspeed that the equations move is no constant to the kinematics either.
+# If airspeed is a state of the equations, it is not constant in the kinematics either.
 LONGITUDINAL = Relations(
     ("alpha", "q", "nz", "airspeed"),
     ("alpha", "q", "nz", "theta", "airspeed", "nx"),
@@ -409,11 +407,11 @@ def kinematics_of_files(
 def kinematics_of(
     records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH
 ) -> Kinematics:
-    """Check all records that measure what is needed, each at its own airspeed; of many samples the
-    liveliest stretch of each, about ``MOST_SAMPLES`` together.
+    """Check all records with the needed channels, each at its own airspeed.
 
-    Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond
-    ``MOST_RECORDS``. A check that fails is told, never raised.
+    Long records are shortened to the stretch with most motion, ``MOST_SAMPLES`` in all. Up to
+    ``MOST_RECORDS`` are used, since several airspeeds separate the arm of a vane from a delay.
+    Failures are reported, not raised.
     """
     from ident.compatibility.check import compatibility
 
@@ -441,33 +439,31 @@ def kinematics_of(
             names, _renamed(compatibility(chosen, settings, each=False, six=asked.six), asked.names)
         )
     except (FlightidError, ArithmeticError, ValueError) as error:
-        # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
+        # Must not stop the diagnosis; LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))
 
 
 def _level(
     records: list[Record], settings: CompatibilitySettings, asked: Relations
 ) -> tuple[list[Record], list[str]]:
-    """Return the records in which the wings are level enough for relations without a bank angle,
-    and remarks on the others.
-    """
+    """Return the records with nearly level wings, and remarks on the others."""
     from ident.compatibility.six_degrees.kinematics import misled_by_bank
 
     if BANK in asked.channels:
         return records, []
-    kept, told = list[Record](), list[str]()
+    kept, notes = list[Record](), list[str]()
     for record in records:
         unbanked = replace(
             record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
         )
         said = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
-        told += said
+        notes += said
         kept += [] if said else [record]
-    return kept, told
+    return kept, notes
 
 
 def _taking_part(record: Record, asked: Relations) -> Record:
-    """Return the record's channels that take part: the equations that are fitted know no other."""
+    """Return the record with the channels that are used."""
     from scenarios.preparation.measured_inputs import with_load_factors
 
     record = with_load_factors(record)[0] if asked.six else record
@@ -508,9 +504,7 @@ def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
 
 
 def spread(records: Sequence[Record], most: int) -> list[Record]:
-    """No more than ``most`` records, in their order: those whose mean airspeeds are spread widest,
-    where it is recorded; else the first.
-    """
+    """Return at most ``most`` records, with widely spread airspeeds if recorded, else the first."""
     if len(records) <= most:
         return list(records)
     speeds = [
@@ -525,13 +519,11 @@ def spread(records: Sequence[Record], most: int) -> list[Record]:
 def shortened(
     records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)
 ) -> list[Record]:
-    """Return the records, of about ``enough`` samples together: of those longer than their share
-    the stretch in which the ``rates`` move most.
-    """
+    """Return the records cut to about ``enough`` samples in all, where the ``rates`` move most."""
     if sum(len(record) for record in records) <= enough:
         return list(records)
     left, share = enough, {}
-    # What short records do not use goes to the longer ones.
+    # Longer records get the samples that short ones do not need.
     for place, i in enumerate(sorted(range(len(records)), key=lambda i: len(records[i]))):
         share[i] = min(len(records[i]), left // (len(records) - place))
         left -= share[i]
@@ -593,8 +585,8 @@ def right_clock(records: Sequence[Record]) -> str:
     std = float(np.std(residual)) / math.sqrt(max(size * share, 1e-300))
     if std > SURE or abs(slope - 1.0) > RIGHT * std:
         return ""
-    told = f"{number_text(slope, std)} +- {number_text(std, std)}"
+    slope_text = f"{number_text(slope, std)} +- {number_text(std, std)}"
     return (
-        f"the measured pitch attitude is {told} times "
+        f"the measured pitch attitude is {slope_text} times "
         f"the integral of the pitch rate: the clock is right, and {CLOCK} is no candidate"
     )

@@ -67,9 +67,7 @@ _FORMERLY = ("onset", "per_record", "plausible")
 
 
 def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceable, ...]:
-    """Return the library's effects that can act on a model, are not in it and tell a search where
-    to look, then the user's ``own``.
-    """
+    """Return library effects that can act on a model and are not in it, then the user's ``own``."""
     from sim.effects.library import effects_for
 
     equations = model.equations
@@ -86,7 +84,7 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
 
 
 def _may_change(effect: Effect, model: Model) -> bool:
-    """Return whether what an effect makes vary is estimated."""
+    """Return whether the parameters that an effect varies are estimated."""
     changed = (
         (effect.parameter,)
         if isinstance(effect, ParameterEffect)
@@ -98,9 +96,7 @@ def _may_change(effect: Effect, model: Model) -> bool:
 
 
 def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
-    """Return the effects whose signals exist: a user model may have a channel's name without the
-    signals that the library's models form beside it.
-    """
+    """Return the effects whose signals exist in a model; user models may lack some of them."""
     return tuple(effect for effect in effects if not is_own(model) or _acts(effect, model))
 
 
@@ -129,8 +125,8 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
     Raises
     ------
     DeclarationError : no such file, an error in it (with its line), no effects in it, an effect
-    that lacks an attribute or has
-        the name of one in the library, or none that can act on this model.
+        that lacks an attribute or has the name of one in the library, or none that can act on this
+        model.
     """
     source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
@@ -146,7 +142,7 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
 
 
 def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
-    """Return a user's effects that can act on a model; ``where`` says where they stand. Raises
+    """Return a user's effects that can act on a model; ``where``: their place, for messages. Raises
     DeclarationError as ``read_effects``.
     """
     from sim.effects.library import applies, library
@@ -183,7 +179,7 @@ def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[T
 
 
 def _check(effect: Any, where: str) -> None:
-    """Refuse what is no effect; an effect of the former form is given its traits."""
+    """Raise an error for a value that is no effect; add traits to effects of the former form."""
 
     def fault(what: str, remedy: str) -> DeclarationError:
         return DeclarationError(what, where=where, remedy=remedy)
@@ -259,7 +255,7 @@ def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
 
 
 def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
-    """Return a sentence each on what is held, tied and bounded."""
+    """Return sentences on fixed, tied and bounded parameters."""
     items = model.parameters
     return constraint_sentences(
         constraints,
@@ -325,8 +321,8 @@ class Posed:
     """What the loop is given of the records, and which files that is: ``fitted`` and ``validation``
     hold their names and hashes.
 
-    ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none
-    where something is held out of ``records``. ``measured``: the fitted records with all that
+    ``parted``: records that are predicted, each with the number of its parts in ``predicted``;
+    none if something is held out of ``records``. ``measured``: the fitted records with all that
     they measure.
     """
 
@@ -344,9 +340,7 @@ class Posed:
 
 
 def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
-    """Vehicle, class and category, channel map and records, in this order; a fault of the first is
-    told first.
-    """
+    """Open vehicle, class and category, channel map and records, in this order."""
     declared = read_vehicle(vehicle, request.model)
     flown = declared_phase(request, declared)
     choices = column_choices(
@@ -358,8 +352,9 @@ def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
-    """Return the records prepared for the declared model with its biases, something held out;
-    refused where they cannot tell anything.
+    """Return records prepared for the declared model with biases, and the held-out part.
+
+    Raises an error for records without information.
     """
     from scenarios.preparation import plausibility
     from scenarios.preparation.declared_model import model_of_file
@@ -430,7 +425,7 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
-    """Return the vehicle file, None where an own model goes without one."""
+    """Return the vehicle file, None if an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
@@ -458,12 +453,12 @@ READ_AGAIN = "what was found is likelier so than with held ones; --hold previous
 @dataclass(eq=False)
 class InputReading:
     """The other reading of the inputs of a diagnosis: linear between samples, prepared when it is
-    asked for.
+    requested.
 
     Attributes
     ----------
-    opened, plan : the files, and how they are read. linear : what the loop is given with linear
-        inputs, once it was asked for.
+    opened, plan : the files, and how they are read.
+    linear : what the loop is given with linear inputs, once it was requested.
     """
 
     opened: Opened
@@ -484,7 +479,7 @@ class InputReading:
 
     def offered(self, posed: Posed) -> Callable[[], Data] | None:
         """The records that are fitted and those that are predicted, with linear inputs, for the
-        loop to ask for; None where inputs are linear already, or where somebody said how they move.
+        loop to ask for; None if inputs are linear already, or where somebody said how they move.
         """
         if not self.open or any(record.hold is not Hold.PREVIOUS for record in posed.records):
             return None
@@ -498,10 +493,10 @@ class InputReading:
     def settled(
         self, posed: Posed, diagnosis: Diagnosis, looped: Callable[[Posed], Diagnosis]
     ) -> tuple[Posed, Diagnosis]:
-        """The diagnosis with the reading that it rests on, and what the other one would change.
+        """Return the diagnosis with the better reading of the inputs, and changes with the other.
 
-        Times that are found beside a model discrepancy are fitted to both readings here; the loop
-        is run again where the other one is clearly likelier.
+        Delays found together with a model discrepancy are fitted to both readings. If the other
+        is clearly more likely, the loop runs again.
         """
         taken = any(each.record.hold is Hold.LINEAR for each in diagnosis.fitted)
         if self.linear is not None and taken:
@@ -557,14 +552,10 @@ def refitted(
 
 
 def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
-    """Return the changes by more than a sigma under the second reading, if it explains the records
-    as well.
+    """Return the diagnosis with sigmas that include the second reading, and sentences on it.
 
-    Returns
-    -------
-    The diagnosis with standard deviations of both readings together: each is as probable as its
-    likelihood says, and values stay those of the first. And what is told of it. Unchanged, and
-    nothing, where one reading is clearly likelier.
+    Only if both readings fit about equally: each is weighted by its likelihood; values are those of
+    the first. Otherwise the diagnosis is unchanged.
     """
     if abs(again.rise) > DECISIVE_LOG_LIKELIHOOD_RATIO:
         return first, ()

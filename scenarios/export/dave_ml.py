@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "http://daveml.org/2010/DAVEML"
 MATHML = "http://www.w3.org/1998/Math/MathML"
-LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # by which rates become non-dimensional
+LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # lengths that make rates non-dimensional
 UNITS = {
     "1": "nd",
     "m/s": "m_s",
@@ -52,7 +52,7 @@ NAMES = {
     "Cm": "aeroBodyMomentCoefficient_Pitch",
     "Cn": "aeroBodyMomentCoefficient_Yaw",
 }
-CHECK_DEFLECTION = 0.03  # of a surface in the second check case
+CHECK_DEFLECTION = 0.03  # rad, surface in the second check case
 CHECK_TOLERANCE = 1e-9
 
 

@@ -68,7 +68,7 @@ START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
 
 @cache
 def _schema() -> type[BaseModel]:
-    """Keys of a file beside its tables of terms, with their units."""
+    """Return the keys of a file with their units, without its tables of terms."""
     from scenarios.files.schemas import number_of, table_of
 
     texts: Any = list[str]
@@ -145,7 +145,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     parameters = {**aircraft.parameters, **aircraft.positions}
     units = {name: unit for name, (_, unit) in parameters.items()}
     starts = {name: value for name, (value, _) in parameters.items()}
-    # A value that a constraint gives takes the place of that of the term.
+    # The value of a constraint replaces that of the term.
     given = {
         name
         for table in ("fixed", "tied")

@@ -34,14 +34,14 @@ _LIMITS = {
     "less_than_equal": ("is above {le}", "give {le} or less"),
     "finite_number": ("is not a finite number", "give a finite number"),
 }
-# What to speak of first: a misspelt key is both unknown and missing.
+# Order of errors: a misspelt key is both unknown and missing.
 _ORDER = ("extra_forbidden", "missing")
 # of a value that may be several: pydantic puts them behind the key
 _KINDS = ("float", "int", "str", "constrained-str")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the content of a TOML file. Raises DeclarationError where it is missing, unreadable,
+    """Return the content of a TOML file. Raises DeclarationError if it is missing, unreadable,
     or as ``toml_of`` says.
     """
     return toml_of(read_toml_source(path))
@@ -204,7 +204,7 @@ def _keys(schema: type[BaseModel] | None) -> list[str]:
 
 
 def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:
-    """The schema of the table at a location, followed through fields that are tables themselves."""
+    """Return the schema of the table at a location, through nested tables."""
     from pydantic import BaseModel
 
     table: type[BaseModel] | None = schema
@@ -232,13 +232,12 @@ def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[B
 # ---- Python files of users
 
 WANTED = "a Python file"
-# begins the name of every module that a user's file makes: tracebacks show by it whose code failed
+# Prefix of modules from users' files, by which tracebacks are recognised.
 MODULE = "flightid_of_user_"
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
-    """Return the module that a file makes, run as any Python program is; ``kind`` is part of its
-    name while it runs, ``"effects"``.
+    """Run a user's Python file and return its module; ``kind``: part of its name, ``"effects"``.
 
     Raises
     ------
@@ -367,12 +366,10 @@ class ColumnChoice:
         units of the columns.
     scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is
         given.
-    delay : s, by which the column was recorded late: the channel at ``t`` is the column at ``t +
-        delay``.
+    delay : s; the channel at ``t`` is the column at ``t + delay``.
     table : calibration ``(x1, ...), (y1, ...)``: the channel is linear between the points, in
         ``unit``; before ``scale``.
-    hold : ``"previous"`` or ``"linear"``: between samples of a column that is slower than the
-        record; None: by the data.
+    hold : ``"previous"`` or ``"linear"``, between samples of a slower column; None: by the data.
     """
 
     column: str | int

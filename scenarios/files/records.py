@@ -42,7 +42,7 @@ class Window:
     ----------
     time : shape ``(N,)``, s, increasing.
     rows : the block of rows in the file's order.
-    order : position in the block of each sample; None where the block is in order as it is.
+    order : position in the block of each sample; None if the block is in order as it is.
     notes : what was done with the time stamps, one sentence each.
     """
 
@@ -76,8 +76,8 @@ def read_with_notes(
     that no argument names are not read. Row numbers in messages are those of the file: the first
     line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
-    The rows from ``start`` to ``stop`` are one block in the order of the file. Each end is placed
-    where it contradicts the fewest time stamps; wrong stamps inside are reported.
+    The rows from ``start`` to ``stop`` are one block of the file. Its ends are placed so that the
+    fewest time stamps contradict them; wrong stamps inside are reported.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _chosen(
     """Return the columns by channel, the outputs to read, and those of them that are optional.
 
     ``names``: inputs, outputs and optional channels. Raises RecordError for an input without a
-    column, and where there is no output at all.
+    column, and if there is no output at all.
     """
     inputs, model_outputs, optional = names
     further: set[str] = set()
@@ -201,7 +201,7 @@ def window_of(
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
     """Return the numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the
-    file's; NaN where a cell is none. Raises RecordError.
+    file's; NaN if a cell is none. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
@@ -210,7 +210,7 @@ def raw_column(file: RecordFile, index: int) -> np.ndarray:
 
 
 def refuse_without_clock(file: RecordFile) -> None:
-    """Raise RecordError where no column of a file is a clock, or the file is a log of several
+    """Raise RecordError if no column of a file is a clock, or the file is a log of several
     topics without a channel map.
     """
     if file.topics:
@@ -230,8 +230,7 @@ def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None =
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among
-    the samples as they were taken."""
+    """Raise RecordError if a rate is given for a file with a clock, for a search for maneuvers."""
     if has_clock(file, channel_map):
         raise RecordError(
             "the file has a clock of its own",
@@ -242,7 +241,7 @@ def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
     """Return the column of one of our channels by the file's own channel map. Raises RecordError
-    where there is none, as ``find_column`` else.
+    if there is none, as ``find_column`` else.
     """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -257,7 +256,7 @@ def _columns(
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Return the column of each channel, None where the file has none; a channel of ``further``
+    """Return the column of each channel, None if the file has none; a channel of ``further``
     counts as absent if the only similar header has another meaning.
     """
     header = file.table.header
@@ -279,11 +278,9 @@ def _columns(
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
-    """Return the block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest
-    contradicted stamps.
+    """Return the rows from ``start`` to ``stop`` (s, inclusive) with the fewest wrong stamps.
 
-    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands
-    at a row inside the window.
+    ``time``: ``(N,)``, may have NaN, which are ignored. A requested end is at a row in the window.
     """
     low, high = -math.inf if start is None else start, math.inf if stop is None else stop
     inside = (time >= low) & (time <= high)
@@ -312,21 +309,21 @@ def _clock_column(
     channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
-    """Return the column of the clock: ``time``, else another name of a clock; None where the file
+    """Return the column of the clock: ``time``, else another name of a clock; None if the file
     has none and its rate is known.
     """
     column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
-        said = (
+        sentence = (
             column.unit
             if mapped is not None and mapped.unit is not None
             else stated_unit(table, column.index)
         )
-        if said is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
-            said = column.unit  # ``time_ms``, or the sidecar's word
-        return replace(column, unit=said or "")
+        if sentence is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
+            sentence = column.unit  # ``time_ms``, or the sidecar's word
+        return replace(column, unit=sentence or "")
     place = clock_place(table)
     if place is not None:
         return SourceColumn(
@@ -491,9 +488,9 @@ def _input(
         ]
     else:
         filled = np.interp(time, time[finite_rows], values[finite_rows])
-    said = "held" if chosen == "previous" else "joined by lines"
+    word = "held" if chosen == "previous" else "joined by lines"
     note = (
-        f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in "
+        f"{column.channel} has a sample every {usual:.3g} s; between them it is {word} (hold in "
         "the channel map, or --hold, decides otherwise)"
     )
     return _converted(table, column, filled), note
@@ -547,7 +544,7 @@ def _sized(table: CellTable, column: SourceColumn) -> Numbers:
 
 
 def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows: slice) -> None:
-    """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
+    """Raise RecordError for the first row that is ragged, or has text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what = f"{table.ragged[position]} cells under a header of {len(table.header)}"

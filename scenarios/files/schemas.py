@@ -99,8 +99,9 @@ _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
 
 def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
-    """Return the schema of a map of these channels, each behind an alias: an own model may use
-    names that pydantic needs for itself.
+    """Return the schema of a map of these channels.
+
+    Aliases are used, since a user's model may have names that pydantic reserves.
     """
     fields: dict[str, Any] = {
         f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(allowed)
@@ -255,9 +256,7 @@ _FLOWN: dict[str, Any] = {
 
 
 def _whole_axes(model: str) -> type[BaseModel]:
-    """Return the file of equations whose constants must be given, and whose derivatives may be left
-    out.
-    """
+    """Return the schema for equations with required constants and optional derivatives."""
     _, constants, derivatives = WHOLE_AXES[model]
     title = model.capitalize()
     lowest = dict.fromkeys((LAG, DELAY), 0.0)
@@ -313,7 +312,7 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
 }
 
 
-# What a check of the kinematics uses of a vehicle, in a file that says nothing else.
+# Vehicle file with only the keys for a kinematic check.
 CHECK_ONLY = table_of(
     "CheckedVehicle",
     name=_NAME,

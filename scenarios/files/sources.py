@@ -1,7 +1,6 @@
 """Files opened once: bytes and hashes, escaped text, JSON and TOML as plain values, versions.
 
-How much a packed file unpacks to, found without unpacking it whole: a few bytes may stand for
-any number of them.
+The size of a compressed file is checked before it is unpacked whole, since it may be huge.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ from sim.errors import DeclarationError, FlightidError, RecordError
 
 # ---- Control characters that came with headers
 
-# Besides the control characters proper: line separators, and marks that turn the direction of
-# writing, by which a text shows other than it is.
+# In addition to control characters: line separators and marks of writing direction.
 _HIDDEN = (
     *range(0x20),
     *range(0x7F, 0xA0),
@@ -58,7 +56,7 @@ class EscapedStream:
         self.inner = inner
 
     def write(self, text: str) -> int:
-        """Write the escaped text; the number of characters of the text itself."""
+        """Write the escaped text; return the number of characters of the original text."""
         self.inner.write(escaped(text))
         return len(text)
 
@@ -85,19 +83,19 @@ def escaped_streams() -> Iterator[None]:
 
 
 def styled_stream(stream: Any) -> Any:
-    """The stream without escaping, for a caller that writes styles and escapes its texts itself."""
+    """Return the stream without escaping, for callers that escape texts themselves."""
     return stream.inner if isinstance(stream, EscapedStream) else stream
 
 
 # ---- Files opened once
 
-# bytes of a record file, as it stands and unpacked: a few times that has room in memory
-LARGEST_NUMBER = 1e50  # squares and sums of larger numbers leave the range of finite ones
+# bytes of a record file, also unpacked; several copies fit into memory
+LARGEST_NUMBER = 1e50  # squares of larger numbers overflow
 MOST_RECORD = 1 << 30
 # bytes of a TOML or Python file: the parser takes a second for each million
 MOST_DECLARED = 1 << 22
-MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of ours, which may hold figures
-PIPE_TIMEOUT = 5.0  # s, in which a program must begin to write into a pipe
+MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of flightid, with figures
+PIPE_TIMEOUT = 5.0  # s, longest wait for the first data from a pipe
 _PIECE_BYTES = 1 << 20
 
 
@@ -175,7 +173,7 @@ def too_large(
 
 
 def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
-    # Without blocking: a pipe that nothing writes into would be waited for without end.
+    # Non-blocking, so that a pipe without a writer does not hang.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
         status = os.fstat(handle)
@@ -211,7 +209,7 @@ def _piece(handle: int) -> bytes:
 
 
 def _first_piece(handle: int) -> bytes:
-    """Return the first bytes of a pipe; none where no program has come to write into it before
+    """Return the first bytes of a pipe; none if no program has come to write into it before
     ``PIPE_TIMEOUT`` is over.
     """
     until = time.monotonic() + PIPE_TIMEOUT
@@ -220,10 +218,10 @@ def _first_piece(handle: int) -> bytes:
     return piece
 
 
-# ---- JSON and TOML texts as plain values, within bounds that every file of ours keeps
+# ---- JSON and TOML texts as plain values, with limits on size and depth
 
 DEEPEST_NESTING = 64  # tables and lists inside each other
-MOST_DIGITS = 300  # of a whole number, which then fits into a float
+MOST_DIGITS = 300  # longest whole number, so that it fits into a float
 _documents_SHOWN = 40  # characters of what is wrong
 
 
@@ -301,9 +299,7 @@ def read_json(
 
 
 def json_or_none(path: Path) -> Any:
-    """Return the value of a JSON file that may be another's or damaged: None where there is none or
-    it is no strict JSON.
-    """
+    """Return the value of a JSON file; None if it is missing or not strict JSON."""
     try:
         return read_json(path)
     except DeclarationError:
@@ -347,15 +343,13 @@ def _refuse_extremes(value: Any, *, finite: bool) -> None:
         level, depth = inner, depth + 1
 
 
-# ---- Versions of what the numbers hang on
+# ---- Versions of Python and packages
 
 PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def versions() -> dict[str, str]:
-    """Python's version and those of the packages that are installed, the same in every file that a
-    command writes.
-    """
+    """Return the versions of Python and of installed packages, for the files of a study."""
     versions_by_package = {"python": platform.python_version()}
     for package in PACKAGES:
         with contextlib.suppress(PackageNotFoundError):
@@ -380,7 +374,7 @@ ZIP = b"PK\x03\x04"  # first bytes of the file
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:
-    """Raise RecordError where a packed file unpacks to more than is read; a damaged file is for its
+    """Raise RecordError if a packed file unpacks to more than is read; a damaged file is for its
     reader to name.
     """
     suffix = path.suffix.lower()

@@ -55,9 +55,8 @@ _SI = {
 _CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
-_LONGEST_UNIT = 40  # characters of a unit: what is longer is none, and takes the parser long
-# Powers beyond two digits, powers of powers and large numbers are no units; the library would work
-# them out.
+_LONGEST_UNIT = 40  # longest text of a unit, in characters
+# Huge powers are refused, since the library would compute them.
 _EXPLOSIVE = re.compile(
     r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}",
     re.ASCII,
@@ -181,7 +180,7 @@ def _converted(
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
             return value * (2.0 * math.pi)
         raise wrong
-    if text.isupper():  # S and PA of a header in capitals are no siemens and no petaampere
+    if text.isupper():  # in headers in capitals, not siemens and petaampere
         usual = re.sub(r"[A-Z]+", lambda word: _CAPITALS.get(word[0], word[0]), text)
         if (
             usual != text
@@ -243,7 +242,7 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
     for spelling in (text, text.lower()):
         try:
             return units.parse_units(spelling)
-        # the text is a user's, and the parser has no single error for what it cannot read
+        # the parser raises many kinds of errors
         except Exception:
             continue
     return None

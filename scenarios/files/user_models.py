@@ -26,7 +26,9 @@ from sim.errors import DeclarationError, ModelError
 
 TABLES = ("fixed", "bounds", "tied")
 STARTS = "derivatives"
-_BOUND_TOLERANCE = 1e-9  # of the larger bound, within which a value is at one
+_BOUND_TOLERANCE = (
+    1e-9  # distance from a bound that counts as at the bound, share of the larger bound
+)
 _TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
 _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
@@ -54,15 +56,16 @@ def take_constraints(
     path: str | Path,
     defaults: Mapping[str, float] | None = None,
 ) -> Constraints:
-    """Return the three tables taken out of a vehicle file's content, in place; values of fixed and
-    tied parameters join its starts.
+    """Remove the tables of constraints from a vehicle file's content (in place) and return them.
+
+    Values of fixed and tied parameters are added to the starting values.
 
     Parameters
     ----------
     content : the file as read; ``[derivatives]`` receives a start for each parameter that
         ``[fixed]`` gives a value or ``[tied]`` names.
-    units : what may be estimated, with the unit inside.
-    defaults : starts of what the file need not give.
+    units : parameters that can be estimated, with SI units.
+    defaults : starting values of parameters that the file may omit.
 
     Raises
     ------
@@ -75,10 +78,9 @@ def take_constraints(
         return NONE
     starts = content.setdefault(STARTS, {})
     if not isinstance(starts, dict):
-        return NONE  # its own reader says what is wrong with it
+        return NONE  # its own reader reports errors
     modes = content.get("modes")
-    # What is new goes into the first map, the derivatives; starts of elastic modes are only looked
-    # up.
+    # New entries go into the first map (derivatives); starts of elastic modes are only read.
     values = ChainMap(
         starts,
         *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)),
@@ -382,11 +384,10 @@ def is_own(model: Model) -> bool:
 
 
 def is_of_aircraft(model: Model) -> bool:
-    """Return whether a model speaks of an aircraft's short period: built in, or with its channels
-    and its airspeed by their names and in their units.
+    """Return whether a model is of an aircraft's short period.
 
-    Of such an own model the kinematics say what they say of a built-in one, and its channels have
-    the same words.
+    Built in, or a user model with the same channels and units and an airspeed. Kinematic checks and
+    channel names then apply as for a built-in model.
     """
     if not is_own(model):
         return True
@@ -521,10 +522,9 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
 
 
 def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]:
-    """Name of the vehicle, the model with the constants and starts that a vehicle file gives, and
-    what the file lays down about them.
+    """Return vehicle name, model with values of a vehicle file, and the file's constraints.
 
-    What the file leaves out stays as the model says; the constraints are not in the model yet.
+    Values that the file omits are those of the model. The constraints are not applied yet.
 
     Raises
     ------

@@ -66,7 +66,7 @@ _READERS = {"rigid": ("rigid", "flexible")}
 _SHARE = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 RELATIVE_PRIOR = 0.5
-OF_TYPICAL = 0.01  # of the largest start, where one is zero
+OF_TYPICAL = 0.01  # typical size of a zero start, share of the largest one
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class VehicleFile:
 
     Attributes
     ----------
-    name : the vehicle's name; the file's where it gives none.
+    name : of the vehicle; default: of the file.
     model : the model it was read for.
-    constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
+    constants : fixed values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
         ``pitch_inertia``, ``airspeed``, ``air_density``; loes: ``airspeed``, ``gravity`` and, if
         given, ``vane_arm`` (m, ahead of the c.g.); ballistic: ``air_density_reference``,
         ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
@@ -88,16 +88,12 @@ class VehicleFile:
         ``generalized_mass`` kg m2 and the starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1
         Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and the couplings
         ``Ceta1_eta2 ...`` that the file gives.
-    identity : name and hash of the file that was read, None where the values come from elsewhere.
-    aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV,
-        category A to C of MIL-F-8785C.
-    own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the
-        file that declares it.
-    constraints : parameters that the file fixes, bounds or ties; their starts stand among the
-        derivatives.
-    text : the file as it stands, empty where there is none.
-    uncertainty : standard deviations of constants, in their units (table ``[uncertainty]``); what
-        is not there counts as known.
+    identity : name and hash of the file, or None.
+    aircraft_class, flight_phase : class I to IV, category A to C of MIL-F-8785C, or None.
+    own, own_file : a user's model with these numbers, and its file; None for ``MODELS``.
+    constraints : parameters that are fixed, bounded or tied; their starts are in ``derivatives``.
+    text : content of the file, or empty.
+    uncertainty : standard deviations of constants (table ``[uncertainty]``); others are exact.
     """
 
     name: str
@@ -116,8 +112,7 @@ class VehicleFile:
 
 
 def vehicle_with_file(name: str, file: InputFile | None) -> str:
-    """Return a vehicle's name and the file that was read for it, as outputs name them; the name
-    alone where its values come from elsewhere.
+    """Return a vehicle's name and its file, if it has one, for outputs.
 
     Examples
     --------
@@ -130,7 +125,7 @@ def vehicle_with_file(name: str, file: InputFile | None) -> str:
 
 
 def vehicle_next_to(record: Path | RecordFile) -> Path | None:
-    """``vehicle.toml`` in a record's folder, None where there is none."""
+    """``vehicle.toml`` in a record's folder, None if there is none."""
     path = path_of(record)
     beside = path.parent / BESIDE if path is not None else None
     return beside if beside is not None and beside.is_file() else None
@@ -143,7 +138,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
     """Return a sentence that names the files that were read without being named: a vehicle file and
     the JSON files of records; empty without one.
 
-    ``vehicle``: the file that ``vehicle_next_to`` found, None where the vehicle file was named.
+    ``vehicle``: the file that ``vehicle_next_to`` found, None if the vehicle file was named.
     """
     names = [str(vehicle)] if vehicle is not None else []
     names += [
@@ -165,10 +160,9 @@ def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
 
 
 def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
-    """Return a vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model,
-    which alone can do without (None).
+    """Read a vehicle file for one of ``MODELS``, or for a user's model, for which it may be None.
 
-    Raises DeclarationError, also where there is no such file.
+    Raises DeclarationError, also if there is no such file.
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
@@ -185,7 +179,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """Return a user's own model with the numbers of a vehicle file, or with its own where there is
+    """Return a user's own model with the numbers of a vehicle file, or with its own if there is
     none.
     """
     if source is not None and "aerodynamics" in toml_of(source):
@@ -291,9 +285,9 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """Return a vehicle file of whichever model of an aircraft it is written for; its model is empty
-    where the file has only what a check of the kinematics uses. Raises DeclarationError where it is
-    for none, or wrong.
+    """Read a vehicle file of any model of an aircraft.
+
+    The model is empty if the file only serves a kinematic check. Raises DeclarationError.
     """
     from scenarios.files.schemas import CHECK_ONLY
 
@@ -327,8 +321,8 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
 def vehicle_of(source: Source, model: str) -> VehicleFile:
     """Return the vehicle of a file that was read, for one of ``MODELS``.
 
-    A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic
-    mode stand in its ``[[modes]]`` table; under ``[derivatives]`` they serve as well.
+    A value is a number in SI units or a text with a unit, ``"24200 lb"``. Starts of an elastic mode
+    are in its ``[[modes]]`` table or under ``[derivatives]``.
 
     Raises
     ------
@@ -403,9 +397,7 @@ def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> N
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:
-    """Return the ``[[modes]]`` tables, with the modal starts that stand under ``[derivatives]``
-    moved into them.
-    """
+    """Return the ``[[modes]]`` tables, completed by modal starts under ``[derivatives]``."""
     modes = content.get("modes")
     if (
         not isinstance(modes, list)

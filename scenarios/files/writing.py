@@ -77,7 +77,7 @@ def write_responses(
     where known, ``true_NAME``.
 
     ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell
-    is empty where there is no number.
+    is empty if there is no number.
     """
     columns: dict[str, np.ndarray] = {TIME: record.time}
     columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
@@ -121,10 +121,9 @@ def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole file or none, UTF-8: under another name beside it, then renamed.
+    """Write a UTF-8 file completely or not at all, by renaming a temporary file. Raises OSError.
 
-    A byte of a file's name that is no UTF-8 is written as ``\\udcff``, which JSON reads back as it
-    was. Raises OSError.
+    Bytes of file names that are not UTF-8 are written as ``\\udcff``, which JSON restores.
     """
     write_content(path, text.encode("utf-8", "backslashreplace"))
 
@@ -261,9 +260,9 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     (``"comparison.json"``, ``"diagnosis.json"``): it must be written, gets the list of all files
     under the key ``files``, and is renamed last, so a folder with a new ``main`` is a complete one.
 
-    Files of ours are known by that list: what an older ``main`` lists, no other study in the folder
-    lists and the new one did not write is removed; every other file is left alone. If the body
-    raises, nothing is left behind and an older run stays whole.
+    Files of an older run are removed if its ``main`` lists them, the new run did not write them,
+    and no other study in the folder lists them. Other files are kept. If the body raises, the
+    folder is not changed.
 
     Raises
     ------
@@ -307,12 +306,11 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
 
 @contextmanager
 def files_together(named: Path) -> Iterator[Path]:
-    """A temporary folder to write a record into, with the files that belong beside it; on leaving
-    they go into the folder of ``named``, all or none.
+    """Context manager: temporary folder for a record and its accompanying files.
 
-    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is
-    replaced where its schema is ours, any other where such a JSON file beside it shows that an
-    earlier call wrote them.
+    At the end, all files are moved into the folder of ``named``, or none. ``named`` is the file
+    that the user requested; it is replaced. Other existing files are only replaced if an earlier
+    call wrote them, which their JSON schema shows.
 
     Raises
     ------
@@ -344,7 +342,7 @@ def files_together(named: Path) -> Iterator[Path]:
 
 
 def _refuse_strangers(scratch: Path, named: Path) -> None:
-    """Raise FlightidError if a file beside the named one exists and is not ours."""
+    """Raise FlightidError if a file to be written exists and was not written by flightid."""
     beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
     ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
     for path in (named, *beside):
@@ -449,7 +447,7 @@ def _rename(source: Path, target: Path) -> None:
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        # the folder is a mount point: what lies beside it is another disk
+        # the folder is a mount point: its parent is on another disk
         part = target.with_name(f".{target.name}.part")
         shutil.copyfile(source, part)
         os.replace(part, target)

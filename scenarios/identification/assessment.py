@@ -59,11 +59,10 @@ class AtBound:
 def within_bounds(
     model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
-    """Return an estimate whose sigmas are those of what is free: parameters that end at a bound are
-    held there, and the rest estimated again.
+    """Return estimate and model with parameters at bounds fixed, the others estimated again.
 
-    Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back
-    with them held. ``kept``: the method keeps bounds; what one does not keep cannot end at one.
+    The sigmas are then those of the free parameters. The outcome is ``AT_BOUND`` if a parameter is
+    at a bound and the others converged. ``kept``: the method respects bounds.
     """
     system, estimate = estimated(model)
     found: list[AtBound] = []
@@ -125,7 +124,7 @@ SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def refuse_profile(method: str) -> None:
-    """Raise DeclarationError where a method has no likelihood to be followed."""
+    """Raise DeclarationError if a method has no likelihood to be followed."""
     if method not in PROFILED:
         what = f"{method} has no likelihood of whole records that a profile could follow"
         raise DeclarationError(
@@ -166,7 +165,7 @@ def profiled(
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
     """Return the intervals of the parameters ``wanted`` (all where none is named) of a settled
-    estimate; none where it did not settle.
+    estimate; none if it did not settle.
 
     ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
     ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
@@ -222,8 +221,9 @@ def profiled(
 
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
-    """Return the values that a free simulation of another record takes from an estimate: ``values``
-    if they are given, else those of the system.
+    """Return the parameter values for the free simulation of another record.
+
+    ``values`` if given, else those of the system.
     """
     known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
     biases = {name: value for name, value in known.items() if name.startswith("bias_")}
@@ -281,7 +281,7 @@ def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """Return a record less some samples of its outputs; itself where there are none."""
+    """Return a record with some samples of its outputs marked as missing."""
     if not masks:
         return record
 
@@ -342,7 +342,7 @@ class RecordFit:
     """One record and its free simulation ``simulated (m, N)`` of ``outputs``; only initial state
     and biases were fitted to it.
 
-    ``figures`` of the outputs that it has; None where the simulation left all measure.
+    ``figures`` of the outputs that it has; None if the simulation left all measure.
     ``held_out``: it took no part in the estimate.
     """
 
@@ -459,7 +459,7 @@ def simulated(
     settings: FitSettings,
     local: Collection[str] = (),
 ) -> np.ndarray | None:
-    """Outputs ``(m, N)`` of a free simulation; None where it is not finite. A motion that grows is
+    """Outputs ``(m, N)`` of a free simulation; None if it is not finite. A motion that grows is
     followed in pieces, as in a fit.
     """
     known = {
@@ -482,17 +482,16 @@ def simulated(
 # ---- The same identification with the inputs read the other way between samples
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
-MOVED_SIGMAS = 1.0  # sigmas of the estimate, from which the reading matters more than noise
+MOVED_SIGMAS = 1.0  # change in sigmas above which the reading matters more than noise
 
 
 @dataclass(frozen=True, eq=False)
 class OtherReading:
-    """What the other reading of the inputs gives.
+    """Result with the other reading of the inputs (held or linear between samples).
 
-    ``used`` and ``other`` are the two readings; ``moved`` pairs of rows (as used, as read
-    otherwise) of derivatives that differ by more than a sigma of the first; ``gain`` twice the log
-    likelihood by which the other fits better, negative where it fits worse, in samples that count
-    as independent.
+    ``used``, ``other``: the two readings. ``moved``: rows of derivatives that differ by more than
+    one sigma, as pairs (used, other). ``gain``: twice the log likelihood ratio of the other to the
+    used reading, for the effective number of samples.
     """
 
     used: Hold
@@ -502,7 +501,7 @@ class OtherReading:
 
     @property
     def decided(self) -> bool:
-        """Whether the data say that the reading used is the right one."""
+        """Whether the data prefer the reading used."""
         return self.gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO
 
     @property
@@ -536,9 +535,7 @@ def opposite(hold: Hold) -> Hold:
 def other_reading(
     used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float
 ) -> OtherReading | None:
-    """Return the values that move by more than a sigma between the two readings; None if nothing
-    does.
-    """
+    """Return the values that change by more than a sigma with the other reading; None without."""
     again = {row.name: row for row in read_otherwise}
     pairs = [(row, again[row.name]) for row in rows if row.name in again]
     moved = tuple(
@@ -591,21 +588,29 @@ def reading_content(reading: OtherReading) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationResult:
-    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where
-    the method gives them a sigma.
+    """Result of an identification from measured records.
 
-    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the
-    records were prepared and the fit was made, ``doubts`` what in the files is likely to be wrong,
-    ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what the
-    other way to read inputs between samples changes, None where nothing is moved by more than a
-    sigma or where it was not asked; ``decided`` the same where the data choose between the two.
-    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there
-    are none. ``system``: the compiled model. ``tied``: parameters that follow others; ``at_bounds``
-    those that ended at a bound and are not among ``rows``. ``intervals`` by profile likelihood,
-    where they were asked. ``fits``: each record simulated with the estimate, those held out last.
-    ``band``: Hz, of a fit in the frequency domain. ``trained``: what another record is predicted
-    with. ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
-    ``considered``: what the uncertainty of constants adds to the sigmas, None where none is stated.
+    Attributes
+    ----------
+    rows : parameters.
+    biases : sensor biases that have a sigma.
+    record, others : first fitted record, and the further ones.
+    notes : on the preparation of records and on the fit.
+    doubts : likely faults of the files.
+    cautions : likely faults of the result.
+    look : check of the raw columns.
+    reading : changes with the other reading of the inputs; None if below one sigma, or not tried.
+    decided : the same, if the data prefer one of the two readings.
+    modes : modes for levels of flying qualities, None without.
+    system : the compiled model.
+    tied : parameters that follow others.
+    at_bounds : parameters at a bound, not among ``rows``.
+    intervals : by profile likelihood, if requested.
+    fits : each record simulated with the estimate, held-out ones last.
+    band : Hz, of a fit in the frequency domain.
+    trained : values for predicting another record.
+    engine : ``name`` and ``sentence`` of the filter's engine; empty without a filter.
+    considered : contribution of uncertain constants to the sigmas, None if none is stated.
     """
 
     record: Record
@@ -644,11 +649,12 @@ class IdentificationResult:
 
 @dataclass(frozen=True)
 class Options:
-    """What an identification is asked besides its method.
+    """Options of an identification.
 
-    ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of
-    the frequency domain; None: from the data. ``engine``: of the extended Kalman filter, a key of
-    ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a bank.
+    ``profile``: parameters with a profile-likelihood interval, empty for all, None for none.
+    ``band``: Hz, of the frequency domain; None: from the data. ``engine``: of the extended Kalman
+    filter, a key of ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a
+    bank.
     """
 
     profile: tuple[str, ...] | None = None

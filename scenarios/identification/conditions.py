@@ -1,9 +1,9 @@
 """Conditions of an identification: frequency bands, recorded pitch attitude, cautions about results
 and sigmas.
 
-The equations are those of the effect phugoid with theta an input: u_dot = -g (theta - alpha), the
-flight path at the record's begin the one further unknown of each record. Whether they act is asked
-of the records: in a tunnel, on a rig or in a simulation at constant speed they do not.
+The equations of the effect phugoid with theta as an input: u_dot = -g (theta - alpha). The initial
+flight-path angle is one further unknown of each record. The records decide whether the equations
+apply; in a tunnel, on a rig or in a simulation at constant speed they do not.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ METHOD = "frequency-domain"
 
 
 def delays_of(model: Model) -> dict[str, str]:
-    """Input -> the parameter by which it is late, of a model with delays on its inputs."""
+    """Return the delay parameter of each delayed input."""
     return {
         effect.signal: full_name(effect, "delay")
         for effect in model.effects
@@ -86,7 +86,7 @@ def chosen_band(
     outputs: Sequence[str],
     band: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the band that is asked for, else the data's own, Hz. Raises ModelError where the model
+    """Return the band that is requested, else the data's own, Hz. Raises ModelError if the model
     has no frequency response.
     """
     system = compile_model(model, outputs)
@@ -101,7 +101,7 @@ def estimated(
     delays: Mapping[str, str],
     band: tuple[float, float] | None,
 ) -> Estimate:
-    """The estimate, its ``fitted`` outputs those of a free simulation with what was found."""
+    """Return the estimate with ``fitted`` outputs from a free simulation."""
     found = fit_frequency_domain(
         records, system, FrequencySettings(band, settings.use_priors), delays=delays
     )
@@ -118,8 +118,9 @@ PATH = "phugoid.attitude"
 
 
 def with_weight(model: Model) -> Model:
-    """Return the model with the component of the weight along the flight path; its begin is free,
-    what a drag polar says stays at usual values.
+    """Return the model with the component of the weight along the flight path.
+
+    The initial flight-path angle is free; the drag polar has typical values.
     """
     wider = model.with_effects(Phugoid(attitude_recorded=True))
     held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
@@ -129,8 +130,9 @@ def with_weight(model: Model) -> Model:
 def with_weight_if_needed(
     model: Model, records: Sequence[Record], outputs: Sequence[str]
 ) -> tuple[Model, str]:
-    """Return the model with or without the weight along the flight path, as the records say, and a
-    sentence; empty where no attitude is recorded.
+    """Return the model with the weight along the flight path if the records prefer it, and a note.
+
+    The note is empty if no attitude is recorded.
     """
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
@@ -157,7 +159,7 @@ def with_weight_if_needed(
 
 
 def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
-    """Return the model and records less an attitude among the inputs that nothing uses."""
+    """Return the model and records without an unused attitude input."""
     inputs = tuple(signal for signal in model.equations.inputs if signal.name != ATTITUDE)
     bare = [
         replace(
@@ -168,13 +170,15 @@ def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[
     return replace(model, equations=replace(model.equations, inputs=inputs)), bare  # type: ignore[type-var]
 
 
-# ---- What speaks against an identification by itself
+# ---- Cautions about an identification
 
-# Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a
-# mere start.
+# Models whose declared derivatives are known values, unlike a ballistic coefficient.
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
-FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
-# times, by which coloured noise must widen a standard deviation to be worth a caution
+FREE_OF_CHARGE = (
+    "delay",
+    "inv_tau",
+)  # derivative of a low-order system, whose starting value may be zero
+# factor on a sigma by coloured noise above which there is a caution
 NOTABLE_WIDENING = 1.25
 # what corrected standard deviations lack at most: docs/estimators.md, Coverage
 STILL_SHORT = "10 % (in gusts 30 %)"
@@ -201,8 +205,9 @@ def failed(
     rows: Sequence[Row],
     declared: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """Return a sentence where an estimate by free simulation is none: it runs away, explains
-    nothing, or determines no derivative.
+    """Return a sentence if an estimate by free simulation is useless, else an empty text.
+
+    It diverges, explains nothing, or determines no derivative.
     """
     measured, left = [], []
     for i, name in enumerate(estimate.output_names):
@@ -287,22 +292,22 @@ def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
 
 # ---- Cautions on sigmas that are smaller than the errors
 
-# In gusts, of the worst model: the factor on sigmas with which two of them hold 95.4 % of the true
-# values, that of the worst derivative, and what two hold. Measured: docs/estimators.md, Coverage.
+# Worst model in gusts: correction factor of the sigmas (mean, worst derivative), and two-sigma
+# coverage without it. Measured: docs/estimators.md, Coverage.
 SHORT_IN_GUSTS: Mapping[str, tuple[float, float, float]] = {
     "output-error": (1.25, 1.8, 0.91),
     METHOD: (1.5, 2.1, 0.85),
 }
 FILTER_ERROR = (1.15, 0.92)
-# Of sample intervals, the share with lost rows from which unknown inputs bias a method by more than
-# half a sigma. Measured: rows dropped at random from flights with stepped inputs and white noise.
+# Share of lost rows above which the unknown inputs bias a method by more than half a sigma.
+# Measured: rows dropped at random from flights with stepped inputs and white noise.
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
-LONG_INTERVAL_RATIO = 1.5  # times the usual interval: between that of one sample and of two
+LONG_INTERVAL_RATIO = 1.5  # multiple of the usual interval that counts as a lost row
 INTENSITY = "gust-turbulence.sigma"
 
 
 MOST_ALONE = 8  # records that are fitted each by itself
-DIFFERENT = 5.0  # sigmas by which a parameter differs between two records
+DIFFERENT = 5.0  # difference of a parameter between two records, sigmas
 MOST_NAMED = 3  # parameters that are named as different
 
 
@@ -311,8 +316,7 @@ def record_cautions(
     tests: Sequence[ResidualTest],
     alone: Callable[[Record], tuple[Estimate, Sequence[ResidualTest]]],
 ) -> tuple[str, ...]:
-    """A sentence where each record by itself leaves noise, but all together do not: they are not of
-    one aircraft in one condition.
+    """Return a caution if each record fits alone, but not all together: conditions differ.
 
     ``tests`` : of the fit to all records. ``alone`` : the estimate from one record, and its tests.
     """
@@ -413,10 +417,9 @@ def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, .
 
 
 def lost_rows(records: Sequence[Record]) -> float:
-    """Share of the sample intervals, of all records together, in which at least one row is lost.
+    """Return the share of sample intervals, over all records, with lost rows.
 
-    The usual interval of a record is the one that a quarter of its intervals do not exceed: half of
-    them may be longer.
+    The usual interval is the lower quartile, since more than half of the intervals may be longer.
     """
     longer, count = 0, 0
     for record in records:
@@ -473,17 +476,13 @@ def disturbed_outputs(
 def in_rough_air(
     records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
 ) -> tuple[str, ...]:
-    """``disturbed_outputs`` where the residuals are not made by the inputs: a late input moves
-    several outputs as well, and is no rough air.
-    """
+    """Return ``disturbed_outputs`` unless the inputs explain the residuals, as with a delay."""
     moved = disturbed_outputs(records, estimate, tests)
     return () if moved and made_by_inputs(records, estimate) else moved
 
 
 def made_by_inputs(records: Sequence[Record], estimate: Estimate) -> bool:
-    """Return whether the inputs of a record predict a good part of the residual of an output in the
-    half that the prediction does not know.
-    """
+    """Return whether the inputs predict much of an output's residual in the half not fitted."""
     for record, residual, known in zip(records, *_residuals(records, estimate), strict=True):
         if not record.inputs or len(record.time) < 2:
             continue
@@ -502,7 +501,7 @@ def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
 def _residuals(
     records: Sequence[Record], estimate: Estimate
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples
+    """Measured minus fitted ``(m, N)`` a record, zero if a sample is missing, and which samples
     there are.
     """
     measured = [record.output_array(estimate.output_names) for record in records]
@@ -519,7 +518,7 @@ def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimat
     """
     if method != "filter-error" or len(estimate.fitted) != len(records):
         return ""
-    told = []
+    parts = []
     for row, name in enumerate(estimate.output_names):
         apart = [
             (record[name].values - fitted[row])[record[name].valid]
@@ -532,5 +531,5 @@ def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimat
         unit = next(r[name].unit for r in records if name in r.output_names)
         factor, shown = shown_in(unit, name)
         size = factor * float(np.sqrt(np.mean(errors**2)))
-        told.append(f"{name} {size:.3g}{spaced(shown)}")
-    return f"one-step prediction is the measure: {', '.join(told)} rms; " if told else ""
+        parts.append(f"{name} {size:.3g}{spaced(shown)}")
+    return f"one-step prediction is the measure: {', '.join(parts)} rms; " if parts else ""

@@ -110,7 +110,7 @@ def identification_figures(
         )
 
 
-POLE_DRAWS = 60  # of the parameters, for the cloud about the poles
+POLE_DRAWS = 60  # draws of the parameters, for the poles' scatter
 
 
 def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:

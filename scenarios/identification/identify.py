@@ -114,12 +114,12 @@ if TYPE_CHECKING:
     from scenarios.preparation.reading import PreparedData
 
 
-# ---- Identification of a measured record: no truth, noise levels from the data themselves
+# ---- Identification of a measured record, with noise levels from the data
 
-# methods whose fitted outputs are those of a free simulation
+# methods that fit a free simulation
 SIMULATED = ("output-error", FREQUENCY)
 FIT_STEP = 0.01
-SLOW = (SPEED, ATTITUDE)  # states of a phugoid, which is no short-period mode
+SLOW = (SPEED, ATTITUDE)  # states of a phugoid, not of the short period
 
 
 def identify(
@@ -159,7 +159,7 @@ def identify(
     outputs = _measured(model, records)
     sensors = outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
     biased = model.with_biases(sensors)
-    # Only a prior fixes the common factor of an elastic coordinate. Filters know no bounds.
+    # Only a prior fixes the scale of an elastic coordinate. Filters have no bounds.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
@@ -254,9 +254,7 @@ def _declared(
     vehicle: VehicleFile,
     method: str,
 ) -> tuple[Model, Sequence[Record], Sequence[Record], str]:
-    """Return the model with what a measured attitude tells of it, the records with what the method
-    takes of them, and a sentence on that.
-    """
+    """Return the model with effects of a measured attitude, records for the method, a note."""
     if vehicle.own is not None:
         return model, records, held_out, ""
     if not uses_attitude(vehicle, method):
@@ -278,9 +276,7 @@ def _measured(model: Model, records: Sequence[Record]) -> list[str]:
 def _derived(
     vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None
 ) -> dict[str, tuple[float, float]]:
-    """Return the modes of what was estimated, ``flown`` where it moves about a rest, and the delay
-    of a low-order system.
-    """
+    """Return the modes of the estimated model and the delay of a low-order system."""
     derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
@@ -295,7 +291,7 @@ def _low_order(
     *,
     trusted: bool,
 ) -> IdentificationResult:
-    """Return the low-order system by its own filter, and what it predicts."""
+    """Return the estimate of the low-order system by its filter, and its prediction."""
     from scenarios.identification.low_order import identify_loes
 
     found = identify_loes(record, vehicle, engine)
@@ -331,9 +327,7 @@ def _fits(
     *,
     trusted: bool,
 ) -> tuple[RecordFit, ...]:
-    """Free simulations of all records; those that the estimate carries already are not made
-    again.
-    """
+    """Return free simulations of all records, from the estimate where it has them."""
     simulated = (
         estimate.fitted
         if estimate.method in SIMULATED and estimate.output_names == system.output_names
@@ -384,8 +378,9 @@ def _intervals(
 def _best_alone(
     record: Record, fit: Callable[[Sequence[Record]], Estimate]
 ) -> tuple[Estimate, Sequence[ResidualTest]]:
-    """The estimate from one record and its tests, by the hold that leaves more noise: records that
-    contradict each other may have been read with the wrong one.
+    """Return the estimate from one record and its tests, with the better fitting hold.
+
+    Contradicting records may have been read with the wrong hold.
     """
     readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
     tried = [(found := fit(some), _tests(some, found)) for some in readings]
@@ -409,9 +404,9 @@ def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest,
 class Identified:
     """An identification with what it was made from.
 
-    ``flown``: by which class and category levels of flying qualities are told. ``measured``: the
-    fitted records as they would be written. ``files`` are those of the fit, ``validation`` those
-    that were predicted; ``plan``: how all were read.
+    ``flown``: aircraft class and flight phase for levels of flying qualities. ``measured``: fitted
+    records as written to files. ``files``, ``validation``: fitted and predicted files. ``plan``:
+    preparation of the records.
     """
 
     found: IdentificationResult
@@ -426,8 +421,7 @@ class Identified:
 
 
 def identify_files(request: Request, method: str, options: Options = DEFAULT_OPTIONS) -> Identified:
-    """Read everything, fit, and say what the other reading of the inputs between samples would
-    change where nobody said how to read them.
+    """Read the files, fit, and report changes with the other hold if the hold is not stated.
 
     Raises
     ------
@@ -452,7 +446,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
     )
     files, validation = read_with_validation(request.records, request.validate)
 
-    # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
+    # Here the rate only serves files without a clock; nothing is resampled.
     opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
 
     def identified(plan: Plan, asked: Options) -> tuple[PreparedData, IdentificationResult]:
@@ -488,10 +482,12 @@ def _identified(
     asked: Options,
     opening: Sequence[str] = (),
 ) -> tuple[PreparedData, IdentificationResult]:
-    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
-    command line that open the files."""
-    # The filter of the low-order system has equations of its own, at one speed, and finds the trim
-    # itself.
+    """Return the result of a fit to records prepared by ``plan``.
+
+    ``opening``: command-line options that open the files.
+    """
+    # The filter of the low-order system has its own equations at one speed, and estimates the
+    # trim.
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
     ready = prepare(
@@ -546,9 +542,7 @@ def _identified(
 def _filter_error_proposed(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """Return the command for filter error, where residuals are as process noise makes them and the
-    model has a place for it.
-    """
+    """Return the command for filter error if residuals look like process noise, else nothing."""
     moved = in_rough_air([found.record, *found.others], found.estimate, found.tests)
     if not moved:
         return ()
@@ -588,8 +582,9 @@ def _command(request: Request, command: str, further: Sequence[str] = ()) -> str
 def _not_to_be_used(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """Return the sentence that leads where residuals are not the noise alone, with the command that
-    says why; empty where they are, or where no diagnosis takes such a model.
+    """Return a warning with the command for a diagnosis if residuals are more than noise.
+
+    Empty if they are not, or if ``diagnose`` does not take such a model.
     """
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:
@@ -602,7 +597,7 @@ def _not_to_be_used(
     elif disturbed_outputs(records, found.estimate, found.tests):
         kind = "; if the air was rough, judge by one-step prediction, not by the free simulation"
     elif whole and vehicle.model != "loes":
-        # The bank of delays corrects nothing; all other sigmas hold in coloured noise of sensors.
+        # Only the sigmas of the bank of delays are not corrected for coloured sensor noise.
         unless = " unless the sensor noise itself is coloured, for which they are corrected"
         kind = " but do not follow the inputs"
     else:
@@ -683,9 +678,7 @@ def _read_otherwise(
 
 
 def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
-    """Return twice the log likelihood by which the simulations of another identification of the
-    same records fit them better.
-    """
+    """Return twice the log likelihood ratio of another identification of the same records."""
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
         return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)

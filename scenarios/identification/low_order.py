@@ -1,12 +1,11 @@
 """Low-order equivalent system of a measured record by the filter of NASA TM-101722 and its bank of
 delays.
 
-What NASA TM-101722 chose by hand is chosen here by rule: R is read off the record, P0 is a quarter
-of the starting values, Q is the one found on the simulation's record, perturbations are taken about
-the trim where the record begins in it.
+Choices that NASA TM-101722 made by hand follow rules here: R is estimated from the record, P0 is a
+quarter of the starting values, Q is that of the simulation's record, and perturbations are about
+the initial trim if there is one.
 
-An identified model as matrices: about which point it is linearised, and the file that holds
-them.
+Also: identified models as matrices, linearised about a point, and their files.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ PAPER_START = {
     "inv_tau": 7.92,
     "delay": 0.0,
 }
-SIMULATION_SHARE = 0.1  # of the flight's noise deviations: R / 100
+SIMULATION_SHARE = 0.1  # share of the flight's noise sigmas: R / 100
 
 
 def loes_filter_system(
@@ -83,12 +82,13 @@ def loes_filter_system(
 
     Parameters
     ----------
-    model : from ``loes_model``; its values are the start (of alpha and q as well), its delay the
-    held one. record : gives the start of delta (the first stick) and of nz_0 (the first nz); alpha
-    and q are perturbations about trim. noise_std : R of alpha (rad), q (rad/s) and nz (g) as
-    deviations; those of alpha and q are their P0 too. process_density : of the rates of q, alpha or
-    delta, (unit/s)^2 s. engineering : deviations of what starts near zero, the state delta among
-    them.
+    model : from ``loes_model``, with starting values and the fixed delay.
+    record : its first stick and nz are the starts of delta and nz_0; alpha and q are perturbations
+        about trim.
+    noise_std : R of alpha (rad), q (rad/s) and nz (g) as standard deviations; for alpha and q also
+        P0.
+    process_density : of the rates of q, alpha or delta, (unit/s)^2 s.
+    engineering : initial standard deviations of unknowns that start near zero, such as delta.
     """
     filtered = loes_filter_model(model)
     values, valid = record.output_array(["nz"])
@@ -140,11 +140,11 @@ def about_trim(record: Record, until: float) -> Record:
 # (rad/s2)^2 s, what the rule finds on the simulation's record
 DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})
 DERIVED = ("natural_frequency", "damping_ratio", "delay")
-# the model's perturbations from trim; nz has a zero of its own, nz_0
+# perturbations from trim; the zero of nz is the parameter nz_0
 PERTURBED = ("alpha", "q", "stick")
 QUIET_START_TIME = 0.5  # s at the record's beginning
 _FEWEST_QUIET = 8
-# noise deviations: scatter of a channel at rest, and a level that is no scatter
+# noise sigmas: scatter of a channel at rest; level above which it is not at rest
 _STILL, _OFF_TRIM = 3.0, 5.0
 
 
@@ -217,7 +217,7 @@ def noise_levels(record: Record) -> dict[str, float]:
 
 def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
     """Return the levels of alpha, q and stick where the record begins at rest and off zero; empty
-    where it begins in motion or about zero.
+    if it begins in motion or about zero.
 
     At rest: for ``QUIET_START_TIME`` s the stick does not move at all and no output scatters by
     more than three noise deviations.
@@ -238,7 +238,7 @@ def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
 
 
 def less(record: Record, offsets: Mapping[str, float]) -> Record:
-    """Return the record with constant levels taken off its channels."""
+    """Return the record with constants subtracted from its channels."""
     if not offsets:
         return record
 
@@ -282,8 +282,9 @@ def weighted_delay(found: DelayBank) -> tuple[float, float]:
 
 
 def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
-    """Return the mean and standard deviation by weights ``(B,)``, s; the latter never below that of
-    one step of the grid, which is not resolved.
+    """Return the weighted mean and standard deviation of delays ``(B,)``, s.
+
+    The standard deviation is at least that of one step of the grid.
     """
     mean = float(weights @ delays)
     return mean, float(np.sqrt(weights @ (delays - mean) ** 2 + np.diff(delays).mean() ** 2 / 12.0))
@@ -302,11 +303,11 @@ def state_space_of(found: IdentificationResult) -> StateSpace:
 def linearised(
     system: System, values: Mapping[str, float], record: Record, own: Model | None = None
 ) -> StateSpace:
-    """Return a model about level flight where it has totals, about rest elsewhere, of a falling
-    body about the middle of its record.
+    """Return a model linearised about a point of reference.
 
-    ``own``: a user's own model, which says itself where it rests. Raises DeclarationError where
-    there is no such point.
+    The point is level flight for equations of totals, rest for perturbations, the middle of the
+    record for a falling body, and declared by a user's ``own`` model. Raises DeclarationError if
+    there is none.
     """
     names = set(system.state_names)
     if names.issuperset(LONGITUDINAL_STATES):

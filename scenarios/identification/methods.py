@@ -1,6 +1,4 @@
-"""Any model by any method: what a method refuses, what it needs besides the model, and its
-estimate.
-"""
+"""Estimate any model by any method: requirements of the methods, and their calls."""
 
 from __future__ import annotations
 
@@ -32,15 +30,15 @@ from sim.vehicles.other_vehicles import Multirotor
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
-LARGEST_BIAS_SCATTERS = 1.0  # of a total channel's scatter, by which its sensor may be off
-STARTING_SAMPLES = 5  # samples whose median says where a sensor begins
+LARGEST_BIAS_SCATTERS = 1.0  # prior sigma of a bias, share of the channel's scatter
+STARTING_SAMPLES = 5  # initial samples whose median is a sensor's initial value
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
-# of a state's change in a second, by which white noise moves it in a second where the fit begins
+# Starting process noise: share of a state's typical change in one second.
 PROCESS_NOISE_SHARE = 0.1
-TRIAL_OFFSET = 0.1  # from rest, where rates are tried for a parameter that acts
-FILTER_AGREEMENT_SIGMAS = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
-# sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
+TRIAL_OFFSET = 0.1  # offset from rest at which effects of parameters on rates are tested
+FILTER_AGREEMENT_SIGMAS = 3.0  # prior of a filter's first pass about a fit, in sigmas of the fit
+# prior of a filter about a fit, in sigmas of the fit; the data then count 1 + 1/400 times
 FILTER_PRIOR_SIGMAS = 20.0
 # Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the
 # rest is left for the update.
@@ -123,9 +121,7 @@ def _refuse_engine(engine: str, method: str) -> None:
 
 
 def engine_of(method: str, options: Options) -> dict[str, str]:
-    """Return the content of the key ``engine`` in the study file of a single filter; empty where
-    the method is no filter.
-    """
+    """Return the content of the key ``engine`` for a single filter; empty for other methods."""
     if method == "ukf":
         sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
         return {"name": "filterpy", "sentence": sentence}
@@ -141,8 +137,9 @@ def estimated_by(
     settings: FitSettings,
     options: Options,
 ) -> tuple[System, Estimate]:
-    """Return the system that a method estimates, and what it finds; a filter runs along the first
-    record, begun from a fit of it.
+    """Return the system of a method and its estimate.
+
+    A filter runs over the first record and starts from an output-error fit of it.
 
     Raises
     ------
@@ -200,8 +197,9 @@ def _estimated_by(
 
 
 def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
-    """Return a filter's estimate with the delay that was held in it, of an output-error ``fit``,
-    whose uncertainty moves the others as it does there.
+    """Return a filter's estimate, completed by the delay of an output-error ``fit``.
+
+    The delay was fixed in the filter. Its uncertainty propagates to the others as in the fit.
     """
     at = fit.names.index(delay)
     variance = float(fit.covariance[at, at])
@@ -212,7 +210,7 @@ def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
     }
     moves = np.array([*(slopes.get(name, 0.0) for name in found.names), 1.0])
     covariance = np.pad(found.covariance, (0, 1)) + variance * np.outer(moves, moves)
-    said = (
+    sentence = (
         f"{delay} is that of the output-error fit: a pure delay has no state that a filter could "
         "estimate"
     )
@@ -222,7 +220,7 @@ def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
         units=(*found.units, fit.units[at]),
         values=np.append(found.values, fit.values[at]),
         covariance=covariance,
-        message="; ".join(text for text in (found.message, said) if text),
+        message="; ".join(text for text in (found.message, sentence) if text),
     )
 
 
@@ -233,12 +231,11 @@ def _by_filter_error(
     settings: FitSettings,
     options: Options,
 ) -> tuple[System, Estimate]:
-    """Filter error in turbulence; of equations of totals with white noise on the states where the
-    fit in turbulence does not settle.
+    """Return the filter-error estimate in turbulence, or with white noise on the states.
 
-    Turbulence moves a record through the angle of attack alone. Where speed and pitch are forced as
-    well, biases of all sensors then follow what is left over; with a noise of its own on each
-    state, and zeros of sensors left to the coefficients, the likelihood decides.
+    Turbulence acts through the angle of attack only. If this fit does not converge for equations of
+    totals, because speed and pitch are disturbed as well, each state gets white noise and sensor
+    biases are dropped.
     """
     from ident.process_noise.filter_error import fit_filter_error
 
@@ -262,12 +259,12 @@ def _by_filter_error(
     system, second = fitted(calm, calm.with_noise(replace(calm.noise, process_density=noise)))
     if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first[1].log_likelihood:
         return first
-    said = (
+    sentence = (
         f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence "
         "and biases did not settle"
     )
     return system, replace(
-        second, message="; ".join(text for text in (second.message, said) if text)
+        second, message="; ".join(text for text in (second.message, sentence) if text)
     )
 
 
@@ -280,12 +277,11 @@ def _filtered(
     options: Options,
     fit: Estimate,
 ) -> tuple[System, Estimate]:
-    """Return a filter along one record, begun from an output-error ``fit`` of it, with a covariance
-    corrected for coloured innovations.
+    """Return a filter's estimate from one record, started from an output-error ``fit``.
 
-    Priors that the record contradicts are made as wide as the estimate lies from their start, as in
-    the bank of delays. Where the filter assumes more noise than the record has, its steps are no
-    longer than those of the fit: the error of longer ones might exceed that noise.
+    The covariance is corrected for coloured innovations. A prior that the record contradicts is
+    widened to the distance of the estimate. If the filter assumes more noise than the record has,
+    its integration steps are those of the fit, so that their error stays below the noise.
     """
     ready = _for_filter(model, record, outputs, fit)
     first = compile_model(_near_fit(ready, fit), outputs, online=True)
@@ -303,25 +299,26 @@ def _filtered(
         estimate = _run_filter(record, system, first, method, options, steps)
     estimate = with_coloured_covariance(estimate)
     if calm and not estimate.message:
-        said = (
+        sentence = (
             f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes "
             f"{LEAST_NOISE:.1g} of the channel's scatter"
         )
         estimate = replace(
             estimate,
-            message=f"{said}: sigmas are those of that noise, and output-error gives smaller ones",
+            message=f"{sentence}: sigmas are those of that noise, and output-error gives smaller "
+            "ones",
         )
     if not _values_of(fit) and not estimate.message:
-        said = (
+        sentence = (
             "the output-error fit that gives the filter its start did not settle "
             f"({fit.outcome.value}): it started from the vehicle file"
         )
-        estimate = replace(estimate, message=said)
+        estimate = replace(estimate, message=sentence)
     return system, estimate
 
 
 def _calm(fit: Estimate, ready: Model) -> list[str]:
-    """Outputs in which a fit that has settled finds less noise than the filter assumes."""
+    """Return outputs in which a converged fit finds less noise than the filter assumes."""
     if not _values_of(fit):
         return []
     assumed = ready.noise.measurement_std
@@ -397,9 +394,7 @@ def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
 
 
 def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
-    """States whose rate moves with a free parameter at some time: a rate that is another state is
-    known, and nothing forces it.
-    """
+    """Return states whose rate depends on a free parameter; others have no process noise."""
     system = compile_model(model)
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + TRIAL_OFFSET
@@ -434,9 +429,7 @@ def _density(state: str, records: Sequence[Record]) -> float:
 
 
 def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
-    """Return the root mean square of what a channel changes in a second, about the mean of that; of
-    a shorter record its scatter.
-    """
+    """Return the standard deviation of a channel's change in one second, or its scatter."""
     t, values = time[channel.valid], channel.values[channel.valid]
     if t.size < 2 or t[-1] - t[0] < 2.0:
         return float(np.std(values)) if t.size else 0.0
@@ -499,11 +492,10 @@ def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:
-    """Return the model for a filter's first pass, which only gives a point to linearise at:
-    derivatives near those of an output-error fit.
+    """Return the model for a filter's first pass, which only gives a point of linearisation.
 
-    Where there is no fit they start as declared, with priors that keep the points of an unscented
-    filter (sqrt(n) sigmas out, n unknowns) from turning a sign.
+    Priors are near an output-error fit. Without a fit they are as declared, but so narrow that the
+    points of an unscented filter (sqrt(n) sigmas, n unknowns) do not change a sign.
     """
     count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
     biases = {f"bias_{output}" for output in model.biases}
@@ -526,9 +518,7 @@ def _near_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _about_fit(model: Model, fit: Estimate) -> Model:
-    """Return the model with priors about an output-error fit, so wide that they add next to nothing
-    to what the record says.
-    """
+    """Return the model with wide, nearly uninformative priors about an output-error fit."""
     values = _values_of(fit)
     sigma = dict(zip(fit.names, fit.std.tolist(), strict=True))
     prior = {

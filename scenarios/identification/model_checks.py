@@ -1,6 +1,4 @@
-"""Checks of a user's model before there is a record, and an example of its motion.
-
-Standard deviations of estimates with the uncertainty of constants that are not estimated.
+"""Checks of a user's model without a record, and the effect of uncertain constants on sigmas.
 
 Mass, inertias, density and airspeed are held in a fit, and errors in them move the estimates. With
 s_i the change of the estimates for one standard deviation of constant i, and independent
@@ -35,15 +33,15 @@ from sim.propagation import rk4_step
 
 # ---- An example of a motion
 
-DOUBLET_ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
-# of a state's value at the start, by which a pulse may move it: a tank must not run dry
+DOUBLET_ANGLE = 0.05  # rad, doublet of an angle; at most one unit for other inputs
+# largest change of a state by a pulse, share of its initial value
 PULSE_STATE_SHARE = 0.02
 PULSE_LENGTH_FACTOR = 1.5  # over a root's size: half the doublet's length
 PULSES_BETWEEN_DOUBLETS = 8.0  # pulses from one doublet to the next
 STEPS_PER_PULSE = 20.0  # steps in a pulse, and within the quickest root's time
 MOST_STEPS = 4000
 RUNAWAY_GROWTH = 1e6  # growth beyond which a motion has run away
-LARGEST_SLOPE = 1e20  # of a slope by any unknown
+LARGEST_SLOPE = 1e20  # limit of sensitivities
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,22 +159,23 @@ def _stepped(value: float, column: int, count: int) -> np.ndarray:
     return row
 
 
-# ---- What a model's own file can be asked before there is a record
+# ---- Checks of a model file without a record
 
 SHAPE = (3, 5)
-# of a value, or of one: how far the points are apart at which functions are compared
+# distance of points at which functions are compared, share of a value
 TRIAL_OFFSET = 0.01
-DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of central differences
-NOISE_SHARE = 0.01  # of an output's largest value: the noise in which the parameters are sought
-# of the largest eigenvalue of the scaled information, below which a direction is not in the data
+DIFFERENCE_STEP_SHARE = 1e-6  # step of central differences over the value or ``TRIAL_OFFSET``
+NOISE_SHARE = 0.01  # assumed noise over an output's largest value
+# Eigenvalue of the scaled information over the largest one, below which a direction is unknown.
 UNDETERMINED_EIGENVALUE_SHARE = 1e-10
-LEAST_DIRECTION_SHARE = 1e-3  # of such a direction that makes a parameter part of it
+LEAST_DIRECTION_SHARE = 1e-3  # component of a parameter in such a direction
 
 
 @dataclass(frozen=True)
 class Excited:
-    """How well a parameter would be known: ``sigma`` in its unit, infinite where no output shows
-    it; ``beside`` those that it hides behind.
+    """Expected sigma of a parameter, infinite without effect on outputs.
+
+    ``beside``: parameters that cannot be distinguished from it.
     """
 
     name: str
@@ -186,7 +185,7 @@ class Excited:
 
 
 def unknown_units(model: Model) -> list[str]:
-    """Signals and parameters whose unit is only a label, ``"NAME (UNIT)"``."""
+    """Return ``"NAME (UNIT)"`` of signals and parameters with an unknown unit."""
     e = model.equations
     named = [
         (each.name, each.unit)
@@ -232,11 +231,10 @@ def steps_against_differences(model: Model) -> float:
 
 
 def excited(model: Model) -> tuple[Motion, list[Excited]]:
-    """Return the motion that a doublet on each input makes, and how well it tells the free
-    parameters beside initial states and biases.
+    """Return the response to a doublet on each input, and Cramer-Rao bounds of the parameters.
 
-    Cramer-Rao bounds for white noise of ``NOISE_SHARE`` on each output; an output that does not
-    move says nothing.
+    Initial states and biases are unknown, too. White noise of ``NOISE_SHARE`` of each output; an
+    output that does not move is not used.
     """
     motion = doublet_motion(model)
     rows = [
@@ -317,7 +315,7 @@ class Considered:
     constants : the ``k`` constants whose uncertainty counts, with ``sigmas`` in their units.
     data : ``(n,)`` standard deviations from the data alone, constants taken as exact.
     moved : ``(k, n)`` change of each estimate for one standard deviation of each constant, signed.
-    failed : constants with which the fit did not settle; they count nothing.
+    failed : constants for which a fit did not converge; not included.
     """
 
     names: tuple[str, ...]
@@ -356,8 +354,9 @@ def consider(
 
     Parameters
     ----------
-    model : as it was fitted, with its constants. sigmas : standard deviation of each uncertain
-        constant, in the constant's unit. estimate : the model's, from the data alone.
+    model : as it was fitted, with its constants.
+    sigmas : standard deviation of each uncertain constant, in the constant's unit.
+    estimate : the model's, from the data alone.
     estimated : the same estimation of another model.
 
     Returns
@@ -439,7 +438,7 @@ def _sigma(value: float) -> Cell:
 
 
 def considered_content(considered: Considered | None) -> dict[str, Any]:
-    """Return the contributions for comparison.json; empty where no constant is uncertain."""
+    """Return the contributions for comparison.json; empty if no constant is uncertain."""
     if considered is None:
         return {}
     return {

@@ -87,7 +87,7 @@ from scenarios.report.terminal import (
 from scenarios.studies.published import Row
 from sim.record import extent
 
-# ---- What stands beside an estimate, for comparison.json
+# ---- Additional content of comparison.json
 
 
 def constraints_content(
@@ -166,19 +166,19 @@ def _fit(each: RecordFit) -> dict[str, Any]:
     return content
 
 
-# ---- What stands beside an estimate, in lines for the terminal
+# ---- Additional lines on the terminal
 
 PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
 SIMULATED = (
     "simulation with the estimated parameters held fixed; only initial states and biases are "
     "fitted to each record"
 )
-NOTABLE_REFIT_GAIN = 0.1  # log likelihood by which a refit must beat the estimate to be told
+NOTABLE_REFIT_GAIN = 0.1  # gain in log likelihood above which a better refit is reported
 
 
 def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
     """Return a line for each parameter at a bound and each that follows others."""
-    # What follows only what is held has no sigma of its own.
+    # Parameters tied to fixed ones have no sigma.
     sigmas = [f" +- {number_text(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
     followed = [
         f"{row.name} {number_text(row.estimate, row.std)}{sigma}{spaced(row.unit)}, tied"
@@ -262,7 +262,7 @@ def _open(each: ProfileInterval) -> list[str]:
     return [word for word, end in (("below", each.low), ("above", each.high)) if end is None]
 
 
-# ---- Of an identification whose residual is not white
+# ---- Residuals that are not white
 
 UNMEASURABLE = "not measurable from this record"
 
@@ -320,7 +320,7 @@ def noise_phrase(found: IdentificationResult) -> str:
     )
 
 
-# ---- The model of an identification as its study folder keeps it
+# ---- The model of an identification in its study folder
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
@@ -366,7 +366,7 @@ def print_identification(
     out: Console | None = None,
     details: str = BELOW,
 ) -> None:
-    """Print an identification; ``details`` says where else it is to be read."""
+    """Print an identification; ``details``: place of the full text."""
     out = out or console()
     records = (found.record, *found.others)
     print_summary(out, identification_summary(found, details))
@@ -414,7 +414,7 @@ def print_identification(
 
 
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
-    """Return the records, model and method; the outcome; what matters most; what the fit leaves."""
+    """Return the summary: records, model, method, outcome, main cautions, residual."""
     records = (found.record, *found.others)
     named = found.record.name + (f" and {len(found.others)} more" if found.others else "")
     samples = sum(len(record) for record in records)
@@ -424,8 +424,8 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
         f"; not determined: {', '.join(vague)}" if vague else ""
     )
     counts = ((len(found.doubts), "warning"), (len(found.cautions), "caution"))
-    said = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n]
-    outcome += f"; {' and '.join(said)} below" if said else ""
+    counted = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n]
+    outcome += f"; {' and '.join(counted)} below" if counted else ""
     return Summary(
         f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, "
         f"{found.method}",
@@ -452,7 +452,7 @@ def _considered(found: IdentificationResult) -> list[Block]:
 
 
 def _intervals(found: IdentificationResult) -> list[Block]:
-    """The profile intervals, and what a sigma does not tell of them; nothing where none is."""
+    """Return the table of profile intervals with notes, if there are any."""
     if not found.intervals:
         return []
     units = {row.name: row.unit for row in found.rows}

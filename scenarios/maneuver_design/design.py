@@ -1,13 +1,7 @@
-"""Scale a maneuver up to its limits and simulate the response of the aircraft.
+"""Search for a maneuver: every kind, scaled to its limits, compared at equal time.
 
-Frequency responses that a designed maneuver would give: coherence and random error, before
-flight.
-
-The maneuver as the model flies it, with drawn sensor noise, goes through the estimate of
-``flightid response``; what it says is averaged over the draws.
-
-The search for a maneuver: every kind as large as its limits allow, compared at equal amplitude
-and time.
+Expected frequency responses (coherence, random error) are averages over simulated flights with
+sensor noise, each estimated as by ``flightid response``.
 """
 
 from __future__ import annotations
@@ -59,8 +53,8 @@ MOST_ATTEMPTS = 16  # most amplitudes tried
 PROPORTIONAL_ATTEMPTS = 4  # attempts with a correction in proportion
 # exponent of the corrections after these: at a rate limit the peak hardly changes
 LATER_CORRECTION_EXPONENT = 3.0
-LIMIT_SHARE = 0.999  # of a limit: a finer simulation differs by less
-TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
+LIMIT_SHARE = 0.999  # margin to a limit, share, for errors of the simulation
+TOO_WILD = 0.2  # factor on a maneuver whose simulation diverges
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +87,7 @@ def within_limits(
     or scaled down until the response stays inside.
 
     ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
-    where the limits leave nothing.
+    if the limits leave nothing.
     """
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
@@ -156,7 +150,7 @@ def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -
 
 
 NOISE_DRAWS = 8
-USELESS_RANDOM_ERROR = 0.5  # random error from which a response says nothing
+USELESS_RANDOM_ERROR = 0.5  # random error above which a response is useless
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +162,8 @@ class PredictedResponses:
     frequency : Hz, ``(F,)``.
     inputs, outputs : names.
     coherence : ``(m, q, F)``, partial where there are several inputs, mean over draws.
-    random_error : ``(m, q, F)``, of the magnitude, median over draws. usable : ``(m, q)``, share of
-        the band, in its logarithm, with a coherence of 0.6 or more.
+    random_error : ``(m, q, F)``, of the magnitude, median over draws.
+    usable : ``(m, q)``, share of the band, in its logarithm, with a coherence of 0.6 or more.
     """
 
     frequency: np.ndarray
@@ -190,7 +184,7 @@ class PredictedResponses:
 
 
 def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
-    """Return the responses that a flight of a maneuver over the setting's band would give."""
+    """Return the frequency responses expected from a maneuver, over the setting's band."""
     assert setting.maneuver_limits.band is not None
     low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
@@ -216,7 +210,7 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
     )
 
 
-# ---- The effects that are to be told apart
+# ---- Effects to be separated
 
 MOST_EFFECTS = 3  # effects at once: a diagnosis names two alternatives at most
 RANGE = ("low", "high")  # of a curve
@@ -282,11 +276,9 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
 
 
 def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
-    """Return the effect between absence and its typical values, where its expected gain is what the
-    loop asks of an addition.
+    """Return the effect scaled so that the tracing loop just accepts it in the reference maneuver.
 
-    Raises DeclarationError where even twice the typical values are not found in the reference
-    maneuver.
+    Raises DeclarationError if even twice the typical values are not detected.
     """
     typical = {item.name: item.value for item in effect.parameters}
     samples = len(reference.record) * len(reference.outputs)
@@ -351,7 +343,7 @@ def _unit(effect: Traceable) -> str:
 
 # ---- The search
 
-PACES = (0.25, 0.5, 1.0, 2.0)  # of the pulse that the roots ask for
+PACES = (0.25, 0.5, 1.0, 2.0)  # share of the pulse length suggested by the roots
 REFERENCE = "3-2-1-1"
 
 
@@ -359,10 +351,10 @@ REFERENCE = "3-2-1-1"
 class DesignedManeuver:
     """One kind at its best pace (s).
 
-    ``sigmas`` : expected standard deviations of the free parameters; ``criterion``: the geometric
-    mean of these over the values, of those that are determined. ``contests`` of the effects that
-    are to be told apart; ``chance``: that it tells whichever of them acts, at least. ``responses``
-    : frequency responses over the band that is asked for.
+    ``sigmas``: expected standard deviations of the free parameters. ``criterion``: geometric mean
+    of sigma over value, of determined parameters. ``contests``: comparisons of effects to be
+    separated. ``chance``: least probability of identifying the acting effect. ``responses``:
+    expected frequency responses over the requested band.
     """
 
     kind: str
@@ -393,9 +385,7 @@ class DesignedManeuver:
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Maneuvers, the best first, with what was asked and what that came to; ``acting``: the effects
-    with their values.
-    """
+    """Maneuvers, the best first, with the request; ``acting``: effects with their values."""
 
     request: DesignRequest
     setting: Setting
@@ -440,7 +430,7 @@ def design(
 
 
 def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind over the requested band; None if there is no time."""
+    """Return pace, shapes and flight of one kind over the requested band; None if too long."""
     assert setting.maneuver_limits.band is not None
     pace = np.pi / setting.maneuver_limits.band[1]
     shapes = KINDS[kind](setting.maneuver_limits, pace)
@@ -488,7 +478,7 @@ def _sampled(setting: Setting, share: float) -> float:
 def _best_pace(
     setting: Setting, kind: str, acting: Sequence[Acting]
 ) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind with the best criterion; None if there is no time."""
+    """Return pace, shapes and flight of one kind with the best criterion; None if too long."""
     best, least = None, np.inf
     for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
         shapes = KINDS[kind](setting.maneuver_limits, pace)

@@ -26,17 +26,17 @@ ENGINE_RISE = 1.0  # s, from the trim to the largest thrust; chosen
 
 @dataclass(frozen=True)
 class Flyer:
-    """Pilot or computer that moves the controls, with its limits.
+    """Limits of the pilot or computer that moves the controls.
 
     Attributes
     ----------
-    name : as a sentence has it.
-    kinds : maneuvers that can be flown.
-    shortest_step : s.
-    fastest : Hz, of a sweep.
-    longest_sweep : s, without a rest.
-    rest : s, between maneuvers.
-    rise : s, from rest to the full amplitude.
+    name : for sentences, ``"a pilot"``.
+    kinds : possible maneuvers.
+    shortest_step : duration of the shortest step, s.
+    fastest : highest frequency of a sweep, Hz.
+    longest_sweep : longest duration of a sweep, s.
+    rest : pause between maneuvers, s.
+    rise : time from trim to the full amplitude, s.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Flyer:
 
     @property
     def text(self) -> str:
-        """The limits in a line, empty where there are none."""
+        """The limits in one line; empty without limits."""
         if not self.shortest_step:
             return ""
         return (
@@ -71,8 +71,7 @@ COMPUTER = Flyer("a flight computer", ("3-2-1-1", "doublet", "sweep", "multisine
 
 # ---- What a maneuver must not exceed
 
-# Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in
-# level flight.
+# Chosen: gentle maneuvers, for which perturbation equations hold. Load factors are totals.
 USUAL: Mapping[str, tuple[float, float]] = {
     "nz": (0.0, 2.0),
     "ny": (-0.5, 0.5),
@@ -85,7 +84,7 @@ ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
 PITCH_LIMIT = 20.0 * DEGREE  # rad, on either side of the trim
 AIRSPEED_LIMIT_SHARE = 0.1  # share of the airspeed, on either side
 DEFLECTION_LIMIT = 5.0 * DEGREE
-THRUST_LIMIT_SHARE = 0.05  # of the weight
+THRUST_LIMIT_SHARE = 0.05  # share of the weight
 
 
 @dataclass(frozen=True)
@@ -100,16 +99,14 @@ class Limits:
 
 
 def offset_of(model: Model, output: str) -> float:
-    """Return the difference of the total from the model's output: the weight for a load factor of
-    perturbations.
-    """
+    """Return total minus model output: 1 g for the normal load factor of perturbation models."""
     return 1.0 if output == "nz" and not of_totals(model) else 0.0
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
     """Default limits.
 
-    ``rest`` : outputs in trim. A user model has those of channels with the same names.
+    ``rest`` : outputs in trim. A user model gets limits for outputs with known names.
     """
     outputs: dict[str, tuple[float, float]] = {}
     for signal in model.equations.outputs:
@@ -135,13 +132,13 @@ def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
 def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limits) -> Limits:
     """Return the usual limits with those of a file, or of its content, in their place.
 
-    Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor),
-    ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
+    Keys: ``OUTPUT_max``, ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``. The maximum of an
+    angle or rate limits both signs if there is no minimum.
 
     Raises
     ------
-    DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest
-        above a highest.
+    DeclarationError : an unknown key, a value of a wrong kind, unit or sign, a minimum above a
+        maximum.
     """
     if given is None:
         return usual
@@ -170,8 +167,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
     for name, ends in result.items():
         low, high = outputs.get(name, (-np.inf, np.inf))
         high = ends.get("max", high)
-        # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both
-        # sides.
+        # A maximum of nz or airspeed does not limit the minimum; that of an angle or rate does.
         low = ends.get(
             "min", low if name in ("nz", "airspeed") or "max" not in ends else -abs(high)
         )
@@ -198,7 +194,7 @@ def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
 
 
 def _usual_amplitude(model: Model, name: str, unit: str) -> float:
-    """Return an angle of some degrees; thrust of a share of the weight; one of any other unit."""
+    """Return 5 deg for an angle, a share of the weight for thrust, else 1."""
     if unit == "rad":
         return DEFLECTION_LIMIT
     if name == "thrust" and "mass" in model.parameters:
@@ -207,9 +203,7 @@ def _usual_amplitude(model: Model, name: str, unit: str) -> float:
 
 
 def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
-    """Return the limits with a rate for each input that has none: of the actuator or of the hand,
-    whichever is lower; none of an input that neither limits.
-    """
+    """Return the limits with default rates: the lower one of actuator and pilot, if any."""
     rates = dict(limits.rate)
     for name, size in limits.amplitude.items():
         actuator = (
@@ -226,9 +220,7 @@ def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
 
 
 def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Return the samples ``(inputs, N)`` that follow ``rows`` with a rate of at most ``rate
-    (inputs,)`` per second.
-    """
+    """Return ``rows (inputs, N)`` with their rates limited to ``rate (inputs,)`` per second."""
     out = rows.copy()
     if not np.any(np.isfinite(rate)):
         return out

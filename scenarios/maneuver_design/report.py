@@ -306,7 +306,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
     )
 
 
-# ---- The page of a design: which maneuver to fly, what it would tell, and how far it goes
+# ---- The page of a design: best maneuver, expected result, limits
 
 RULE = (
     "A maneuver decides where the loop would find the effect that acts and prefer it to the other "
@@ -370,7 +370,7 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
 # ---- The folder of a design
 
 MAIN = "design.json"
-FLOWN = "maneuver"  # stem of the input to be flown
+FLOWN = "maneuver"  # file stem of the input to fly
 EXPECTED = "expected"
 
 
@@ -403,8 +403,9 @@ def write_maneuver(folder: Path, maneuver: DesignedManeuver, stem: str = FLOWN) 
 
 
 def _expected(design: DesignResult) -> str:
-    """Outputs that the model has in the best maneuver, beside its inputs; load factors of
-    perturbations without the weight, as a fit has them.
+    """Return inputs and simulated outputs of the best maneuver, as a fit uses them.
+
+    Load factors of perturbation models do not include the weight.
     """
     flight = design.best.flight
     columns = {

@@ -49,25 +49,27 @@ from sim.maneuvers import (
 from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
-# ---- What a design is asked, in the words of its command line, which do it again
+# ---- Request of a design, in the words of its command line
 
 TYPICAL, JUST_FOUND = "typical", "found"
 
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """Request of a maneuver design. Texts are as typed, ``NAME=VALUE``, with units unless SI.
+    """Request of a maneuver design. Texts are ``NAME=VALUE``, in SI or with a unit.
 
     Attributes
     ----------
-    model, vehicle : as of ``identify``. limits : a TOML file, or its content.
-    tell : names of effects to be told apart, the first against each other one.
-    size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of
-    the first effect's own parameters. values : derivatives that are better known than from the
-    vehicle file. noise, amplitude : by output, by input. duration, rate : s and samples a second;
-    None: as the model's roots, or the band, ask for. band : Hz; sweeps and multisines over it,
-    compared by the frequency responses that they give. computer : a flight computer moves the
-    controls, not a pilot.
+    model, vehicle : as of ``identify``.
+    limits : a TOML file, or its content.
+    tell : names of effects to separate, the first from each of the others.
+    size : of the first effect: ``typical``, ``found`` (barely detectable in the reference
+        maneuver), or ``KEY=VALUE,...`` of its parameters.
+    values : derivatives that replace those of the vehicle file.
+    noise, amplitude : by output, by input.
+    duration, rate : s, samples per second; None: by the model's roots or the band.
+    band : Hz; sweeps and multisines in this band, compared by their frequency responses.
+    computer : a flight computer moves the controls, not a pilot.
     """
 
     model: str | OwnModel
@@ -114,19 +116,27 @@ class DesignRequest:
 
 # ---- Maneuvers of equal peak amplitude and equal length
 
-TAPER = 0.05  # of a sweep's length
-SWEEP_START_SHARE = 0.3  # of the roots' frequency, where a sweep begins if its length allows
-MOST_HARMONICS = 60  # of all inputs together
+TAPER = 0.05  # tapered share of a sweep
+SWEEP_START_SHARE = 0.3  # lowest frequency of a sweep over that of the roots
+MOST_HARMONICS = 60  # over all inputs
 
 
 @dataclass(frozen=True)
 class ManeuverLimits:
     """Time and bandwidth available to maneuvers.
 
-    ``time (N,)`` in s; ``pulse`` (s), from the eigenvalues; number of ``inputs``; ``rest`` (s)
-    between maneuvers. The first and last two pulses are rest, which shows the trim. ``corners``:
-    rad/s of each input, above which a sine of full amplitude exceeds its rate limit. ``band``:
-    rad/s, of sweeps and multisines; ``longest_sweep`` in s.
+    Two pulses of rest at the begin and the end show the trim.
+
+    Attributes
+    ----------
+    time : ``(N,)``, s.
+    pulse : duration of a pulse by the eigenvalues, s.
+    inputs : number of inputs.
+    corners : of each input, frequency (rad/s) above which a full-amplitude sine exceeds the rate
+        limit.
+    band : of sweeps and multisines, rad/s.
+    longest_sweep : s.
+    rest : between maneuvers, s.
     """
 
     time: np.ndarray
@@ -138,11 +148,11 @@ class ManeuverLimits:
     rest: float = 0.0
 
     def corner(self, one: int) -> float:
-        """Return the corner of an input, rad/s; infinite where its rate is not limited."""
+        """Return the corner of an input, rad/s; infinite if its rate is not limited."""
         return self.corners[one] if self.corners else math.inf
 
     def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
-        """A row of peak one, scaled down where its fastest change exceeds the limit of the rate."""
+        """Return a row with peak one, or less if it would exceed the rate limit."""
         row = row / np.max(np.abs(row))
         fastest = float(np.max(np.abs(np.diff(row)))) / self.interval
         return np.asarray(row * min(1.0, self.corner(one) / max(fastest, 1e-300)))
@@ -161,7 +171,7 @@ class ManeuverLimits:
         return float(self.time[-1]) - 2.0 * self.lead
 
 
-# (inputs, N) of largest magnitude one; None where the pace leaves no room
+# (inputs, N) with peak one; None if the maneuver at this pace is too long
 Shapes = np.ndarray | None
 
 
@@ -245,9 +255,9 @@ OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
-# ---- From what is asked to what flies
+# ---- From the request to the setting
 
-# Standard deviations of usual instruments, SI and g, where nobody names any.
+# Default noise standard deviations, SI and g.
 INSTRUMENTS: Mapping[str, float] = {
     **{
         "alpha": 0.0012,
@@ -261,13 +271,13 @@ INSTRUMENTS: Mapping[str, float] = {
     },
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
-NOISE_SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
+NOISE_SHARE = 0.01  # user models: noise over the largest response to doublets
 SAMPLE_RATE = 50.0  # samples a second
 DURATION = 20.0  # s
-SAMPLES_PER_PULSE = 20.0  # of a user model: samples in a pulse
-PULSES = 40.0  # of a user model: pulses in its flight
-SLOW_ROOT_SHARE = 0.1  # of the quickest root: a slower one sets no step
-PER_PERIOD = 10.0  # samples in a period of the highest frequency of a band
+SAMPLES_PER_PULSE = 20.0  # user models: samples in a pulse
+PULSES = 40.0  # user models: pulses in a flight
+SLOW_ROOT_SHARE = 0.1  # roots slower than this share of the fastest do not affect the step
+PER_PERIOD = 10.0  # samples per period of the band's highest frequency
 SWEEP_PERIODS = 5.0  # periods of its lowest frequency for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
@@ -276,8 +286,8 @@ MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 class Setting:
     """Model, limits and trim that a design uses.
 
-    ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
-    outputs, by name. ``step``: s, of a fit; ``flyer``: who moves the controls.
+    ``model``: with biases, starting in trim. ``rest``, ``still``: inputs and outputs in trim, by
+    name. ``step``: of a fit, s. ``flyer``: pilot or computer.
     """
 
     vehicle: VehicleFile
@@ -295,9 +305,7 @@ class Setting:
         return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """Return a flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
-        comparisons.
-        """
+        """Return a flight with inputs ``(inputs, N)`` about trim; ``quick``: larger steps."""
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
         inputs = [
@@ -439,7 +447,7 @@ def _outputs_at(model: Model, rest: Mapping[str, float]) -> dict[str, float]:
 
 
 def _frequency(model: Model, rest: Mapping[str, float]) -> float:
-    """Geometric mean of the quicker roots, rad/s; one where there is none."""
+    """Return the geometric mean of the fast roots, rad/s; 1 if there are none."""
     sizes = root_sizes(compile_model(model), list(rest.values()))
     quick = sizes[sizes > SLOW_ROOT_SHARE * np.max(sizes, initial=0.0)]
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
@@ -522,7 +530,7 @@ def _limits_of(request: DesignRequest, model: Model, pulse: float) -> ManeuverLi
 
 
 def _noise(request: DesignRequest, model: Model) -> dict[str, float]:
-    """Measured outputs with their noise: those named, all that the model has where none is."""
+    """Return the noise of the requested outputs; by default of all outputs of the model."""
     units = {signal.name: signal.unit for signal in model.equations.outputs}
     given = _positive(numbers_of(request.noise, units, "--noise"), "--noise")
     if given:

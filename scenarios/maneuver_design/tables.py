@@ -36,7 +36,7 @@ def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
 
 
 def pace_text(maneuver: DesignedManeuver) -> str:
-    """Return the step of steps, the highest frequency of the others."""
+    """Return the step length of step maneuvers, the highest frequency of others."""
     if PACE_IS[maneuver.kind] == "step":
         return f"step {maneuver.pace:.3g} s"
     return f"up to {0.5 / maneuver.pace:.3g} Hz"
@@ -86,7 +86,7 @@ def acting_text(acting: Acting) -> str:
 
 
 def percent(chance: float) -> str:
-    """Return a probability in per cent; none is said to be sure."""
+    """Return a probability in per cent, at most ``"more than 99 %"``."""
     return "more than 99 %" if chance > 0.995 else f"{100.0 * chance:.0f} %"
 
 
@@ -133,7 +133,7 @@ def _shown(design: DesignResult, name: str, value: float) -> str:
 
 
 def units_shown(design: DesignResult) -> Mapping[str, str]:
-    """Return the unit inside of every channel."""
+    """Return the SI unit of every channel."""
     return {
         name: unit_in(design.setting.model, name)
         for name in (*design.setting.rest, *design.setting.noise)
@@ -142,7 +142,7 @@ def units_shown(design: DesignResult) -> Mapping[str, str]:
 
 # ---- Tables
 
-# outputs whose extremes stand in the table, those that the model has
+# outputs with extremes in the table, if the model has them
 SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 

@@ -26,8 +26,10 @@ def draw_into(
 
     Parameters
     ----------
-    folder : one that exists. named : the stem of each file, and what draws it. formats : of the
-        files. methods : label of each method whose name ends a stem.
+    folder : one that exists.
+    named : the stem of each file, and what draws it.
+    formats : of the files.
+    methods : label of each method whose name ends a stem.
     """
     if not formats:
         return ()

@@ -1,4 +1,4 @@
-"""Data of figures: axis names and units, histories, candidates of a diagnosis."""
+"""Data for figures: axis labels and units, histories, candidates of a diagnosis."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantit
 from scenarios.report.quantities import NO_UNIT, shown_in
 from sim.declaration.proposal import GUARD
 
-# ---- What figures write at their axes: textbook symbols for names, degrees for radians
+# ---- Axis labels: textbook symbols for names, degrees for radians
 
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit as a figure shows it: ``shown = factor * value``, and the text in brackets at the
-    axis.
-    """
+    """Display unit: ``shown = factor * value``; ``text`` is in brackets in the axis label."""
 
     text: str
     factor: float = 1.0
@@ -31,7 +29,7 @@ POUNDS_PER_SQUARE_FOOT = DisplayUnit("lb/ft²", 0.3048**2 / 0.45359237)
 KILOMETRES = DisplayUnit("km", 1e-3)
 METRES_PER_SECOND = DisplayUnit("m/s")
 
-# What the samples of a record are called in a figure: that a program made them is said everywhere.
+# Legend labels of samples; figures mark simulated records as such.
 MEASURED_DATA, SIMULATED_DATA = "measured", "simulated record"
 
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -70,13 +68,12 @@ _SYMBOLS = {
     "natural_frequency": r"$\omega_n$",
     "damping_ratio": r"$\zeta$",
 }
-# Subscripts of a subscript are written on its line: at the size of a tick label they cannot be
-# read.
+# Nested subscripts are flattened: they would be too small in tick labels.
 _ARGUMENTS = {
     **{"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0", "V": "V"},
     **{"beta": r"\beta", "p": "p", "r": "r", "da": r"\delta a", "dr": r"\delta r"},
 }
-# Further factors of a term: the names of signals as inputs and outputs of a record have them.
+# Names of signals in products, as in parameter names.
 _FACTORS = {
     **{name: _ARGUMENTS[name] for name in ("alpha", "beta", "p", "q", "r")},
     **{"elevator": r"\delta e", "aileron": r"\delta a", "rudder": r"\delta r", "mach": "M"},
@@ -84,10 +81,9 @@ _FACTORS = {
 
 
 def display_unit(unit: str, name: str = "") -> DisplayUnit:
-    """Return the display unit of a unit, as in every table, with typeset powers; ``name`` tells a
-    frequency from a rate.
+    """Return the display unit of an SI unit, with typeset powers.
 
-    A label of an unknown kind (that of a stick) is kept.
+    ``name`` distinguishes a frequency from a rate. Unknown units are kept.
     """
     factor, shown = shown_in(unit, name)
     return DisplayUnit(
@@ -106,9 +102,7 @@ def axis_label(name: str, unit: DisplayUnit) -> str:
 
 
 def symbol(name: str) -> str:
-    """Return the textbook symbol of a signal or parameter in mathtext; a name that has none stays
-    as it is.
-    """
+    """Return the textbook symbol of a signal or parameter in mathtext, or the name itself."""
     if name in _SIGNALS or name in _SYMBOLS:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
@@ -127,9 +121,7 @@ def symbol(name: str) -> str:
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
-    """Return the unit with a power of a thousand in front, so that values of this size (in
-    ``unit``) need few digits at an axis.
-    """
+    """Return the unit times a power of 1000, so that values of ``size`` have short tick labels."""
     if not (size > 0.0 and math.isfinite(size)) or 0.02 <= size < 2e4:
         return unit
     power = 3 * math.floor(math.log10(size) / 3.0)
@@ -140,9 +132,7 @@ def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
 
 
 def signed(value: float, form: str) -> str:
-    """Return a number with its sign, with a typographic minus; ``form``: format after the sign,
-    e.g. ``".3g"``.
-    """
+    """Return a number with its sign and a typographic minus; ``form``: such as ``".3g"``."""
     return format(value, f"+{form}").replace("-", "−")
 
 
@@ -158,9 +148,7 @@ def _argument(text: str) -> str | None:
 
 
 def _product(text: str) -> str | None:
-    """Several factors of a term of the model ``aircraft``, as ``alpha2_elevator`` or
-    ``beta_abs_beta``; None where one of them is no known signal.
-    """
+    """Return the symbol of a product such as ``alpha2_elevator``; None for unknown factors."""
     result = []
     for name, power in re.findall(r"_?(abs_[a-z]+?|[a-z]+?)([234]?)(?=_|$)", text):
         factor = _FACTORS.get(name.removeprefix("abs_"))
@@ -174,15 +162,13 @@ def _product(text: str) -> str | None:
 
 # ---- Rows of a filter's history by name
 
-# a filter that diverges may end near the largest number; a figure needs no more than this
+# values of a diverged filter are clipped here
 _HUGE = 1e30
 
 
 @dataclass(frozen=True, eq=False)
 class StateHistory:
-    """One entry of the filter's state over time: ``time``, ``mean``, ``std``, all ``(K,)``, K =
-    sound samples.
-    """
+    """One filter state over time, ``(K,)`` each, until the end or the divergence of the filter."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -190,9 +176,7 @@ class StateHistory:
 
 
 def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHistory:
-    """Estimate and standard deviation of one state or parameter, multiplied by ``factor``; the
-    samples after a breakdown are left out.
-    """
+    """Return one state or parameter, times ``factor``, without samples after a divergence."""
     row, sound = history.names.index(name), sound_samples(history)
     mean = np.clip(factor * history.mean[row, :sound], -_HUGE, _HUGE)
     std = np.clip(factor * history.std[row, :sound], 0.0, _HUGE)
@@ -200,10 +184,10 @@ def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHisto
 
 
 def sound_samples(history: FilterHistory) -> int:
-    """Return the number of samples before a filter diverged; afterwards its history repeats the
-    last finite sample.
+    """Return the number of samples before a filter diverged.
 
-    A repeated sample has no measurement and an identity for a transition.
+    Afterwards the history repeats the last finite sample, without measurements and with identity
+    transitions.
     """
     identity = np.eye(len(history.names))
     repeated = ~np.any(history.valid, axis=0) & np.all(history.transition == identity, axis=(1, 2))
@@ -214,8 +198,9 @@ def sound_samples(history: FilterHistory) -> int:
 def settled_limits(
     low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]
 ) -> tuple[float, float]:
-    """Axis limits that show the end of a course ``(K,)``, the marks, and as much of its early part
-    as fits.
+    """Return axis limits for the converged end of an estimate ``(K,)`` and for the marks.
+
+    The early, uncertain part may be cut off.
     """
     half = len(middle) // 2
     ends = np.array([low[-1], high[-1], middle[half:].min(), middle[half:].max(), *marks])
@@ -229,13 +214,14 @@ def settled_limits(
     return bottom - margin, top + margin
 
 
-# ---- Why a candidate was not chosen, in the few words that have room beside its bar
+# ---- Short reasons against candidates, written at their bars
 
 
 @dataclass(frozen=True)
 class NamedEffects:
-    """Effects of a verdict: claims, alternatives by claim, and hints. ``noise_left``: whether the
-    residual with the claims is noise.
+    """Effects of a verdict.
+
+    ``alternatives``: by claim. ``noise_left``: the residual with the claims is noise.
     """
 
     claimed: tuple[str, ...] = ()
@@ -258,7 +244,7 @@ class NamedEffects:
 
 
 def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
-    """Return whether a candidate could replace a claim beside all others."""
+    """Return whether a candidate could replace one claim, with all other claims kept."""
     return any(
         c.name in names and set(standing.claimed) - {claim} <= set(c.within)
         for claim, names in standing.alternatives.items()
@@ -266,8 +252,9 @@ def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
 
 
 def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) -> str:
-    """Role of a candidate in the verdict, or the reason against it; ``beside``: candidates of the
-    same round.
+    """Return the role of a candidate in the verdict, or the reason against it.
+
+    ``beside``: candidates of the same round.
     """
     if c.name in standing.claimed:
         return "claimed"
@@ -289,14 +276,12 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
     return "like the claimed, lower odds" if winner.name in c.collinear_with else "lower odds"
 
 
-# ---- What the figures of a diagnosis need to know
+# ---- Data of the figures of a diagnosis
 
 
 @dataclass(frozen=True, eq=False)
 class Replicated:
-    """An effect's parameters from each of ``records`` by itself, and from the fitted ones
-    ``together``.
-    """
+    """Parameters of an effect, fitted to each record separately and to all ``together``."""
 
     name: str
     records: tuple[str, ...]
@@ -306,7 +291,7 @@ class Replicated:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """Diagnosis in the form for figures; ``noise`` by channel; ``data``: name of the records."""
+    """Diagnosis as data for figures; ``noise``: sigma by channel, ``data``: legend label."""
 
     fitted: tuple[FittedRecord, ...]
     predictions: tuple[Prediction, ...]

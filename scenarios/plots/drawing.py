@@ -1,5 +1,6 @@
-"""Figures as files and as SVG elements of a page, the same bytes for the same figure; and the data
-of a finished figure, from which a page draws it so that it zooms and shows values.
+"""Write figures as files, as SVG elements and as data for interactive figures of a page.
+
+The same figure always gives the same bytes.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from scenarios.plots.style import bold_title, hide_bold_title
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
-MOST_CURVE_SAMPLES = 4000  # samples of a curve; of more the extremes of each interval are kept
-MOST_ZOOMING_CURVES = 40  # of one figure that zooms
-# Of words in a panel that a figure that zooms does without: a table beside it has them.
+MOST_CURVE_SAMPLES = 4000  # longer curves keep the extremes of each interval
+MOST_ZOOMING_CURVES = 40  # curves of an interactive figure
+# Marks texts that an interactive figure omits, since a table has them.
 ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
 _GREEK = {
@@ -53,11 +54,10 @@ _GREEK = {
 
 
 def plot_data(figure: Figure) -> PlotData | None:
-    """Return the panels of a finished figure with their curves, or None where something in it
-    cannot be drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
+    """Return the data of an interactive figure, or None if it has more than simple curves.
 
-    Curves of more than ``MOST_CURVE_SAMPLES`` samples keep the smallest and the largest value of
-    each interval.
+    Bars, error bars, maps and texts in a panel cannot be drawn from curves over a rising abscissa.
+    Long curves keep the smallest and the largest value of each interval.
     """
     panels = [panel for panel in figure.axes if panel.get_visible()]
     if not panels or not all(map(_plain_panel, panels)):
@@ -95,11 +95,11 @@ def plot_data(figure: Figure) -> PlotData | None:
 
 
 def words(label: str) -> str:
-    """A label with letters in the place of mathtext: ``$\\alpha$ (deg)`` becomes ``α (deg)``."""
+    """Return a label without mathtext: ``$\\alpha$ (deg)`` becomes ``α (deg)``."""
     for name, letter in _GREEK.items():
         label = re.sub(rf"\\{name}(?![a-z])", letter, label)
     label = re.sub(r"\\(?:dot|mathrm|mathit)(?![a-z])", "", label)
-    # Outside of mathtext an underscore is one, as in the name of a file.
+    # Outside mathtext, underscores stay.
     bare = re.sub(r"\$([^$]*)\$", lambda found: re.sub(r"[{}_\\\s]", "", found[1]), label)
     return " ".join(bare.replace("$", "").split())
 
@@ -125,7 +125,7 @@ _MARKS = ("None", "none", None, "", " ", ".", "o")
 
 
 def _is_band(each: object) -> bool:
-    """Return an area between two curves (``fill_between``), by the shape of its outlines."""
+    """Return whether an artist is an area between two curves (``fill_between``)."""
     if not isinstance(each, PolyCollection):
         return False
     return all(_is_outline(np.asarray(path.vertices)) for path in each.get_paths())
@@ -155,13 +155,13 @@ def _curves(panel: Axes) -> Iterator[Curve]:
 
 
 def _label(text: object) -> str:
-    """Return the name in a legend; matplotlib's own names begin with an underscore."""
+    """Return the legend label; empty for matplotlib's automatic labels (leading underscore)."""
     name = str(text or "")
     return "" if name.startswith("_") else words(name)
 
 
 def _span(panel: Axes, patch: object) -> Curve | None:
-    """Return a span along the whole panel as a band; None for any other patch."""
+    """Return a span over the whole panel as a band; None for other patches."""
     if not isinstance(patch, Rectangle | Polygon):
         return None
     points = np.asarray(patch.get_path().vertices)
@@ -193,7 +193,7 @@ def _band(look: tuple[str, str], x: np.ndarray, low: np.ndarray, high: np.ndarra
 
 
 def _curve(panel: Axes, line: Line2D) -> Curve | None:
-    """A line or its marks; a line across the panel has two points. None of one without samples."""
+    """Return a line or its markers as a curve; None without samples."""
     x, y = (np.asarray(values, dtype=float) for values in line.get_data())
     if line.get_transform() == panel.get_yaxis_transform(which="grid"):
         x = np.array(sorted(map(float, panel.get_xlim())))
@@ -220,8 +220,9 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
 
 
 def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
-    """Return the two abscissas of an upright line, less than a pixel apart: a page joins all curves
-    over one abscissa, and would keep one of two ends at the same place.
+    """Return the abscissas of a vertical line, less than a pixel apart.
+
+    A page merges all curves over one abscissa and would drop one of two equal abscissas.
     """
     if x.size != 2 or x[0] != x[1]:
         return x
@@ -233,14 +234,12 @@ def _dash(line: Line2D) -> tuple[float, ...]:
     """Return the lengths of stroke and gap in points of print."""
     if not line.is_dashed():
         return ()
-    lengths = getattr(line, "_dash_pattern", (0, None))[1]  # matplotlib has no other way to ask
+    lengths = getattr(line, "_dash_pattern", (0, None))[1]  # no public access in matplotlib
     return tuple(map(float, lengths)) if lengths else (4.0, 2.0)
 
 
 def _thinned(curve: Curve) -> Curve:
-    """Return the curve with ``MOST_CURVE_SAMPLES`` samples at most: of each interval the smallest
-    and the largest.
-    """
+    """Return the curve with the smallest and largest values of its intervals, if it is long."""
     if len(curve.x) <= MOST_CURVE_SAMPLES:
         return curve
     edges = np.linspace(0, len(curve.x), MOST_CURVE_SAMPLES // 2 + 1).astype(int)
@@ -258,15 +257,14 @@ def _thinned(curve: Curve) -> Curve:
 
 # ---- Figures as bytes
 
-Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and what draws it
+Named = tuple[str, Callable[[], Figure]]  # file stem, drawing function
 
-# Letters as outlines in SVG, so that it looks alike everywhere; as TrueType in PDF, so that its
-# text can be searched.
+# SVG: letters as outlines, which look alike everywhere. PDF: TrueType, which can be searched.
 _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
 
 
 def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUAL) -> list[Path]:
-    """Write ``folder/stem.FORMAT`` in every format; the paths. The folder must exist."""
+    """Write ``folder/stem.FORMAT`` in every format; return the paths. The folder must exist."""
     paths = []
     for name in formats:
         path = Path(folder) / f"{stem}.{name}"
@@ -278,7 +276,7 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUA
 def figure_png(figure: Figure) -> bytes:
     """Return the figure as a PNG at its own size and resolution."""
     buffer = io.BytesIO()
-    # None takes the entry out that names matplotlib's version.
+    # None removes the entry with matplotlib's version.
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
 
@@ -293,7 +291,7 @@ def figure_svg(figure: Figure) -> bytes:
 
 def figure_pdf(figure: Figure) -> bytes:
     """Return the figure as a PDF of one page at its own size."""
-    # it loads a library of fonts, which takes as long as a figure
+    # its font library loads slowly
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     buffer = io.BytesIO()
@@ -314,13 +312,13 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 # ---- A figure as an <svg> element of a page, with a description for screen readers
 
 POINTS_PER_INCH = 72.0
-PIXELS_PER_POINT = 1.75  # pixels a point, where there is room
-# points: a wider figure is moved sideways on a small screen rather than made too small to read
+PIXELS_PER_POINT = 1.75  # scale on a wide screen
+# Points; wider figures scroll on a small screen instead of shrinking.
 WIDEST_SCALED_FIGURE = 400.0
-LONG_OUTLINE = 128  # vertices from which the outline of an area is simplified
-OUTLINE_TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
-DISC_ARCS = 8  # curves of matplotlib's disc
-# cells in the diameter of a dot: of several dots in one cell a single one is drawn
+LONG_OUTLINE = 128  # vertices above which outlines are simplified
+OUTLINE_TOLERANCE = 0.25  # largest error of a simplified line, points: a quarter of its width
+DISC_ARCS = 8  # arcs in matplotlib's outline of a disc
+# Grid cells per dot diameter; one dot is drawn per cell.
 CELLS_PER_DOT = 2
 
 TALLEST_ASPECT = 1.15  # height over width of a drawing that is printed
@@ -334,7 +332,7 @@ _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", 
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
 _FRACTION = re.compile(r"-?\d+\.\d+")
-_TAG = re.compile(r"<[^>]*>")  # places are shortened, numbers that are read are not
+_TAG = re.compile(r"<[^>]*>")  # only numbers inside tags are shortened
 _IDENTIFIER = re.compile(r'( id="|url\(#|xlink:href="#)')
 _FONT = re.compile(
     r"(?P<font_style>italic|oblique)? ?(?P<font_weight>bold|[1-9]00)? ?(?P<font_size>[\d.]+)px"
@@ -350,14 +348,13 @@ def draw_for_page(
 ) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page.
 
-    On the page a title that another figure above has is left out. ``methods``: label of each
-    method whose name ends a stem.
+    The page omits repeated titles. ``methods``: label of each method whose name ends a stem.
     """
     out, titles = [], set[str]()
     for stem, make in figures:
         figure = make()
         if not save_figure(figure, folder, stem, formats):
-            figure.draw_without_rendering()  # it places what is shared between panels
+            figure.draw_without_rendering()  # places artists shared between panels
         data = plot_data(figure)
         title = bold_title(figure)
         left_out = hide_bold_title(figure) if title and title in titles else 0.0
@@ -369,11 +366,10 @@ def draw_for_page(
 
 
 def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
-    """Return the drawing of a figure that is live on the screen, for paper: one that is tall has
-    lower panels, so that it fits a sheet at its full width.
+    """Return the printed drawing of an interactive figure.
 
-    Panels keep half of their height: with more of them all is drawn smaller instead, since labels
-    would stand upon each other.
+    Panels of tall figures are lowered to fit a sheet, at most to half of their height so that
+    labels do not overlap. If this is not enough, the whole figure is scaled.
     """
     width, height = figure.get_size_inches()
     if height > TALLEST_ASPECT * width:
@@ -386,25 +382,25 @@ def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
 
 
 def figure_document(figure: Figure, words: str) -> str:
-    """Return a figure as an HTML document of its own that zooms and shows values under the pointer,
-    with the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
+    """Return a figure as an interactive HTML document; as a static one if `plot_data` is None.
+
+    ``words``: description of the figure.
     """
     from scenarios.report.document import Figure as Block
     from scenarios.report.html import figure_html
 
-    svg = page_svg(figure, "alone")  # drawn first: it places what is shared between panels
+    svg = page_svg(figure, "alone")  # first, since it places artists shared between panels
     return figure_html(Block("figure-alone", svg, words, plot_data(figure)))
 
 
 def figure_frame(document: str, words: str, height: int) -> str:
-    """Return an HTML document as a frame of a notebook's page, as wide as its place.
+    """Return an HTML document as a frame in a notebook, at full width.
 
     Parameters
     ----------
-    document : the document; the frame holds it itself, because a file beside the notebook may be
-        gone before the frame has read it.
-    words : what the figure shows, for those who do not see it.
-    height : of the frame, px.
+    document : embedded in the frame, because a separate file might be deleted too early.
+    words : description for screen readers.
+    height : px.
 
     Examples
     --------
@@ -417,12 +413,11 @@ def figure_frame(document: str, words: str, height: int) -> str:
 
 
 def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
-    """Return the figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for
-    the same figure.
+    """Return the figure as an ``<svg>`` element at full width; the same bytes for the same figure.
 
-    Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
-    rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
-    figures of one page have different ones. ``left_out``: inches at the top that are cut off.
+    Matplotlib's SVG with shorter numbers and with styles as attributes: the security policy of a
+    page allows those, and its dark theme replaces them. ``stem``: unique prefix of the
+    identifiers. ``left_out``: inches cut off at the top.
     """
     buffer, dpi = io.StringIO(), figure.dpi
     width, height = (figure.get_size_inches() * POINTS_PER_INCH).tolist()
@@ -445,7 +440,9 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     body = _TAG.sub(_short_numbers, body)
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
-    mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
+    mapped = bool(
+        figure.findobj(QuadMesh)
+    )  # colours of a map are data: not changed in the dark theme
     kinds = [*(["full"] if width > WIDEST_SCALED_FIGURE else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
     top = left_out * POINTS_PER_INCH
@@ -472,9 +469,9 @@ def _declarations(style: str) -> dict[str, str]:
 
 
 def _attributes(match: re.Match[str]) -> str:
-    """Return a style as attributes; the font is that of the page."""
+    """Return a style as attributes, without the font."""
     known = _declarations(match[1])
-    if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
+    if font := _FONT.search(known.pop("font", "")):  # matplotlib before 3.11
         known |= {key: value for key, value in font.groupdict().items() if value}
     known = {key.replace("_", "-"): value for key, value in known.items()}
     return "".join(
@@ -485,7 +482,7 @@ def _attributes(match: re.Match[str]) -> str:
 
 
 def _path_data(match: re.Match[str]) -> str:
-    """Path data with one decimal; a long outline without curves simplified as lines are."""
+    """Return path data with one decimal; long outlines without curves are simplified."""
     data = match[1]
     if data.count("L") >= LONG_OUTLINE and data.count("M") == 1 and data.rstrip().endswith("z"):
         numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
@@ -501,8 +498,9 @@ def _path_data(match: re.Match[str]) -> str:
 
 
 class PageRenderer(RendererSVG):
-    """Matplotlib's SVG with the discs of a line as one path of strokes without length, where it has
-    an element for each; of discs that cover each other to a part of ``CELLS_PER_DOT`` one is drawn.
+    """SVG renderer that draws the disc markers of a line as one path instead of one element each.
+
+    The path has strokes of length zero. Of overlapping discs one is drawn (``CELLS_PER_DOT``).
     """
 
     def draw_markers(
@@ -547,7 +545,7 @@ def _diameter(mark: Outline, transform: Transform) -> float:
 
 
 def description(figure: Figure) -> str:
-    """Description of a figure in words: title, axes and content of its panels."""
+    """Return a figure's description in words: title, axes and content of its panels."""
     title = " ".join(text.get_text() for text in figure.texts).strip()
     panels = [panel for panel in figure.axes if panel.get_visible()]
     across = dict.fromkeys(

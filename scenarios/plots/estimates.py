@@ -66,18 +66,17 @@ def figure_parameter_histories(
     title: str = "",
     true_label: str = "true",
 ) -> Figure:
-    """Estimate and band of two standard deviations over time, one small panel for each parameter.
+    """Plot estimates with bands of two standard deviations over time, a panel per parameter.
 
     Parameters
     ----------
-    names, units : parameters (or states) to show, in the history; the axes show where they settle,
-        so a wide band may begin outside.
-    true : dashed lines, named ``true_label``.
-    published : a square after the last sample, prior : a diamond before the first, each with two
-        standard deviations where these are known. One far outside the panel becomes an arrow with
-        its value.
+    names, units : parameters or states of the history. The axes show the converged part; a wide
+        early band may be cut off.
+    true : dashed lines, labelled ``true_label``.
+    published, prior : drawn as a square after the last, a diamond before the first sample, with two
+        standard deviations if known. Values far outside the panel become arrows with numbers.
 
-    After a breakdown the course ends, and its panels say when.
+    If the filter diverges, the curve ends and the panels say when.
     """
     true, published, prior = true or {}, published or {}, prior or {}
     columns = 2 if len(names) <= 4 else 3
@@ -116,15 +115,15 @@ def figure_watched(
     reference: Mapping[str, ValueAndStd] = MappingProxyType({}),
     title: str = "",
 ) -> Figure:
-    """Estimates of a stream over its time with a band of two standard deviations, a panel each.
+    """Plot estimates of a stream with bands of two standard deviations over time, a panel each.
 
     Parameters
     ----------
     time : ``(N,)`` s.
-    courses : by parameter its unit, values and standard deviations ``(N,)``.
-    reference : a dashed line and a band of two standard deviations.
+    courses : unit, values and standard deviations ``(N,)``, by parameter.
+    reference : drawn as a dashed line with a band of two standard deviations.
 
-    An axis shows where an estimate settles, so a wide band may begin outside.
+    Axes show the converged part; a wide early band may be cut off.
     """
     columns = 2 if len(courses) <= 4 else 3
     rows = -(-len(courses) // columns)
@@ -237,8 +236,7 @@ def _panel(
     pad = 0.05 * (last - first)
     span = top - bottom
     for entry in (published, prior):
-        # A mark that lies not far outside widens the panel, one far away may not squeeze the
-        # course.
+        # Near marks widen the axis; far ones must not compress the curve.
         if entry is not None and bottom - 0.6 * span <= unit.factor * entry[0] <= top + 0.6 * span:
             bottom, top = (
                 min(bottom, unit.factor * entry[0] - 0.05 * span),
@@ -299,7 +297,7 @@ def _mark(
 # ---- Correlations of estimated parameters as a map
 
 FRAMED_CORRELATION = 0.9  # absolute correlation above which a pair is framed
-_PRINTED_CORRELATION = 0.5  # absolute correlation from which the number is printed
+_PRINTED_CORRELATION = 0.5  # absolute correlation above which the number is printed
 _COLOUR_SCALE_WIDTH = 1.0  # inches, for the colour scale
 _COUNT_LINE_HEIGHT = 0.28  # inches, for a line of text
 
@@ -310,11 +308,11 @@ def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
 
 
 def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "") -> Figure:
-    """Heat map of a correlation matrix ``(n, n)``, lower triangle; correlations of at
-    least ``_PRINTED_CORRELATION`` are printed, those above ``FRAMED_CORRELATION`` framed.
+    """Plot the lower triangle of a correlation matrix ``(n, n)`` as a heat map.
 
-    Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
-    fewer than two parameters.
+    Large correlations are printed (``_PRINTED_CORRELATION``) or framed (``FRAMED_CORRELATION``).
+    Entries that are not finite (a parameter without variance) are grey. Raises ModelError for fewer
+    than two parameters.
     """
     n = len(names)
     if n < 2:
@@ -328,7 +326,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     matrix, n = matrix[1:, :-1], n - 1
     below = np.tril(np.ones((n, n), dtype=bool))
     shown = np.ma.masked_where(~below | ~np.isfinite(matrix), matrix)
-    # of the columns all but the last, of the rows all but the first
+    # all columns but the last, all rows but the first
     labels = [symbol(name) for name in names]
     size = LABEL_SIZE if n <= 20 else TICK_SIZE - 2.0
     left, bottom = (
@@ -371,7 +369,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
             ((left + n * cell + 0.25) / width, bottom / height, 0.14 / width, n * cell / height)
         ),
     )
-    if bar.solids is not None:  # else an image in an SVG, which pages do not load
+    if bar.solids is not None:  # avoids an embedded image, which pages do not load
         bar.solids.set_rasterized(False)
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
@@ -384,15 +382,15 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
 
 
 def _short(value: float) -> str:
-    """Return a correlation in few characters: ``.87``, ``−.95``."""
+    """Return a short text of a correlation: ``.87``, ``−.95``."""
     return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
 # ---- Innovations of a filter with their bounds, and their autocorrelation
 
-EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # of a Gaussian, outside two standard deviations
-OF_PRIOR = 5.0  # bounds so many times as wide as nine in ten others are the prior's
-_FEWEST_SAMPLES = 8  # samples from which an autocorrelation says anything
+EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # share of a Gaussian outside two sigmas
+OF_PRIOR = 5.0  # bounds wider than this multiple of 90 % of the bounds come from the prior
+_FEWEST_SAMPLES = 8  # samples that an autocorrelation needs
 
 
 def figure_innovations(
@@ -402,13 +400,11 @@ def figure_innovations(
     title: str = "",
     lags: int = 50,
 ) -> Figure:
-    """Return the innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq.
-    23 of NASA TM-101722), beside each the autocorrelation of the normalised innovations with the
-    band that holds 95 % of those of white noise.
+    """Plot innovations with two-sigma bounds and their autocorrelation with a 95 % band.
 
-    ``output_names`` and ``units`` are those of the ``m`` outputs in order. Missing samples and
-    those after a breakdown are left out; an output without any is not drawn. The share of samples
-    outside the bounds is stated. Angles in degrees.
+    Bounds: 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA TM-101722). The band is that of white noise.
+    ``output_names`` and ``units`` of the ``m`` outputs. Missing samples and those after a
+    divergence are left out. The share of samples outside the bounds is printed. Angles in degrees.
     """
     sound = sound_samples(history)
     rows = [row for row in range(len(output_names)) if np.any(history.valid[row])]
@@ -418,7 +414,7 @@ def figure_innovations(
             caption(panel, "no sample was used")
     for row, (left, right) in zip(rows, sheet.axes, strict=False):
         valid, base = history.valid[row], display_unit(units[row])
-        # A power of ten stands in the unit: above the axis it would run into the caption.
+        # The power of ten is part of the unit: above the axis it would overlap the caption.
         unit = scaled_unit(
             base,
             base.factor
@@ -480,15 +476,16 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Limit of the axis. Early bounds come from the prior and would dwarf all later ones."""
+    """Return the axis limit; early bounds, which come from the wide prior, do not count."""
     usual = float(np.quantile(std, 0.9))
     of_prior = std > OF_PRIOR * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
-    """Plot the autocorrelation. Missing samples are zero in ``normalised``; the band uses the
-    number of pairs at each lag.
+    """Plot the autocorrelation with its band, which depends on the number of pairs at each lag.
+
+    Missing samples are zero in ``normalised``.
     """
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)

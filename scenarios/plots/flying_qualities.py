@@ -36,7 +36,7 @@ from scenarios.plots.style import (
 )
 from sim.errors import DeclarationError
 
-_LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB and degrees of a band's half that is drawn
+_LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB or deg; wider half-bands are clipped
 
 
 class SignalNames(Protocol):
@@ -71,9 +71,9 @@ class EstimatedResponses(Protocol):
 
 
 def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
-    """Magnitude in dB, phase in degrees, each with its 95 % band, and coherence of one response.
+    """Plot magnitude (dB), phase (deg) with 95 % bands, and coherence of one response.
 
-    The usable band is white, what is outside it grey.
+    Frequencies outside the usable band are grey.
     """
     result = estimate.responses
     output, one = estimate.names.outputs[row], estimate.names.inputs[column]
@@ -133,8 +133,10 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
 
 
 def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
-    """The estimated response over the fitted one, in dB and degrees, with 95 % bands, between the
-    envelopes of maximum unnoticeable added dynamics. Raises DeclarationError where none is fitted.
+    """Plot the ratio of estimated to fitted response (dB, deg) with 95 % bands.
+
+    Also shown: the envelopes of maximum unnoticeable added dynamics. Raises DeclarationError
+    without a fit.
     """
     fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
     if fitted is None:
@@ -173,8 +175,10 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
 
 
 def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
-    """The attitude response of one entry of the flying qualities, with its bandwidths and the phase
-    delay marked. Raises DeclarationError where no bandwidth was asked for."""
+    """Plot an attitude response with its bandwidths and phase delay.
+
+    Raises DeclarationError if no bandwidth was requested.
+    """
     curves = [each for each in estimate.qualities if each.curve is not None]
     if not 0 <= number < len(curves):
         remedy = "say what the outputs are (bandwidth), rate or attitude"
@@ -225,7 +229,7 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
 
 
 class EstimatedLoop(Protocol):
-    """A loop with its margins; ``simulated``: a program made its record."""
+    """A loop with its margins; ``simulated``: from a simulated record."""
 
     @property
     def loop(self) -> Any: ...
@@ -234,8 +238,10 @@ class EstimatedLoop(Protocol):
 
 
 def figure_margins(estimate: EstimatedLoop) -> Figure:
-    """The broken-loop response: gain, phase about -180 deg and distance from -1, with the margins
-    marked. Raises DeclarationError where no margins were asked for."""
+    """Plot the broken-loop response with its margins: gain, phase about -180 deg, distance from -1.
+
+    Raises DeclarationError if no margins were requested.
+    """
     loop = estimate.loop
     if loop is None:
         remedy = "say how the loop takes back its output (margins), minus or plus"
@@ -258,7 +264,7 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
         _limits(panel, value)
         for margin in marks:
-            # Of a phase whole turns are added until the end lies on the curve.
+            # Add whole turns to the phase until the end lies on the curve.
             at, end = margin.frequency.value, sign * margin.size.value
             shift = value[np.argmin(np.abs(curve.omega - at))] - end
             zero = 360.0 * round(shift / 360.0) if sign > 0.0 else 0.0
@@ -300,7 +306,7 @@ def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, flo
 
 
 def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
-    """Limits that show the line and a margin, whatever a wide band does."""
+    """Set axis limits by the line, not by a wide band."""
     low, high = float(np.min(values)), float(np.max(values))
     margin = max(0.15 * (high - low), least)
     if math.isfinite(low + high):
@@ -328,9 +334,9 @@ _ROWS = (
 
 
 def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Figure:
-    """Return the margins of a loop after each second of a stream, with their 95 % intervals.
+    """Plot the margins of a loop over the time of a stream, with 95 % intervals.
 
-    The dashed lines are the margins of MIL-F-9490D. A margin that is nowhere known has no panel.
+    Dashed lines: MIL-F-9490D. A margin that is never known has no panel.
     """
     known = [each.margins.named if each.margins is not None else {} for each in points]
     rows = [row for row in _ROWS if any(row[0] in each for each in known)]
@@ -350,7 +356,7 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
         panel.plot(
             time, value, color=BLUE, linewidth=1.2, marker=".", markersize=3.0, label="margin"
         )
-        # The later two thirds set the scale: the first intervals are wide.
+        # The last two thirds set the scale, since the first intervals are wide.
         settled = value[np.isfinite(value)]
         settled = settled[settled.size // 3 :]
         spread = max(float(np.ptp(settled)), 0.25 * abs(float(np.median(settled))))
@@ -369,16 +375,16 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
 
 # ---- Flying qualities on the charts of their criteria, with levels
 
-_REGION_SIGMAS = 2.4477  # deviations of the ellipse that holds 95 % of two normal errors
+_REGION_SIGMAS = 2.4477  # semi-axes of the 95 % ellipse of two normal errors
 _LEVEL_COLOURS = (GREEN, ORANGE)
 
 
 def figure_qualities(estimate: Any, number: int = 0) -> Figure:
-    """Flying qualities of one response, each on the chart of its criterion with the 95 % region.
+    """Plot flying qualities of one response with 95 % regions, on the chart of each criterion.
 
-    Damping and CAP; bandwidth and phase delay; Neal and Smith's pilot; dropback and overshoot of a
-    fitted pitch rate. Where no printed limit is at hand the chart says so. Raises DeclarationError
-    where no chart has its numbers.
+    Damping and CAP; bandwidth and phase delay; Neal-Smith pilot; dropback and overshoot of a
+    fitted pitch rate. A chart without published limits says so. Raises DeclarationError without
+    any chart.
     """
     with_charts = [each for each in estimate.qualities if charts_of(each)]
     if not 0 <= number < len(with_charts):
@@ -398,7 +404,7 @@ def figure_qualities(estimate: Any, number: int = 0) -> Figure:
 
 
 def charts_of(one: Any) -> list[Callable[[Any, Any], None]]:
-    """Return the charts that the qualities of a response have numbers for."""
+    """Return the drawing functions of the charts for which a response has numbers."""
     known = one.numbers
     out: list[Callable[[Any, Any], None]] = []
     if {"damping_ratio", "control_anticipation"} <= set(known):
@@ -495,7 +501,7 @@ def _limit(panel: Any, x: Sequence[float], y: Sequence[float], level: int) -> No
 def _mark(
     panel: Any, x: tuple[float, float], y: tuple[float, float], correlation: float = 0.0
 ) -> None:
-    """A point with the ellipse that holds both quantities with 95 %."""
+    """Plot a point with its 95 % ellipse."""
     turn = np.linspace(0.0, 2.0 * np.pi, 101)
     across = x[0] + _REGION_SIGMAS * x[1] * np.cos(turn)
     mixed = correlation * np.cos(turn) + np.sqrt(max(1.0 - correlation**2, 0.0)) * np.sin(turn)
@@ -510,8 +516,10 @@ def _named(panel: Any, across: str, up: str, words: str) -> None:
 
 
 def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
-    """The step of one fitted response over its steady value, with its 95 % band: of C* as well as
-    of a rate. Raises DeclarationError where none is fitted or none is steady."""
+    """Plot step responses of a fitted response over their steady value, with 95 % bands.
+
+    Raises DeclarationError without a fit or without a steady value.
+    """
     fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
     step = step_response(fitted[0]) if fitted is not None else None
     if fitted is None or step is None:

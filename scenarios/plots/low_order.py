@@ -61,7 +61,7 @@ class LikelihoodCurve:
     delays : s, ``(B,)``.
     log_likelihood : ``(B,)``.
     most_likely, weighted_mean, refined : estimates of the delay, s.
-    refined_std : standard deviation of ``refined``, s; 0 where it has none.
+    refined_std : standard deviation of ``refined``, s; 0 if it has none.
     """
 
     delays: np.ndarray

@@ -50,8 +50,8 @@ COLOURS: Mapping[str, str] = {
     "throttle": ORANGE,
     "all": GREY,
 }
-SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # of the motion
-LONG_PAUSE = 0.3  # of the recorded time, from which on a pause is cut out
+SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # motion channels that are drawn
+LONG_PAUSE = 0.3  # share of the recorded time; longer pauses are cut out
 MOST_COLUMNS = 4  # columns of panels in a figure
 NARROWEST_PANEL_SHARE = 0.2  # width of the narrowest panel, share of the widest
 ENVELOPE_BINS = 1500  # along a panel, more than it has pixels
@@ -214,7 +214,7 @@ def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 # ---- Maneuvers that are compared: inputs and responses over time, with limits
 
 _LIMIT: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
-_IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the panel
+_IN_SIGHT = 1.6  # limits beyond this multiple of the motion are not drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +233,8 @@ def figure_maneuvers(
     units: Mapping[str, str],
     title: str = "",
 ) -> Figure:
-    """Return a column a maneuver, the first the best; a row an input, held between samples, and an
+    """Return one column per maneuver, the first the best; one row per input, held between samples,
+    and an
     output; angles in degrees.
 
     ``limits``: lowest and highest by name, drawn where they are near what is flown.
@@ -290,7 +291,8 @@ class Expected(Protocol):
 
 
 def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figure:
-    """Expected coherence over frequency: a row an output, a column an input, a line a maneuver.
+    """Expected coherence over frequency: one row per output, one column per input, a line a
+    maneuver.
 
     ``kinds`` : name of the maneuver and its ``Expected`` responses.
     """
@@ -379,7 +381,8 @@ class Shared:
 def figure_over_condition(
     rows: Sequence[OverCondition], condition: str, unit: str, title: str = ""
 ) -> Figure:
-    """Return a panel a derivative: each flight with two sigmas, the pooled line with its band, and
+    """Return one panel per derivative: each flight with two sigmas, the pooled line with its band,
+    and
     the scatter of the flights about it.
     """
     sheet = make_sheet(
@@ -440,7 +443,7 @@ def figure_over_condition(
 
 
 def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
-    """Return a panel an effect: the value of each flight by itself over the condition, and the
+    """Return one panel per effect: the value of each flight by itself over the condition, and the
     common one of the flights that have it.
     """
     sheet = make_sheet([1.35] * len(rows), row_gap=0.2)

@@ -55,7 +55,7 @@ _PUBLISHED_OFFSET = -0.17  # offset of published ones within a row
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One parameter: true value, estimate, standard deviation and, where there is one, the
+    """One parameter: true value, estimate, standard deviation and, if there is one, the
     published value with its own.
 
     All in one unit. ``label`` is shown instead of the name's symbol, e.g. to tell methods apart.
@@ -101,7 +101,7 @@ class ErrorCloud:
 
 
 def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
-    """Return the errors of all runs in reported sigmas, a panel a method: of each derivative a
+    """Return the errors of all runs in reported sigmas, one panel per method: of each derivative a
     column of dots for each flight, its root mean square a bar.
 
     The band of two is shaded; errors beyond ``CLIPPED_SIGMAS`` stand at the edge. Above a panel how

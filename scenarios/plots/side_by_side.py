@@ -40,7 +40,7 @@ from scenarios.plots.style import (
     y_label,
 )
 
-# largest error that is drawn to scale, standard deviations; larger ones become arrows
+# larger errors, in sigmas, become arrows
 CLIPPED_SIGMAS = 8.0
 CLIPPED_PERCENT = 40.0  # the same for errors in per cent
 _LINE_HEIGHT = 0.14  # inches, one mark with its number
@@ -48,9 +48,7 @@ _LINE_HEIGHT = 0.14  # inches, one mark with its number
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """A parameter in one study, in one unit; ``std`` is 0 if not stated, likewise that of
-    ``published``.
-    """
+    """A parameter in one study; unknown standard deviations are 0."""
 
     estimate: float
     std: float
@@ -87,11 +85,10 @@ Rows = Mapping[str, Sequence[ParameterColumn | None]]
 def figure_studies_estimates(
     rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = ""
 ) -> Figure:
-    """Return a panel a parameter: estimate and published value of each study with bars of two
-    standard deviations, true and condensed value.
+    """Plot estimates, published, true and condensed values by study, one panel per parameter.
 
-    ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
-    long for the axis are numbered there and named under the title.
+    Bars are two standard deviations. ``rows``: entries of all studies by parameter, None if a study
+    has none. Studies with long names are numbered and listed under the title.
     """
     panels = PanelsOverNames.of(len(rows), labels, "study", title)
     for (name, row), panel in zip(rows.items(), panels.sheet.panels, strict=True):
@@ -115,11 +112,10 @@ def figure_studies_estimates(
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:
-    """Return the errors of each parameter in every study: in % at the left, in the study's own
-    standard deviations at the right.
+    """Plot errors of each parameter by study, in % (left) and in reported sigmas (right).
 
-    Against the condensed value where a study has one, else the true one. Published values are open
-    squares of their study's colour.
+    Reference is the condensed value if there is one, else the true value. Published values are
+    open squares.
     """
     n, studies = len(rows), len(labels)
     printed = any(
@@ -179,10 +175,9 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
 def figure_studies_responses(
     studies: Sequence[StudyResponse], outputs: Sequence[str], title: str = ""
 ) -> Figure:
-    """Outputs of several studies over time in one panel each, recorded (dots) and predicted
-    (lines), below the inputs that all have.
+    """Plot recorded (dots) and predicted outputs (lines) of several studies over time.
 
-    Angles in degrees. A study that does not have an output is left out of its panel.
+    The inputs common to all studies are above. Angles in degrees.
     """
     inputs = [name for name in studies[0].inputs if all(name in each.inputs for each in studies)]
     sheet = make_sheet([1.15] * len(inputs) + [1.9] * len(outputs), row_gap=0.16)
@@ -272,7 +267,7 @@ def _bar(
 def _draw_errors(
     percent: Axes, sigmas: Axes, each: ParameterColumn, y: float, look: Mapping
 ) -> None:
-    """The error of one value in both panels."""
+    """Draw the error of one value in both panels."""
     if each.reference:
         _mark(
             percent,

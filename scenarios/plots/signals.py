@@ -55,16 +55,16 @@ from sim.truth.flight import Truth
 
 @dataclass(frozen=True, eq=False)
 class MethodOutputs:
-    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN where missing."""
+    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN if missing."""
 
     label: str
     outputs: Mapping[str, np.ndarray]
 
 
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
-    """Return the response that an estimate carries for its record number ``record``.
+    """Return the outputs of an estimate for its record number ``record``.
 
-    Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
+    For a filter, the one-step prediction, NaN if a sample was missing or the filter
     had broken down.
     """
     values = np.array(estimate.fitted[record], dtype=float)
@@ -83,10 +83,9 @@ def units_of(record: Record, names: Sequence[str]) -> list[str]:
 
 
 def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) -> Figure:
-    """Inputs and outputs against time: inputs as they are held, outputs as dots, called ``data``;
-    the number of missing samples is stated.
+    """Plot inputs (lines) and outputs (dots) over time, with the number of missing samples.
 
-    Angles in degrees.
+    ``data``: legend label of the samples. Angles in degrees.
     """
     sheet = make_sheet([1.0] * len(record.inputs) + [1.3] * len(record.outputs), row_gap=0.3)
     style = "steps-post" if record.hold is Hold.PREVIOUS else "default"
@@ -124,19 +123,17 @@ def figure_fit(
     data: str = MEASURED_DATA,
     above: Sequence[Channel] = (),
 ) -> Figure:
-    """Return the outputs of a record (dots, called ``data``) against the estimated ones, and below
-    each the residual, record minus estimate.
+    """Plot recorded (dots) and estimated outputs, with the residual (record minus estimate) below.
 
     Parameters
     ----------
-    responses : one for each method, drawn over each other; outputs of which none speaks are left
-        out.
+    responses : one for each method; outputs that none of them has are left out.
     truth : its noise-free outputs are added, dashed.
     noise_std : by output; adds a band of two standard deviations of the measurement noise to the
         residual.
     above : channels drawn above the outputs, each in its own panel, such as inputs and airspeed.
 
-    Angles in degrees. Raises ModelError when no response speaks of any output.
+    ``data``: legend label of the samples. Angles in degrees. Raises ModelError without any output.
     """
     shown = [
         channel
@@ -191,9 +188,7 @@ def figure_fit(
 
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
-    """Panels above the outputs ``shown``: inputs, and outputs without a model, such as the
-    airspeed.
-    """
+    """Return the channels above the outputs ``shown``: inputs, and outputs without a model."""
     return [*record.inputs, *(each for each in record.outputs if each.name not in shown)]
 
 
@@ -211,7 +206,7 @@ def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) 
 
 
 def _keep_in_sight(above: Axes, below: Axes, measured: np.ndarray) -> None:
-    """A response that runs away may leave the panels: the measurement is not flattened for it."""
+    """Set axis limits by the measurement, so that a diverging response leaves the panel."""
     low, high = float(measured.min()), float(measured.max())
     reach = 1.5 * (high - low) or 1.0
     bottom, top = above.get_ylim()
@@ -237,11 +232,9 @@ def figure_trajectory(
     truth: Truth | None = None,
     title: str = "",
 ) -> Figure:
-    """Altitude and velocity against time, measured, true and estimated by each method (name:
-    history).
+    """Plot altitude and velocity over time: measured, true, and estimated by each method.
 
-    With the truth the errors of both, estimate minus true, stand beside them with bounds of two
-    standard deviations.
+    If the truth is known, panels on the right show the errors with two-sigma bounds.
     """
     errors = truth is not None
     sheet = make_sheet([1.9, 1.9], (1.0, 1.0) if errors else (1.0,), row_gap=0.36, column_gap=0.8)
@@ -276,12 +269,11 @@ def figure_ballistic_coefficient(
     true: float | np.ndarray | None = None,
     title: str = "",
 ) -> Figure:
-    """Return the ballistic coefficient over time by each method, two side by side, and with the
-    truth its error below.
+    """Plot the ballistic coefficient over time by each method, and its error if the truth is known.
 
-    ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted;
-    the figure shows lb/ft^2. Bands and bounds are two standard deviations. The axis of the
-    error is that of the later half of the flight: the first errors may lie outside.
+    ``true`` and the histories' ``beta`` are in kg/m2 (``true`` may be ``(N,)``); the figure shows
+    lb/ft^2. Bands are two standard deviations. Axes of errors are scaled by the second half of the
+    flight.
     """
     unit = POUNDS_PER_SQUARE_FOOT
     count, per_row = len(histories), 1 if true is None else 2
@@ -434,16 +426,16 @@ def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float)
             panel.set_ylim(low, high)
 
 
-# ---- Reconstructed against measured: what the kinematics make of the other channels
+# ---- Kinematic reconstruction against measurement
 
 
 def figure_reconstruction(
     item: Reconstruction, title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """Each output as recorded (dots, called ``data``), integrated from the measured inputs and
-    smoothed with the output itself, and below what each leaves.
+    """Plot each output: recorded (dots), integrated from the measured inputs, and smoothed.
 
-    What is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
+    Residuals are below. The integrated curve drifts because of input noise. ``data``: legend label
+    of the samples. Angles in degrees.
     """
     names = list(item.measured)
     sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)

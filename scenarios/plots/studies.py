@@ -36,15 +36,16 @@ from scenarios.plots.style import (
 # ---- Errors of many runs in the sigmas that each run reports
 
 _ROW_HEIGHT = 0.42  # inches, height of a parameter's row
-_DOT_SPREAD_SHARE = 0.3  # half the height of its dots, share of the row
-_CLIPPED_SIGMAS = 5.0  # standard deviations, where the axis ends
+_DOT_SPREAD_SHARE = 0.3  # dots spread by this share of the row, up and down
+_CLIPPED_SIGMAS = 5.0  # larger errors are drawn at the edge of the axis
 EXPECTED_PERCENT = 95.45  # % of a Gaussian within two standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Errors of every run in its own sigmas ``(N,)``; share within two sigmas with its interval,
-    per cent.
+    """Errors of one parameter in reported sigmas ``(N,)``, and two-sigma coverage.
+
+    ``within_two``, ``interval``: coverage and its confidence interval, per cent.
     """
 
     name: str
@@ -54,11 +55,10 @@ class Coverage:
 
 
 def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
-    """Return a row a parameter: at the left the error of each run, mean and root mean square; at
-    the right the share within two sigmas.
+    """Plot errors in reported sigmas (left) and two-sigma coverage (right), one row per parameter.
 
-    Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis
-    stand at its edge.
+    Dots are runs, the bar is the root mean square. Correct sigmas give a bar from -1 to 1 and a
+    coverage on the line. Large errors are drawn at the edge.
     """
     n = len(rows)
     labels = [symbol(row.name) for row in rows]
@@ -73,7 +73,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
         EXPECTED_PERCENT, label=escaped_dollars(f"{EXPECTED_PERCENT:g} % of a Gaussian"), **TRUE
     )
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
-        # Spread over the row by a sequence that fills it evenly, the same for every parameter.
+        # Spread the dots evenly over the row (golden-ratio sequence).
         heights = y + _DOT_SPREAD_SHARE * (
             2.0 * np.mod(0.5 + 0.618033988749895 * np.arange(len(row.sigmas)), 1.0) - 1.0
         )
@@ -115,17 +115,17 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     return finish(sheet, title)
 
 
-# ---- Whether sigmas of many runs are right
+# ---- Consistency of reported sigmas over many runs
 
-_consistency_ROW = 0.3  # inches a parameter
-_consistency_CLIP = 5.0  # sigmas, where the axes end
-MOST_QUANTILE_LINES = 12  # parameters with a line of their own among the quantiles
+_COVERAGE_ROW_HEIGHT = 0.3  # inches a parameter
+
+MOST_QUANTILE_LINES = 12  # parameters in the plot of quantiles
 MOST_ROWS = 40  # parameters of one figure
 
 
 @dataclass(frozen=True, eq=False)
 class CoverageRow:
-    """Share with low and high end in per cent within one, two and three sigmas."""
+    """Coverage of one parameter within one, two and three sigmas: share, low and high end, %."""
 
     name: str
     shares: tuple[tuple[float, float, float], ...]
@@ -133,9 +133,7 @@ class CoverageRow:
 
 @dataclass(frozen=True, eq=False)
 class SquaresPanel:
-    """Sums over their degrees of freedom of each run ``(N,)``, the degrees (the runs' mean), what
-    they are called.
-    """
+    """NEES or NIS over degrees of freedom, by run ``(N,)``; ``degrees``: mean over runs."""
 
     name: str
     values: np.ndarray
@@ -145,14 +143,15 @@ class SquaresPanel:
 def figure_coverage(
     rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
 ) -> Figure:
-    """Return a row a parameter, a panel for one, two and three sigmas: share of the runs with its
-    interval, the normal distribution's as a line.
+    """Plot coverage with its interval by parameter, one panel each for one, two and three sigmas.
+
+    The line is the coverage of a normal distribution.
     """
     rows = rows[:MOST_ROWS]
     n, labels = len(rows), [symbol(row.name) for row in rows]
     left = max([0.75, *(text_width(label) + 0.25 for label in labels)])
     sheet = make_sheet(
-        [_consistency_ROW * n + 0.15],
+        [_COVERAGE_ROW_HEIGHT * n + 0.15],
         (1.0,) * len(nominal),
         left=left,
         column_gap=0.25,
@@ -191,17 +190,16 @@ def figure_coverage(
 
 
 def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> Figure:
-    """Return the errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the
-    normal density, at the right quantiles beside its own.
+    """Plot errors ``(n, N)`` in reported sigmas: histogram and quantiles against the normal ones.
 
-    Sigmas that are too small make the lines steeper than the diagonal, a bias moves them.
+    Sigmas that are too small give lines steeper than the diagonal; a bias shifts them.
     """
     sheet = make_sheet([2.5], (1.0, 1.15), column_gap=0.75, share_x=False)
     histogram, quantiles = sheet.panels
-    _density(histogram, np.clip(sigmas.ravel(), -_consistency_CLIP, _consistency_CLIP))
+    _density(histogram, np.clip(sigmas.ravel(), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS))
     quantiles.plot(
-        [-_consistency_CLIP, _consistency_CLIP],
-        [-_consistency_CLIP, _consistency_CLIP],
+        [-_CLIPPED_SIGMAS, _CLIPPED_SIGMAS],
+        [-_CLIPPED_SIGMAS, _CLIPPED_SIGMAS],
         "-",
         color=LIGHT,
         linewidth=5.0,
@@ -212,12 +210,12 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
     expected = _normal_quantiles((np.arange(count) + 0.5) / count)
     shown = np.unique(np.round(np.linspace(0, count - 1, 300)).astype(int))
     for at, name in enumerate(names[:MOST_QUANTILE_LINES]):
-        ordered = np.clip(np.sort(sigmas[at]), -_consistency_CLIP, _consistency_CLIP)
+        ordered = np.clip(np.sort(sigmas[at]), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS)
         quantiles.plot(
             expected[shown], ordered[shown], label=symbol(name), **method_style(at, alone=True)
         )
     quantiles.set_xlim(-3.6, 3.6)
-    quantiles.set_ylim(-1.02 * _consistency_CLIP, 1.02 * _consistency_CLIP)
+    quantiles.set_ylim(-1.02 * _CLIPPED_SIGMAS, 1.02 * _CLIPPED_SIGMAS)
     quantiles.set_xlabel("quantile of the normal distribution (σ)", fontsize=LABEL_SIZE)
     quantiles.set_ylabel("error in the run's own σ", fontsize=LABEL_SIZE)
     return finish(sheet, title)
@@ -273,15 +271,15 @@ def _squares(panel: Axes, shown: SquaresPanel) -> None:
 def _density(panel: Axes, errors: np.ndarray) -> None:
     panel.hist(
         errors,
-        np.linspace(-_consistency_CLIP, _consistency_CLIP, 41).tolist(),
+        np.linspace(-_CLIPPED_SIGMAS, _CLIPPED_SIGMAS, 41).tolist(),
         density=True,
         color=GREY,
         alpha=0.6,
         label="errors of all parameters",
     )
-    x = np.linspace(-_consistency_CLIP, _consistency_CLIP, 200)
+    x = np.linspace(-_CLIPPED_SIGMAS, _CLIPPED_SIGMAS, 200)
     panel.plot(x, np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi), label="normal distribution", **TRUE)
-    panel.set_xlim(-1.02 * _consistency_CLIP, 1.02 * _consistency_CLIP)
+    panel.set_xlim(-1.02 * _CLIPPED_SIGMAS, 1.02 * _CLIPPED_SIGMAS)
     panel.set_xlabel("error in the run's own standard deviations (σ)", fontsize=LABEL_SIZE)
     panel.set_ylabel("density (–)", fontsize=LABEL_SIZE)
 
@@ -292,20 +290,25 @@ def _normal_quantiles(share: np.ndarray) -> np.ndarray:
     return np.asarray(ndtri(share))
 
 
-# ---- What records determine of many parameters, and what only the priors do
+# ---- Information of records and of priors
 
-_determination_ROW = 0.235  # inches a parameter
-# of the prior's deviation: parameters above it with every method are counted, not drawn
+_DETERMINATION_ROW_HEIGHT = 0.235  # inches a parameter
+# Ratio of posterior to prior sigma above which a parameter is only counted, not drawn.
 UNINFORMED_SHARE = 0.95
 _MARKS = ("o", "^", "x", "D")
 
 
 @dataclass(frozen=True, eq=False)
 class DeterminedBy:
-    """One method: by parameter deviation over the prior's, share of the variance that the prior
-    gives, and strengths, largest first.
+    """Information of record and prior with one method.
 
-    ``unseen``: how many directions have none to rounding; they are left out of ``strengths``.
+    Attributes
+    ----------
+    label : of the method.
+    ratio : posterior over prior sigma, by parameter.
+    share : share of the prior in the variance, by parameter.
+    strengths : prior sigma over the record's sigma, by direction, largest first.
+    unseen : number of directions without effect on the outputs, not in ``strengths``.
     """
 
     label: str
@@ -316,8 +319,9 @@ class DeterminedBy:
 
 
 def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Figure:
-    """Above: strength of each direction, record against prior. Below: a row a parameter, sorted by
-    what the first method leaves of its prior.
+    """Plot the information of record and prior: by direction (above) and by parameter (below).
+
+    Parameters are sorted by ``ratio`` of the first method.
     """
     everything = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])
     names = [
@@ -328,7 +332,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
     n, rest = len(names), len(everything) - len(names)
     left = max(0.75, *(text_width(symbol(name)) + 0.2 for name in names))
     sheet = make_sheet(
-        [1.9, n * _determination_ROW + 0.1],
+        [1.9, n * _DETERMINATION_ROW_HEIGHT + 0.1],
         (1.0, 1.0),
         count=4,
         left=left,
@@ -383,7 +387,7 @@ _LINES = ("-", (0, (3, 2)), "-")
 
 @dataclass(frozen=True)
 class Published:
-    """A printed derivative with its deviation, at the degree of flexibility of its aircraft."""
+    """A published derivative with its sigma, at the degree of flexibility of its aircraft."""
 
     degree: float
     value: float
@@ -392,11 +396,11 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class DerivativeCourse:
-    """One derivative along a sweep, all in ``unit``: ``rigid`` true value, then one number a
-    structure.
+    """One derivative along a sweep, in ``unit``, with one number per structure.
 
-    ``condensed``: quasi-static equivalent; ``best``: of the best rigid model of the noise-free
-    response; ``estimates`` with their standard deviations by method.
+    ``rigid``: true value of the rigid aircraft. ``condensed``: quasi-static equivalent. ``best``:
+    of the rigid model that fits the noise-free response best. ``estimates``: value and sigma, by
+    method.
     """
 
     name: str
@@ -410,10 +414,10 @@ class DerivativeCourse:
 
 @dataclass(frozen=True)
 class CriterionCourse:
-    """One criterion along a sweep: axis label, what it says in the legend, its limit, and the
-    degree where it is passed, None if nowhere.
+    """One criterion along a sweep, with its limit.
 
-    What lies outside ``window`` is drawn at its edge: it is as clear.
+    ``axis``, ``label``: texts of axis and legend. ``degree``: degree of flexibility at the limit,
+    or None. Values outside ``window`` are drawn at its edge.
     """
 
     axis: str
@@ -431,10 +435,10 @@ def figure_flexibility(
     marks: Mapping[str, float],
     title: str = "",
 ) -> Figure:
-    """Return a panel for each derivative over the degree of flexibility and one for each criterion
-    below; where a criterion fails, a line through all.
+    """Plot derivatives (above) and criteria (below) over the degree of flexibility.
 
-    ``marks``: degrees of the structures that have a name.
+    A vertical line in all panels shows where a criterion fails. ``marks``: degrees of named
+    structures.
     """
     rows = -(-len(courses) // 3)
     sheet = make_sheet(

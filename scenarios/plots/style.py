@@ -231,7 +231,7 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
 
 
 def bold_title(figure: Figure) -> str:
-    """Return the bold lines of a figure's title in one; empty where it has none."""
+    """Return the bold lines of a figure's title in one; empty if it has none."""
     return " ".join(text.get_text() for text in figure.texts if text.get_gid() == TITLE)
 
 

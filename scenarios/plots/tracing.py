@@ -48,11 +48,10 @@ from scenarios.report.quantities import displayed, value_text
 def figure_derivatives(
     before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = ""
 ) -> Figure:
-    """Return the derivatives with the declared model and with the effects, in per cent of the
-    former; bars are two standard deviations.
+    """Plot derivatives of the declared model and of the model with effects, in % of the former.
 
-    Where nothing changed there is one of them. One that was not determined before, by three
-    standard deviations, is shown in per cent of these three.
+    Bars are two standard deviations. A derivative below three of its sigmas is shown in % of three
+    sigmas. Without effects, only the declared model is shown.
     """
     names = [name for name in before if name in after]
     n = len(names)
@@ -128,9 +127,9 @@ def figure_derivatives(
     return finish(sheet, title, head=0.24)
 
 
-# ---- Why the winner won
+# ---- Evidence of the candidates
 
-ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
+ROWS = {1: 12, 2: 8}  # number of rounds -> drawn candidates of each round (6 if more rounds)
 CANDIDATES_OF_LAST_ROUND = 4  # candidates drawn of a round that added no effect
 MOST_PANELS = 3  # rounds at most
 _ROW_HEIGHT = 0.2  # inches, height of a candidate
@@ -142,7 +141,7 @@ NOTHING = NamedEffects()
 
 @dataclass(frozen=True)
 class _Round:
-    """The candidates of one round that are shown, best first, and how many are not."""
+    """Drawn candidates of one round, the best first; ``others``: number of further ones."""
 
     number: int
     within: tuple[str, ...]
@@ -153,11 +152,10 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """Return a panel a round: the log posterior odds of each candidate against the model of the
-    round, as a bar and a number, and why it was not chosen.
+    """Plot the log posterior odds of each candidate, one panel per round, and reasons against it.
 
-    Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
-    ``MOST_PANELS`` at most.
+    Filled bars are from fits, open ones from linearisation. Up to ``MOST_PANELS`` rounds that led
+    to the accepted effects.
     """
     rounds = _rounds(candidates, standing)
     if not rounds:
@@ -249,9 +247,7 @@ def _colour(c: Candidate, standing: NamedEffects) -> str:
 
 
 def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
-    """A bar for the log posterior odds of each candidate, from zero; to the left where the
-    candidate is less probable than its absence.
-    """
+    """Draw a bar for the log posterior odds of each candidate; negative odds to the left."""
     odds = [c.weight for c in each.shown]
     most, least = max(*odds, 0.0), min(*odds, 0.0)
     low = max(least, -0.25 * most) if most > 0.0 else least
@@ -313,7 +309,7 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
 
 
 def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
-    """Numbers at the right of a panel, one a row from the top, with a heading."""
+    """Write a column of texts right of a panel, with a heading."""
     for place, text in enumerate(reversed(texts)):
         panel.annotate(text, (1.0, place), **_at(_NUMBER_WIDTH), va="center")
     if any(texts):
@@ -321,7 +317,7 @@ def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
 
 
 def _at(inches: float, side: str = "right") -> dict[str, Any]:
-    """Return a small text in a row of a panel, so many inches right of its edge."""
+    """Return the style of a small text, ``inches`` right of a panel's edge."""
     place = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (72.0 * inches, 0.0),
@@ -344,14 +340,15 @@ def _odds(c: Candidate) -> str:
     return (f"{c.weight:.0f}" if abs(c.weight) >= 99.5 else f"{c.weight:.1f}").replace("-", "−")
 
 
-# ---- The parameters of effects from each record by itself
+# ---- Parameters of effects from single records
 
-MOST_DRAWN_PARAMETERS = 4  # of one effect that are drawn
+MOST_DRAWN_PARAMETERS = 4  # drawn parameters of one effect
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:
-    """Return a panel for each parameter of each effect: its value from each record with two
-    standard deviations, and from all fitted ones as a band.
+    """Plot the parameters of effects from each record, and from all fitted records as a band.
+
+    Bars and band are two standard deviations.
 
     Angles in degrees. A record without the parameter has no point.
     """

@@ -1,7 +1,7 @@
-"""The model that a vehicle file declares, and two readings of the same records compared by its
-fit.
+"""Comparison of two readings of the same records by fits of the declared model.
 
-Drafts of vehicle files: numbers that a record gives, all others as comments.
+A reading is an assumption on the records, such as inputs held or linear between samples. Also
+drafts of vehicle files: numbers from a record, all others as comments.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # ---- From a user's vehicle file to the model it declares
 
-# The vehicle file speaks of frequency and damping; the equations of omega and zeta.
+# The vehicle file has frequency and damping, the equations omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
 INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
-# of a root's time: a Runge-Kutta step of that length is good to a millionth
+# Runge-Kutta step over a root's time constant: error of about 1e-6.
 RESOLVED_STEP_SHARE = 0.15
-MOST_SUB_STEPS = 200.0  # sub-steps between samples: what is quicker still does not show
-RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
+MOST_SUB_STEPS = 200.0  # sub-steps between samples; faster motion is not resolved
+RARE_SAMPLE_STEPS = 10.0  # longer sample intervals, in usual sub-steps, indicate slow motion
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
@@ -71,10 +71,9 @@ def model_of_file(vehicle: VehicleFile) -> Model:
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
-    """Outputs with a free constant bias: those that the equations name, else all except an
-    altitude.
+    """Return outputs with a free bias: those of the equations, else all except an altitude.
 
-    On a falling body a bias of the altitude is equivalent to another ballistic coefficient.
+    For a falling body, a bias of the altitude is equivalent to another ballistic coefficient.
     """
     if isinstance(model.equations, Biased):
         return [name for name in outputs if name in model.equations.biased_outputs]
@@ -82,11 +81,10 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Return the longest integration sub-step, s: ``usual`` but for an own model, whose motion may
-    be a thousand times slower or faster than an aircraft's.
+    """Return the longest integration sub-step, s: ``usual`` except for a user's model.
 
-    A share of the quickest root's time, never longer than the usual one or, where samples are
-    rarer, than the sampling interval.
+    For a user's model, which may be much slower or faster than an aircraft, a share of the fastest
+    root's time constant, at most ``usual`` or a long sample interval.
     """
     if not is_own(model) or not records:
         return usual
@@ -94,7 +92,7 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 
 
 def step_of(model: Model, interval: float, usual: float) -> float:
-    """Sub-step of a user model for samples ``interval`` apart, s."""
+    """Return the sub-step of a user model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     quick = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
     return min(
@@ -104,8 +102,9 @@ def step_of(model: Model, interval: float, usual: float) -> float:
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none
-    where the slopes are not finite.
+    """Return magnitudes of the roots at the initial state, rad/s, without integrators.
+
+    Empty if the Jacobian is not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
@@ -127,17 +126,16 @@ def _coupling(name: str, modes: int) -> bool:
 
 # ---- Two readings of the same records
 
-# of twice the log likelihood, in samples that count as independent, from which a reading is no
-# chance
+# Twice the log likelihood ratio (effective samples) above which a reading is accepted.
 DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
-CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same of one record, beyond which it contradicts
-# within a half of the log likelihood of the minimum
+CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same for one contradicting record
+# accuracy: half a unit of the log likelihood
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
 LARGEST_NUMBER = 1e50
-MOST_COMPARED_SAMPLES = 3000  # samples that the comparison looks at
-# of an input's steps: where so many are nothing at all, a computer may have held it
+MOST_COMPARED_SAMPLES = 3000  # samples used in the comparison
+# Share of zero steps of an input above which a computer may hold it.
 UNMOVED_STEP_SHARE = 0.7
-# of the other steps: where so many follow one another, a hand or an actuator moved it through them
+# Share of the other steps in sequences above which a hand or an actuator moved it.
 IN_PASSING = 0.5
 Reading = tuple[Model, list[Record]]
 
@@ -146,8 +144,8 @@ Reading = tuple[Model, list[Record]]
 class Compared:
     """Comparison of two readings of the same records.
 
-    ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero
-    if undecided. ``why_open``: why it is undecided, else empty.
+    ``gain``: twice the log likelihood ratio of the second to the first, for the effective number of
+    samples; zero if undecided. ``why_open``: reason if undecided, else empty.
     """
 
     gain: float
@@ -161,24 +159,25 @@ def better_by(
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Return twice the log likelihood by which the second reading fits better than the first, in
-    effective samples.
+    """Return twice the log likelihood ratio of the second reading to the first.
 
-    The question is left open where a fit has not converged or has a bias that no sensor and no trim
-    has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
-    too where one cannot be fitted or has no fewer unknowns than samples, and where a record by
-    itself speaks against the sum of all: an effect that the model lacks may favour the wrong
-    reading in one maneuver, a right one is right in all. The gain is zero where no channel's
-    residual falls by the share ``least``. ``local`` are parameters of which each record has its
-    own. Isolated wrong samples, which would outweigh all others in either residual, are left out.
-    Controls count from their trim (``from_trim``).
+    The comparison is undecided (gain zero) in these cases:
+
+    - a fit is impossible, does not converge, has an implausible bias (``implausible_bias``), or has
+      as many unknowns as samples;
+    - a single record contradicts the sum of all. A missing effect may favour the wrong reading in
+      one maneuver, but the correct reading fits best in all;
+    - no channel's residual falls by the share ``least``.
+
+    ``local``: parameters with a separate value for each record. Isolated wrong samples are left
+    out. Controls count from their trim (``from_trim``).
     """
     if any(
         np.max(np.abs(channel.values)) > LARGEST_NUMBER
         for record in first[1]
         for channel in record.channels
     ):
-        return Compared(0.0, "a number is beyond all measure")  # whoever fits it says so
+        return Compared(0.0, "a number is beyond all measure")  # reported by the fit
     first, second = (
         (model, [from_trim(record, model) for record in some]) for model, some in (first, second)
     )
@@ -203,7 +202,7 @@ def better_by(
     ):
         return Compared(0.0, "a fit has no finite likelihood")
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
-        # both readings fit, and what is left is rounding
+        # residuals are rounding errors
         return Compared(0.0, "as many unknowns as samples")
     if why := _undecided(old, first) or _undecided(new, second):
         return Compared(0.0, why)
@@ -214,11 +213,10 @@ def better_by(
 
 
 def from_trim(record: Record, model: Model) -> Record:
-    """Return the record with its controls counted from their trim, or from their mean where no rest
-    at the beginning tells it.
+    """Return the record with its controls counted from trim, or from their mean without a trim.
 
-    Derivatives of equations of perturbations do not notice; biases do, which else stand for the
-    motion that the trim deflection would make. Equations of totals keep their inputs.
+    For perturbation equations this changes only biases, which otherwise absorb the response to the
+    trim deflection. Inputs of equations of totals are not changed.
     """
     if of_totals(model):
         return record
@@ -233,19 +231,17 @@ def from_trim(record: Record, model: Model) -> Record:
 
 
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
-    """Return whether the bias of an output of perturbations cannot be its reading at trim,
-    ``measured (N,)`` being its samples.
+    """Return whether the bias of an output cannot be its trim value; ``measured``: ``(N,)``.
 
-    With controls about their trim an aircraft moves about its trim: that lies between the channel's
-    extremes, or beyond them by no more than the motion between them where the record shows one side
-    of the motion only.
+    The trim value lies between the extremes of the samples, or beyond them by at most their range
+    if the motion is on one side of trim only.
     """
     low, high = float(np.min(measured)), float(np.max(measured))
     return not low - (high - low) <= value <= high + (high - low)
 
 
 def _undecided(fit: Fit, reading: Reading) -> str:
-    """Why a fit does not decide on its reading; else empty."""
+    """Return why a fit cannot decide on its reading; else empty."""
     if fit.outcome is not Outcome.CONVERGED:
         return "a fit has not converged"
     if of_totals(reading[0]):
@@ -268,9 +264,7 @@ def _undecided(fit: Fit, reading: Reading) -> str:
 
 
 def _implausible(*fits: Fit | None) -> list[np.ndarray]:
-    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is
-    missing.
-    """
+    """Return isolated wrong samples of each record by either fit, ``(m, N)``; empty without."""
     finite = [
         fit
         for fit in fits
@@ -309,10 +303,10 @@ def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Recor
 def likelier_by(
     before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
 ) -> float:
-    """Return twice the log likelihood by which the second residuals are likelier than the first, in
-    effective samples; zero where records contradict.
+    """Return twice the log likelihood ratio of the second residuals to the first.
 
-    Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
+    For the effective number of samples; zero if records contradict each other. Residuals and their
+    validity are ``(m, N)`` per record; each output has one noise level.
     """
     total = np.zeros(len(known))
     for i in range(len(known[0])):
@@ -345,9 +339,7 @@ def held_by_computer(record: Record) -> bool:
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Return whether an input that rests most of the time moves in single steps: a surface passes
-    through several samples on its way.
-    """
+    """Return whether an input rests mostly and moves in single steps, unlike a moving surface."""
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
     passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
@@ -402,9 +394,7 @@ def _some(records: Sequence[Record]) -> list[Record]:
 
 
 def vehicle_text(draft: Draft) -> str:
-    """Return a draft of the vehicle file for the model that the channels fit; the numbers that the
-    record does not have stand as comments.
-    """
+    """Return a draft of the vehicle file; numbers that the record lacks are comments."""
     model = draft.nearest or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=quoted(draft.file.path.stem))

@@ -29,7 +29,7 @@ from sim.errors import RecordError
 SURFACES = ("elevator", "stick", "aileron", "rudder", "thrust")
 COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
-# Columns in which PX4 says what flies, and the number that means a multirotor.
+# PX4 columns with the type of vehicle, and the number of a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
 SPELT = {  # Units as they stand behind a name without brackets.
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
@@ -37,11 +37,11 @@ SPELT = {  # Units as they stand behind a name without brackets.
 }  # fmt: skip
 # an unlabelled angle or rate that moves further is more likely to be in degrees
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
-# what most samples of a channel do not exceed, whatever flies: a record beyond is not read as it is
+# Limits that most samples of any flight respect; beyond them, the unit is wrong.
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 MOST_UNUSED = 60  # columns of a log that are listed without a channel
 COMMENT_WIDTH = 100  # characters of a line of a draft
-EVEN_CLOCK_TOLERANCE = 1e-3  # of the step, by which the steps of a clock may differ
+EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
@@ -66,9 +66,9 @@ class Guess:
     channel : our name.
     choice : the column or expression.
     reason : why this one, in a few words.
-    least, most : of its values, SI.
-    samples : how many numbers it has.
-    fault : what is wrong with it, empty where nothing is.
+    least, most : smallest and largest value, SI.
+    samples : number of values.
+    fault : reason why it cannot be used, or empty.
     """
 
     channel: str
@@ -82,7 +82,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """A topic of a log: its name, columns, rows and samples a second (zero where it has no
+    """A topic of a log: its name, columns, rows and samples a second (zero if it has no
     clock).
     """
 
@@ -103,7 +103,7 @@ class Draft:
     guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each.
     unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does.
+    model : the model that the channels fit, empty if none does.
     clockless : the file has no clock, and no rate was given.
     """
 
@@ -117,7 +117,7 @@ class Draft:
 
     @property
     def nearest(self) -> str:
-        """The model that the channels fit; where none does, the one whose outputs they are."""
+        """Return the model that fits the channels; if none does, the one with these outputs."""
         found = {guess.channel for guess in self.guesses if not guess.fault}
         sideways = found & {"p", "r", "beta", "phi", "ay", "ny"}
         if self.model or not sideways or found & {"elevator", "q", "alpha", "nz", "az"}:
@@ -263,8 +263,9 @@ def _recorder_names() -> Mapping[str, Any]:
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Return whether a log says that a multirotor made it, or has the outputs of its rate
-    controller alone; of a table, whether a column is a command.
+    """Return whether a record is of a multirotor.
+
+    A log states it or has only outputs of the rate controller; a table has a command column.
     """
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
@@ -297,8 +298,9 @@ def _guesses(
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """Return the best column of a channel, None where no name recalls one that moves; ``degrees``:
-    topics whose unlabelled angles are in degrees.
+    """Return the best column of a channel, or None if no column with a similar name moves.
+
+    ``degrees``: topics whose unlabelled angles are in degrees.
     """
     words = _recorder_names().get(channel, {})
     if len(topics) > 1:
@@ -327,7 +329,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
             named = [
                 n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
             ]
-            # Of two columns of one name the one whose unit is known: the other may be in any unit.
+            # Of two columns with one name, prefer the one with a known unit.
             for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
                     return _of_column(channel, topic, index, degrees)
@@ -349,8 +351,8 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
     """Return whether the file states a unit that suits the channel; any unit suits a clock."""
-    said = stated_unit(topic.table, index)
-    return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
+    unit = stated_unit(topic.table, index)
+    return channel == TIME or (unit is not None and _converts(unit, CHANNEL_UNITS[channel]))
 
 
 def _clock(topic: Topic) -> Guess | None:
@@ -371,7 +373,7 @@ def _clock(topic: Topic) -> Guess | None:
 def _even_column(topic: Topic) -> Guess | None:
     """Return the first column that increases in even steps, as a clock does; a clock may have gaps.
 
-    A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
+    A column that counts 0, 1, 2 ... is a row number, not a clock.
     """
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
@@ -461,11 +463,9 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
 
 
 def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
-    """Return the guesses with the ranges of their values, or with the faults that keep them from
-    being read.
+    """Return the guesses with their ranges, or with the fault that prevents reading them.
 
-    Channels of one clock are read together, so that it is read once; each by itself only where one
-    of them has a fault.
+    Channels with a common clock are read together, or separately if one has a fault.
     """
     topics = _topics_of(file)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}

@@ -36,7 +36,7 @@ class Parted:
     Attributes
     ----------
     name : of the record.
-    time : shape ``(N,)``, s, of all its rows; None where its parts are resampled.
+    time : shape ``(N,)``, s, of all its rows; None if its parts are resampled.
     count : number of its parts.
     """
 
@@ -161,7 +161,7 @@ def split_at_gaps(
 
 
 def _rows(record: Record, begin: int, end: int) -> Record:
-    # A part of a record lacks the outputs of which it has no sample, as a record would.
+    # Outputs without a sample in this part are dropped.
     measured = tuple(channel for channel in record.outputs if np.any(channel.valid[begin:end]))
     part = replace(record, outputs=measured).window(
         float(record.time[begin]), float(record.time[end - 1])
@@ -170,9 +170,9 @@ def _rows(record: Record, begin: int, end: int) -> Record:
 
 
 FILTER_ORDER = 4
-BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampling
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which even samples may be off
-# of the rate, within which a record has the rate that is asked for already
+BELOW_HALF = 0.8  # anti-alias corner over the new Nyquist frequency
+EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
+# Relative difference of rates below which a record is not resampled.
 SAME_RATE_TOLERANCE = 1e-6
 FILTERING_FEWEST = 40  # samples that a filter needs to be of use
 # periods of the corner, about a gap, in which a filtered sample rests on what was filled in
@@ -180,12 +180,11 @@ GAP_REACH_PERIODS = 0.5
 
 
 def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
-    """Return the record behind the plan's filter and at its rate, and a sentence on it; the same
-    object where the plan asks for neither.
+    """Return the filtered and resampled record, and a sentence on it.
 
-    Uneven samples are laid on an even grid first. A held input is taken at the middle of each
-    interval, where its samples stand for the signal; afterwards inputs are linear. A sample near a
-    gap rests on interpolation and counts as missing.
+    Without filter and rate in the plan, the same object is returned. Uneven samples are first
+    interpolated on an even grid. The samples of a held input are placed at the middle of their
+    intervals; afterwards inputs are linear. Samples near a gap count as missing.
 
     Raises
     ------
@@ -198,7 +197,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         or (abs(plan.rate * step - 1.0) < SAME_RATE_TOLERANCE and _is_even(record.time, step))
     ):
         return record, ""
-    corner, said = _corner(record, plan, 1.0 / step)
+    corner, sentence = _corner(record, plan, 1.0 / step)
     time = _even(record.time, step)
     rows = {channel.name: _on(time, record, channel) for channel in record.channels}
     if len(time) < FILTERING_FEWEST:
@@ -239,11 +238,11 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name]))
         for c in record.outputs
     )
-    return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), said
+    return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), sentence
 
 
 def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
-    corners, said = [], ""
+    corners, sentence = [], ""
     if plan.rate is not None:
         if plan.rate > rate * (1.0 + EVEN_SAMPLING_TOLERANCE):
             remedy = "give a lower rate: more samples than were taken tell nothing"
@@ -263,7 +262,7 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
                 where=record.name,
                 remedy="give a higher rate, several samples for each of the motion's own periods",
             )
-        said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
+        sentence = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
     if plan.lowpass is not None:
         if plan.lowpass > 0.5 * rate * (1.0 - EVEN_SAMPLING_TOLERANCE):
             remedy = "give a lower corner, or leave the option out"
@@ -292,7 +291,7 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
     inputs = f", inputs linear since then{remark}" if record.inputs else ""
     return (
         corner,
-        f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} "
+        f"{record.name}: {sentence}all channels behind one zero-phase low-pass of {corner:.3g} "
         f"Hz{inputs}",
     )
 
@@ -331,8 +330,9 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
 
 
 def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Return the values at ``new`` whose straight lines come nearest to the signal by least
-    squares: its own samples would cut its peaks.
+    """Return values at ``new`` whose linear interpolation fits the signal by least squares.
+
+    Interpolation of its samples would cut its peaks.
     """
     from scipy.linalg import solveh_banded
 

@@ -1,12 +1,12 @@
 """Measured channels as inputs of the equations: trim, load factors, airspeed, pitch attitude.
 
 With V(t) and qbar(t) the coefficients rho V S/(2 m), rho V^2 S c/(2 Iy) and c/(2 V) of the
-equations follow the flight. The lift that carries the weight grows with the pressure as well: about
-level flight at the record's beginning alpha_dot gets -(g0/V) (qbar/qbar_0 - 1) and nz (qbar/qbar_0
-- 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qbar).
+equations follow the flight. The trim lift, which balances the weight, grows with the pressure as
+well: about level flight at the record's beginning alpha_dot gets -(g0/V) (qbar/qbar_0 - 1) and nz
+(qbar/qbar_0 - 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qbar).
 
-Counted from its mean over the record's beginning, since where a gyro's zero lies is not known to
-the thousandth that a phugoid would need.
+Pitch attitude is counted from its mean over the record's beginning, because a phugoid would need
+its zero to one thousandth.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from sim.record import Channel, Hold, Record
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
-REST_SHARE = 0.05  # of an input's span, within which it rests
-SHORTEST_REST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-OFFSET_SHARE = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
+REST_SHARE = 0.05  # share of an input's span; smaller motion is rest
+SHORTEST_REST = 0.3  # s of rest at the beginning that a trim needs
+OFFSET_SHARE = 0.1  # share of an input's span; a median closer to zero needs no trim
 # channels in which a motion shows at once
 QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
-# of a channel's scatter over the record, by which it may change while the aircraft rests
+# Largest change of a channel at rest, share of its scatter over the record.
 STILL_SHARE = 0.3
 
 
@@ -51,13 +51,11 @@ def of_totals(model: Model) -> bool:
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
-    """Return the record with each input measured from its trim, and the trims taken off, by input
-    and in its unit.
+    """Return the record with inputs counted from trim, and the subtracted trims by input.
 
-    The trim is the mean of the input before it first moves. A derivative does not notice where the
-    zero of an input lies, since biases and initial states take it up; break-out, saturation and
-    every curve do. An input that moves at once, and one whose trim is zero, stay as they are bit
-    for bit.
+    The trim is the mean of the input before it first moves. Derivatives do not depend on it, since
+    biases and initial states absorb it, but break-out, saturation and other nonlinearities do. An
+    input that moves at once, or has a zero trim, is not changed.
     """
     trims: dict[str, float] = {}
     inputs = []
@@ -89,7 +87,7 @@ def trim_sentence(record: Record, name: str) -> str:
 
 def _trim(record: Record, values: np.ndarray) -> float:
     """Return the mean of an input before it first leaves the neighbourhood of its beginning; zero
-    where it or the aircraft does not rest there.
+    if it or the aircraft does not rest there.
     """
     time = record.time
     span = float(np.ptp(values))
@@ -144,8 +142,8 @@ def _moves(channel: Channel, until: int) -> bool:
 
 # ---- Load factors from accelerometers
 
-LARGEST_REST_LOAD = 1.5  # largest plausible ratio of a signal that stands still to one g
-# Load factor -> the accelerometer that serves in its place, and the sign between them.
+LARGEST_REST_LOAD = 1.5  # largest plausible ratio of a signal at rest to one g
+# Load factor -> accelerometer that replaces it, and the sign between them.
 ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)}
 )
@@ -159,10 +157,9 @@ def instead_of(outputs: Collection[str]) -> dict[str, str]:
 
 
 def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
-    """Return the record with load factors (g) in the place of accelerometers, and a sentence on
-    each; of two channels for one the load factor counts.
+    """Return the record with accelerometers converted to load factors (g), and sentences on them.
 
-    ``kept``: outputs of a model, whose accelerometers stay as they are.
+    A recorded load factor has precedence. ``kept``: outputs whose accelerometers stay.
 
     Raises
     ------
@@ -199,7 +196,7 @@ MEASURED = (SPEED_NAME, "dynamic_pressure")
 SPEED_SMOOTHING_TIME = 1.0
 SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
 TRIM_AVERAGING_TIME = 0.5  # s, over which the trim's pressure is the mean
-NOTABLE_DIFFERENCE_SHARE = 0.1  # of the declared airspeed or density, from which a word is due
+NOTABLE_DIFFERENCE_SHARE = 0.1  # relative difference from the declared value
 
 
 @dataclass(frozen=True)
@@ -281,11 +278,11 @@ def without_flow(record: Record) -> Record:
 def with_flow(
     model: Model, records: Sequence[Record], *, weight: bool = True
 ) -> tuple[Model, list[Record]]:
-    """Return the model with the measured flow as further inputs, and the records that carry them;
-    unchanged where no record measures one.
+    """Return the model and the records with the measured flow as further inputs.
 
-    A record without flies at the declared speed. With ``weight`` the lift that carries the weight
-    follows the pressure; without, perturbations are about a trim at every speed.
+    Both are unchanged if no record has a measured flow. A record without one is taken to be at the
+    declared speed. With ``weight``, the trim lift follows the pressure; without, each speed has its
+    own trim.
 
     Raises
     ------
@@ -305,9 +302,7 @@ def with_flow(
 
 
 def with_flow_inputs(model: Model, *, density: bool, weight: bool = True) -> Model:
-    """The model with changes of airspeed, of air density, and of the lift that carries the weight
-    as further inputs.
-    """
+    """Return the model with changes of airspeed, air density and trim lift as further inputs."""
     names = [SPEED, *([DENSITY] if density else []), *([LIFT] if weight else [])]
     ports = {port.name: port for port in model.equations.ports}
     added = tuple(
@@ -352,9 +347,7 @@ def flow_sentence(record: Record, model: Model) -> str:
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Return the records whose measured airspeed or air density is far from the vehicle file's, and
-    the remedy.
-    """
+    """Return sentences on records whose airspeed or density differs from the vehicle file's."""
     flows = [
         (record.name, flow)
         for record in records
@@ -393,8 +386,9 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Return the records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared
-    value, their means, and the declared one; None where all are near.
+    """Return the records whose mean differs from the declared value, with both; None if all agree.
+
+    The limit is ``NOTABLE_DIFFERENCE_SHARE``.
     """
     if not means:
         return None
@@ -423,8 +417,9 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
 
 
 def pressure_at_rest(time: np.ndarray, flow: Flow, model: Model) -> float:
-    """Mean dynamic pressure (Pa) at the beginning, where the lift carries the weight; with a model
-    without an air density divided by that.
+    """Return the mean dynamic pressure (Pa) at the record's beginning, in trim.
+
+    For a model without air density, the pressure over the density.
     """
     count = max(1, int(np.searchsorted(time, time[0] + TRIM_AVERAGING_TIME)))
     resting = _pressure(flow, model)[:count]
@@ -442,9 +437,7 @@ def _density(flow: Flow, model: Model) -> np.ndarray:
 
 
 def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
-    """Values of the inputs of ``with_flow_inputs``, ``(N,)`` each; ``level``: the pressure at
-    which the lift carries the weight.
-    """
+    """Return the inputs of ``with_flow_inputs``, ``(N,)`` each; ``level``: pressure in trim."""
     p, pressure = model.parameters, _pressure(flow, model)
     if "mass" in p and "wing_area" in p:
         lift = p["mass"].value * G0 / p["wing_area"].value * (1.0 / level - 1.0 / pressure)
@@ -459,9 +452,7 @@ def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Return the samples that stand for straight lines between ``values``; of held inputs the mean
-    over each interval.
-    """
+    """Return samples for linear inputs between ``values``; for held inputs, interval means."""
     return (
         values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
     )
@@ -475,7 +466,7 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
     even = np.interp(grid, time[usable], channel.values[usable])
     half = min(round(0.5 * SPEED_SMOOTHING_TIME / step), len(even) - 1)
     if half > 0:
-        # Beyond its ends the signal goes on as the line through its first and its last window does.
+        # Extrapolate linearly, by the first and the last window.
         before, behind = np.arange(-half, 0), np.arange(1, half + 1)
         ends = _line(even[: 2 * half + 1], before), _line(even[::-1][: 2 * half + 1], -behind)
         weights = np.hanning(2 * half + 3)[1:-1]
@@ -501,7 +492,7 @@ def _line(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
-    """Samples that a median over their four neighbours and themselves does not explain."""
+    """Return which samples are spikes: far from the median of five samples."""
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
     padded = np.concatenate([values[2:0:-1], values, values[-2:-4:-1]])
@@ -514,23 +505,20 @@ def _spikes(values: np.ndarray) -> np.ndarray:
 # ---- A measured pitch attitude as a recorded input of the equations
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
-LEAST_SAMPLE_SHARE = 0.5  # of the samples, without which a channel with gaps tells no motion
+LEAST_SAMPLE_SHARE = 0.5  # share of valid samples that a channel needs
 
 
 def wants_attitude(model: Model) -> bool:
-    """Return whether an effect on the model's equations can use an attitude: a phugoid, whose speed
-    is not recorded.
-    """
+    """Return whether a phugoid effect can use the attitude, because speed is not recorded."""
     recorded = {signal.name for signal in model.equations.inputs}
     return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
-    """Return the model with ``theta`` (rad, from its value at each record's begin) as a further
-    input, records that carry it, and a sentence.
+    """Return the model and records with ``theta`` (rad, from its initial value) as an input.
 
-    Where the model has no use for it, or a record lacks it, the records come back without it; the
-    sentence is empty but where others have it.
+    If the model cannot use it, or a record lacks it, it is dropped. The third result is a sentence
+    if only some records have it, else empty.
     """
     if any(signal.name == ATTITUDE for signal in model.equations.outputs):
         return model, list(records), ""
@@ -569,8 +557,7 @@ def _from_begin(record: Record) -> Channel:
     inputs are held.
     """
     time, channel = record.time, record[ATTITUDE]
-    # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points
-    # are no spikes.
+    # Not despiked as an airspeed: turning points of the attitude are no spikes.
     finite_rows = np.flatnonzero(channel.valid)
     finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
     values = np.interp(time, time[finite_rows], channel.values[finite_rows])

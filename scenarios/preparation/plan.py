@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
 # inputs of the equations that are measured motion: no control, which alone excites
 MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)
-BY_HAND = "chosen by hand"  # of a hold, in the sentences on how records were prepared
+BY_HAND = "chosen by hand"  # word for a hold given by the user
 
 
 @dataclass(frozen=True)
@@ -48,17 +48,16 @@ class Plan:
 
     Attributes
     ----------
-    segments : each becomes a record of its own.
-    hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the
-        data say.
+    segments : each becomes a separate record.
+    hold : inputs between samples; None: by the file's sidecar, else by the data.
     rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
         samples. Of a file without a clock it is the rate of its rows, and of a log of several
         topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     columns : names of a file's columns, in their order, where it has no header or another one is
         wanted; none keeps its own.
-    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
-    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
+    trusted : faults of the raw columns only give warnings; no record or sample is rejected.
+    chosen : sentences on segments that come from a file of maneuvers.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -90,7 +89,7 @@ def _is_number(value: object) -> bool:
 
 
 def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
-    """Raise DeclarationError where a part of a record, as a file declares it, ends before it
+    """Raise DeclarationError if a part of a record, as a file declares it, ends before it
     begins."""
     if start is not None and stop is not None and not start < stop:
         raise DeclarationError(
@@ -199,8 +198,8 @@ class Request:
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where
-        none is asked for.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty if
+        none is requested.
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the
         first record. An own model can do without.
     validate : files that are predicted, whole.
@@ -268,7 +267,7 @@ def column_choices(
     request: Request, allowed: Iterable[str] = CHANNEL_UNITS, *, surfaces: bool = False
 ) -> Mapping[str, ColumnChoice] | None:
     """The channel map that a request names, of the channels ``allowed``, with ``surfaces`` those
-    of any name as well, read now; None where it names none. Raises DeclarationError.
+    of any name as well, read now; None if it names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
@@ -342,7 +341,7 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
 
     Raises
     ------
-    DeclarationError : there is no such part, it is asked for twice, or two overlap.
+    DeclarationError : there is no such part, it is requested twice, or two overlap.
     """
     by_name = {each.name: each for each in parts.parts} | {
         str(each.number): each for each in parts.parts
@@ -387,8 +386,7 @@ def with_maneuvers(
     requested: Sequence[str | int] | None,
     file: Path | DeclaredParts | None = None,
 ) -> Plan:
-    """Return the plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of
-    each would give it, and a sentence on each.
+    """Return the plan with maneuvers as its segments, and a sentence on each.
 
     ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.
@@ -447,7 +445,7 @@ def _beside(record: Path | RecordFile) -> Path:
 
 
 def _refuse_other(parts: DeclaredParts, record: Path | RecordFile) -> None:
-    """Raise DeclarationError where the file was made for a record of another content."""
+    """Raise DeclarationError if the file was made for a record of another content."""
     from scenarios.files.sources import read_source
     from sim.errors import RecordError
 

@@ -134,7 +134,7 @@ def refuse_too_few(records: Sequence[Record], model: Model) -> None:
 
 
 def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Record]) -> None:
-    """Nothing where records of one call belong together.
+    """Raise an error unless the records of one call belong together.
 
     Raises
     ------
@@ -170,10 +170,9 @@ def _label(unit: str) -> str:
 def refuse_unpredictable(
     records: Sequence[Record], model: Model, option: str = "--validate"
 ) -> None:
-    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one
-    that says nothing, or too little.
+    """Raise RecordError for a record that is too short or too quiet to be predicted.
 
-    ``option``: by which the records were named, empty where they are what the command is about.
+    ``option``: option that names the records; empty for the command's main argument.
     """
     for record in records:
         why = why_unpredictable(record, model)
@@ -212,8 +211,10 @@ def why_unpredictable(record: Record, model: Model) -> str:
 
 
 def moves(channel: Channel) -> bool:
-    """Return whether a channel moves above its noise: a median of five samples leaves the middle by
-    ``MOTION_SIGMAS`` sigmas, taken from the median step.
+    """Return whether a channel moves above its noise.
+
+    A median over five samples differs from the middle by more than ``MOTION_SIGMAS`` sigmas; sigma
+    follows from the median difference of successive samples.
     """
     values = channel.values[channel.valid]
     if len(values) < 2 * MEDIAN_SAMPLES:
@@ -237,13 +238,13 @@ def _still(channel: Channel) -> bool:
 LEAST_EXCITATION_SHARE = 0.3
 EARLIEST_CUT_SHARE = 0.1  # earliest cut, share of the duration
 LATEST_CUT_SHARE = 0.8  # latest cut, share of the duration
-LEAST_HELD_OUT_EXCITATION = 0.1  # of the excitation, for the held-out part
+LEAST_HELD_OUT_EXCITATION = 0.1  # share of the excitation in the held-out part
 FEWEST_PART_SAMPLES = 20  # samples in either part
-# of all samples, that the other records must hold where the last is kept out whole
+# Share of all samples that the other records need if the last is held out whole.
 LEAST_REMAINING_SHARE = 0.3
 FEWEST_TRIM_SAMPLES = 5  # fewest samples that show the trim
 TRIM_SAMPLE_SHARE = 0.02  # share of the samples that show the trim
-_REST_SHARE = 0.02  # of the input's largest movement
+_REST_SHARE = 0.02  # share of the input's largest movement
 _REST_TIME = 0.5  # s
 _REST_NOISE_SIGMAS = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
 _REMEDY = "give another record with --validate, or use more of this one"
@@ -251,9 +252,7 @@ _REMEDY = "give another record with --validate, or use more of this one"
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut,
-    None where it is held out whole.
-    """
+    """Fitted and held-out records. ``cut``: time (s); None for a whole held-out record."""
 
     fitted: tuple[Record, ...]
     held_out: Record
@@ -262,13 +261,11 @@ class Split:
 
 
 def split_off(records: Sequence[Record], model: Model) -> Split:
-    """Hold out the whole last record where the others can stand for it, else its last part
-    (``hold_out``).
+    """Hold out the whole last record if the others can replace it, else its last part.
 
-    The others can where they measure every channel and move every control of it, and hold three
-    tenths of all samples at least; and the last must be worth predicting (``why_unpredictable``).
-    Records without a control may be of one and the same motion, and the last part of a fall shows
-    it at another speed: it is held out there.
+    The others must measure every channel and move every control of it, and have at least 30 % of
+    all samples. The last record must be predictable (``why_unpredictable``). Of records without a
+    control, the last part is held out, since whole records may show the same motion.
 
     Raises
     ------
@@ -281,11 +278,11 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
         and _stand_for(others, last)
         and not why_unpredictable(last, model)
     ):
-        said = (
+        sentence = (
             f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the "
             "others are fitted"
         )
-        return Split(tuple(others), last, None, said)
+        return Split(tuple(others), last, None, sentence)
     first, held_out = hold_out(last)
     cut = float(held_out.time[0])
     return Split(
@@ -298,7 +295,7 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
 
 
 def _stand_for(others: Sequence[Record], last: Record) -> bool:
-    """Return whether the fit of some records knows all that another one shows."""
+    """Return whether some records measure and excite everything that another one does."""
     enough = sum(len(record) for record in others) >= LEAST_REMAINING_SHARE * sum(
         len(record) for record in (*others, last)
     )
@@ -316,14 +313,12 @@ def _stand_for(others: Sequence[Record], last: Record) -> bool:
 
 
 def hold_out(record: Record) -> tuple[Record, Record]:
-    """Cut a record in two: what is fitted, and its last part, which is predicted.
+    """Cut a record into a fitted part and a last part, which is predicted.
 
-    The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the
-    summed square of the inputs' distance from the trim at the record's beginning) is over: a part
-    in which the controls rest says nothing of a model. Moments at which every input has rested for
-    half a second are preferred as long as a tenth of the excitation is left to the last part: lags,
-    delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its
-    duration.
+    The cut is where 70 % of the excitation is over (squared deflections from the initial trim), at
+    10 to 80 % of the duration. Preferred are moments at which every input has rested for half a
+    second, so that lags, delays and hysteresis do not cross the cut, if at least 10 % of the
+    excitation is left. A record without inputs is cut at 70 % of its duration.
 
     Raises
     ------
@@ -383,15 +378,13 @@ def _cut(record: Record) -> int:
     rested = rested[(1.0 - over[rested] >= LEAST_HELD_OUT_EXCITATION) & (over[rested] >= 0.5)]
     chosen = rested if rested.size else inside
     distance = np.abs(over[chosen] - wanted)
-    # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
+    # During rest the share is constant: take the moment nearest to 70 % of the duration.
     best = chosen[distance <= distance.min() + 0.02]
     return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
 
 
 def _trim(values: np.ndarray) -> float:
-    """Return the value of a control at the begin of the record; the median would be the step itself
-    if held for most of it.
-    """
+    """Return the initial value of a control; the median would follow a long step."""
     return float(
         np.median(values[: max(FEWEST_TRIM_SAMPLES, round(TRIM_SAMPLE_SHARE * len(values)))])
     )

@@ -63,22 +63,24 @@ from sim.maths import G0
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import Aircraft, declaration_of
 
-LARGEST = {  # Bank is told from -pi to pi. A heading may count turns.
+LARGEST = {  # Bank is recorded from -pi to pi.
     **dict.fromkeys(("alpha", "beta", "theta"), NEVER["rad"]),
     "phi": 1.01 * pi,
     **dict.fromkeys(("p", "q", "r"), NEVER["rad/s"]),
 }
-# percentile that has to exceed a limit: single wrong samples say nothing of the unit
+# Percentile compared with a limit, so that single wrong samples do not count.
 LIMIT_PERCENTILE = 97.0
-# Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
+# Median specific force of a flight, m/s2: about one g.
 IN_G = (0.7, 1.6)  # range if it is in g
 IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])  # range if it is in ft/s2
-# of a surface's motion, that another does not share: recorded surfaces have noise
+# Least share of a surface's motion that is independent of another's; noise alone gives more.
 LEAST_UNSHARED_MOTION = 1e-6
 
 
 def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
-    """Nothing where records may be fitted by a model, or it is no aircraft of terms.
+    """Raise RecordError for records that a fit of model ``aircraft`` cannot use.
+
+    Other models are not checked.
 
     Parameters
     ----------
@@ -87,8 +89,8 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 
     Raises
     ------
-    RecordError : angles or accelerations that are in another unit than they are said to be; two
-        surfaces that move together in all records although both have free terms in one coefficient.
+    RecordError : wrong units of angles or accelerations; two surfaces with free terms in one
+        coefficient that move together in all records.
     """
     aircraft = declaration_of(model)
     if aircraft is None:
@@ -103,7 +105,7 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 
 
 def refuse_other_units(records: Sequence[Record], aircraft: Aircraft) -> None:
-    """Raise RecordError for angles in degrees, accelerations in g or ft/s2 that are read as SI."""
+    """Raise RecordError if numbers show that angles or accelerations are not in SI."""
     deflections = [name for name, unit in aircraft.surfaces.items() if unit == "rad"]
     limits = {**dict.fromkeys(deflections, NEVER["rad"]), **LARGEST}
     for record in records:
@@ -140,12 +142,12 @@ def _refuse_accelerations(record: Record) -> None:
 def refuse_moving_together(
     records: Sequence[Record], aircraft: Aircraft, groups: Sequence[Collection[str]]
 ) -> None:
-    """Raise RecordError for two surfaces of one group that are one another's multiple.
+    """Raise RecordError if two surfaces of one group are proportional to each other.
 
     Parameters
     ----------
     records : of one call.
-    groups : signals of terms, surfaces or mixes, whose effects are to be told apart.
+    groups : surfaces or mixes whose effects are estimated separately.
     """
     rows = surface_motion(records, aircraft)
     pairs = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
@@ -168,7 +170,7 @@ def refuse_moving_together(
 
 
 def commanded(aircraft: Aircraft) -> tuple[str, ...]:
-    """Surfaces and mixes whose effects are estimated separately; parts of a mix are not.
+    """Return surfaces and mixes whose effects are estimated, without the parts of mixes.
 
     Parameters
     ----------
@@ -179,7 +181,7 @@ def commanded(aircraft: Aircraft) -> tuple[str, ...]:
 
 
 def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str, np.ndarray]:
-    """Surfaces and mixes of all records about their means, ``(N,)`` each, where they are recorded.
+    """Return surfaces and mixes that all records have, minus their means, ``(N,)`` each.
 
     Parameters
     ----------
@@ -202,7 +204,7 @@ def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str
 
 
 def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
-    """The surface or mix that a term has as its only control; products with air angles differ."""
+    """Return the surface or mix of a term that is linear in it alone; empty for products."""
     names = term.signals & {*aircraft.surfaces, *aircraft.mixes}
     return set(names) if len(term.factors) == 1 and term.factors[0].power == 1 else set()
 
@@ -212,19 +214,19 @@ def _common(channel: Channel) -> float:
     return float(np.percentile(values, LIMIT_PERCENTILE)) if len(values) else 0.0
 
 
-Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
-# of a residual, by which a record without trim lift shows itself; other effects that a model lacks
-# do less
+Read = tuple[Record, bool]  # record, whether its file states the hold of the inputs
+# Share by which the residual must fall to drop the trim lift; other missing effects do less.
 MISSING_TRIM_LIFT_SHARE = 0.15
 THRUST = "thrust_command"
 IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
-STEADY_PRESSURE_SHARE = 0.01  # of the pressure, within which its change is no evidence of anything
+STEADY_PRESSURE_SHARE = 0.01  # relative change of pressure below which it counts as constant
 
 
 @dataclass(frozen=True)
 class Decided:
-    """How other records were read if no file states it: hold of the inputs, and whether the trim
-    lift follows a measured pressure.
+    """Reading of earlier records, for later ones whose files do not state it.
+
+    ``hold``: of the inputs. ``weight``: the trim lift follows the measured pressure.
     """
 
     hold: Hold
@@ -237,14 +239,13 @@ class PreparedData:
 
     Attributes
     ----------
-    model : the declared one, with the measured flow as further inputs where a record has one.
-    fitted, validation : records for it; those with gaps in time are there in parts.
-    parted : records that are predicted, each with the number of its parts in ``validation``.
-    measured : the fitted records as they would be written: before trims are taken off and the flow
-        becomes an input.
-    notes : what was done, one sentence each.
-    doubts : what in the files is likely to be wrong, and the remedy.
-    look : what the raw columns show.
+    model : the declared one, with the measured flow as further inputs if a record has one.
+    fitted, validation : fitted and predicted records, split at gaps in time.
+    measured : the fitted records before trims are subtracted and the flow becomes an input.
+    notes : sentences on the preparation.
+    doubts : likely faults of the files, with the remedy.
+    look : check of the raw columns.
+    parted : predicted records, with the number of their parts in ``validation``.
     """
 
     model: Model
@@ -268,8 +269,9 @@ class PreparedData:
 def prepared(
     record: Record, plan: Plan, *, own: bool = False, untouched: Collection[str] = ()
 ) -> tuple[Record, tuple[str, ...]]:
-    """Load factors from accelerometers but for those ``untouched``, then the plan's common filter;
-    sentences on both. A sound record comes back itself.
+    """Convert accelerometers to load factors, except ``untouched``, and apply the plan's filter.
+
+    Returns the record, the same object if nothing is to be done, and sentences on both steps.
     """
     record, of_accelerometers = (record, ()) if own else with_load_factors(record, untouched)
     record, of_filter = filtered(record, plan)
@@ -288,16 +290,15 @@ def prepare(
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
 ) -> PreparedData:
-    """Return a model's channels out of files, prepared: the plan's segments of ``files``, that
-    ``part`` of those of ``validate``.
+    """Read and prepare the channels of a model from files.
 
-    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only
-    effects can use. ``decided``: how to read what the files do not say; None: as the declared model
-    fits better.
+    Fitted are the plan's segments of ``files``; predicted is ``part`` of each file of ``validate``.
+    ``flow``: use a measured speed. ``attitude``: use a measured pitch attitude, for effects.
+    ``decided``: reading that files do not state; None: the one that the declared model fits best.
 
     Raises
     ------
-    RecordError : anything in a file that keeps it from being used, in one line.
+    RecordError : a file cannot be used; the message is one line.
     """
     split = len(files) * len(plan.segments)
     beside = [
@@ -357,9 +358,7 @@ def for_model(
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
 ) -> PreparedData:
-    """Return the records as read, prepared for a model; those to be predicted are read as those
-    that are fitted.
-    """
+    """Return records prepared for a model; ``validation`` is read as the fitted records are."""
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, all_stated = is_own(model), all(stated for _, stated in read)
@@ -413,9 +412,7 @@ def for_model(
 
 
 def _idle_motors(records: Sequence[Record]) -> list[str]:
-    """Return a sentence on each record of a multirotor whose motors had no thrust: its commands
-    answer a motion that something else makes.
-    """
+    """Return a sentence on each multirotor record without thrust: no command caused its motion."""
     idle = [
         record.name
         for record in records
@@ -452,9 +449,7 @@ def _read(
     channels: Mapping[str, ColumnChoice] | None,
     plan: Plan,
 ) -> tuple[Read, tuple[str, ...]]:
-    """Return a part of a file with whether a sidecar says how its inputs are to be read, and
-    sentences on how the file was understood.
-    """
+    """Return a segment of a file, whether its sidecar states the hold, and notes on reading it."""
     from scenarios.files.records import read_with_notes
 
     inputs, outputs = (
@@ -483,9 +478,7 @@ def _read(
 def _readings(
     fitted: Sequence[Record], model: Model, plan: Plan, *, all_stated: bool
 ) -> tuple[Hold | None, bool, list[str]]:
-    """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the
-    pressure, and sentences on both.
-    """
+    """Return the hold of the inputs (None: as read), `Decided.weight`, and notes."""
     weight, of_weight = _weight(fitted, model)
     if not model.equations.inputs:
         return None, weight, of_weight
@@ -497,16 +490,17 @@ def _readings(
     if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
-    said = (
+    sentence = (
         "inputs linear between samples: the declared model fits better than with held ones (twice "
         f"the log likelihood {gain:.1f})"
     )
-    return Hold.LINEAR, weight, [f"{said}; --hold previous holds them", *of_weight]
+    return Hold.LINEAR, weight, [f"{sentence}; --hold previous holds them", *of_weight]
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
-    """Return whether the lift that carries the weight follows the measured pressure, as it does in
-    flight, or the record is of perturbations alone.
+    """Return whether the trim lift follows the measured pressure, as in flight, and notes.
+
+    It does not in simulated records of perturbations.
     """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):

@@ -21,7 +21,7 @@ from sim.maths import G0
 from sim.propagation import MOST_STEPS
 from sim.record import Channel, Record
 
-# ---- What is done about what the raw columns show
+# ---- Consequences of the check of raw columns
 
 TRUST = "--trust-record"
 WARNED, NOTED = "a warning", "only noted"
@@ -115,8 +115,7 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Return the records without samples that carry no information, and the findings; a record
-    without masked samples is returned as it is.
+    """Return the records with uninformative samples masked, and the findings.
 
     Raises
     ------
@@ -139,7 +138,7 @@ def checked_records(
 
 
 def _refuse_endless(record: Record) -> None:
-    """Raise RecordError where the times go so far that no simulation reaches their end."""
+    """Raise RecordError if the record is too long to simulate."""
     with np.errstate(over="ignore"):
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])
@@ -165,7 +164,7 @@ def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Recor
     if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (
         plan.rate is not None or plan.lowpass is not None
     ):
-        # A filter needs every sample: straight lines between updates are what it is given anyway.
+        # A filter needs every sample; it interpolates between updates in any case.
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
         done = "replaced by straight lines between updates, for the filter"
@@ -222,7 +221,7 @@ def record_content(look: RecordCheck) -> dict[str, Any]:
 
 
 def record_lines(look: RecordCheck) -> list[str]:
-    """Return the lines of a terminal beside the warnings: masked samples and notes."""
+    """Return terminal lines on masked samples, and notes."""
     return [f"record: {line}" for line in look.lines]
 
 

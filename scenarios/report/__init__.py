@@ -1,6 +1,7 @@
 """Reports: one typed document of a result, shown on a terminal, as a page and as JSON.
 
-It may import `files` and `ident`; no kind of study. The document of a kind is a function beside it.
-A table refuses a number without a unit. What runs in a page is `page.js` alone: its policy names
-the hashes of script and style, so neither may stand anywhere else.
+It may import `files` and `ident`, but no kind of study. Each kind of study has a function that
+makes its document.
+A table refuses a number without a unit. The only script of a page is `page.js`: the page's
+security policy has the hashes of script and style.
 """

@@ -19,7 +19,7 @@ from scenarios.report.quantities import determined, number_text, value_parts
 from scenarios.report.summary import NEXT, Summary
 from sim.errors import ModelError
 
-# ---- What stands in a cell of a page
+# ---- Cells of a page
 
 PURE = "1"  # the unit of counts, shares and ratios
 SIGMAS = "σ"  # the unit of an error in its own standard deviations
@@ -29,12 +29,11 @@ _BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-
 
 @dataclass(frozen=True)
 class Number:
-    """A value with its standard deviation (None: it has none) in ``unit`` (empty: that of its
-    column or row).
+    """A value with its standard deviation, if any, in ``unit`` (empty: that of its column or row).
 
-    ``digits`` are behind the point; None takes as many as the sigma makes sensible, five
-    significant ones without it. ``signed`` shows a plus. ``shown`` replaces the digits of the value
-    and ``shown_sigma`` those of the sigma; a page still sorts and copies the value itself.
+    ``digits``: decimals; None: two digits of the sigma, or five significant digits without one.
+    ``signed``: shows a plus. ``shown``, ``shown_sigma``: replacement texts; a page still sorts and
+    copies the exact value.
 
     Raises ModelError for a value or a sigma that is not finite.
     """
@@ -67,7 +66,7 @@ class Number:
 
     @property
     def sigma_text(self) -> str:
-        """The sigma alone; empty where there is none."""
+        """The sigma alone; empty if there is none."""
         if not self.sigma:
             return ""
         if self.shown_sigma or self.digits is None:
@@ -106,7 +105,7 @@ class Link:
 
 
 Cell = Number | Link | str
-MISSING = "–"  # of a quantity that there is not
+MISSING = "–"  # for a missing quantity
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
@@ -129,7 +128,7 @@ def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
 
 
 def known(value: float | None, digits: int | None = None, *, signed: bool = False) -> Cell:
-    """Return a number where there is one, else a dash."""
+    """Return a number if there is one, else a dash."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, digits=digits, signed=signed)
@@ -141,7 +140,7 @@ def counted(value: int) -> Number:
 
 
 def formatted(value: float | None, form: str, unit: str = "") -> Cell:
-    """Return a number shown by a format such as ``+.2f``; a dash where there is none."""
+    """Return a number shown by a format such as ``+.2f``; a dash if there is none."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, None, unit, shown=format(value, form))
@@ -188,7 +187,7 @@ def capital(text: str) -> str:
 
 # ---- The document that every page shows
 
-BY_ROW = "by row"  # the unit of a column whose rows have units of their own
+BY_ROW = "by row"  # unit of a column whose rows have different units
 # names such as 1_2 or nan are none
 _NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)
 TONES = ("good", "fair", "open", "plain")
@@ -196,8 +195,9 @@ TONES = ("good", "fair", "open", "plain")
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``, of
-    which the first two are shown as sentences; ``term`` stands before it, bold.
+    """A paragraph, after a bold ``term`` if given.
+
+    ``kind``: ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``.
     """
 
     text: str
@@ -207,7 +207,7 @@ class Prose:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list of sentences; ``numbered`` where their order says something."""
+    """A list of sentences; ``numbered`` if their order matters."""
 
     items: tuple[str, ...]
     numbered: bool = False
@@ -223,12 +223,14 @@ class Fold:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, and the unit of its numbers: None of words, ``BY_ROW``, ``"1"`` of counts and
-    ratios. ``code``: hashes and names of files.
+    """Heading and unit of a column.
 
-    The rest is for a terminal alone: ``printed`` replaces heading and unit; ``left`` and ``right``
-    place cells against the rule, words at the left; ``beside`` keeps the column in one block with
-    the one before it; ``together`` shows values and sigmas in one column.
+    ``unit``: None for words, ``BY_ROW``, ``"1"`` for counts and ratios. ``code``: the cells are
+    hashes or file names.
+
+    For a terminal only: ``printed`` replaces heading and unit; ``left``, ``right``: alignment
+    (default: words left, numbers right); ``beside``: not separated from the column before it when
+    a wide table is split; ``together``: values and sigmas in one column.
     """
 
     heading: str
@@ -243,13 +245,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below columns; ``units`` of the rows where they have units of their own, which
-    the page shows behind the first column.
+    """Rows of cells below columns.
 
-    ``printed``: how many rows stand on paper, the first of them; None is all.
+    ``units``: by row, shown after the first column. ``printed``: number of rows on paper; None is
+    all.
 
-    Raises ModelError where a row has another length than the columns, a number has no unit, or a
-    number stands as a word.
+    Raises ModelError if a row and the columns differ in length, a number has no unit, or a number
+    is given as a word.
     """
 
     caption: str
@@ -295,7 +297,7 @@ class Table:
 def table(
     caption: str, *columns: tuple[Column, Sequence[Cell]] | None, units: Sequence[str] = ()
 ) -> Table:
-    """A table that is given by columns with their cells; None stands for a column left out."""
+    """Return a table from columns with their cells; None is skipped."""
     there = [each for each in columns if each is not None]
     rows = tuple(zip(*(cells for _, cells in there), strict=True))
     return Table(
@@ -309,7 +311,7 @@ def table(
 @dataclass(frozen=True)
 class Figure:
     """An SVG element with its caption; what a reader who cannot see it is told is its
-    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None where it
+    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None if it
     stays as it is.
     """
 
@@ -353,8 +355,11 @@ class Reproduction:
 
 @dataclass(frozen=True)
 class Page:
-    """A page. ``kind`` says of what; ``verdict`` is a word or two, its ``tone`` one of ``TONES``,
-    ``sentence`` goes on from it; ``summary`` are the lines that are read first."""
+    """A page.
+
+    ``kind``: kind of study. ``verdict``: a word or two, with ``tone`` of ``TONES`` and a
+    continuing ``sentence``. ``summary``: the first lines.
+    """
 
     title: str
     kind: str
@@ -379,9 +384,7 @@ class Page:
 def section(
     title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
-    """Return a section with what there is of its blocks; none where there is nothing in it, so that
-    calls can be strung together.
-    """
+    """Return a section with its non-empty blocks as a tuple; an empty tuple if there are none."""
     there = tuple(
         block
         for block in blocks
@@ -413,7 +416,7 @@ __all__ = [
 ]
 
 
-# ---- How what a page shows is done again
+# ---- How to repeat a study
 
 PROGRAM = "flightid"
 _PACKAGES = ("scenarios", PROGRAM)  # python -m
@@ -429,8 +432,8 @@ def reproduction(
 
 
 def typed() -> list[str]:
-    """Return the words of this process's command line, beginning with the program's name; none
-    where another program uses the library.
+    """Return the words of this process's command line, beginning with the program's name; none if
+    another program uses the library.
     """
     program, *words = sys.argv or [""]
     path = Path(program)

@@ -33,7 +33,7 @@ def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
 
 
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
-    """Return the formats that are asked for, in the order of ``FORMATS``: each text names one or
+    """Return the formats that are requested, in the order of ``FORMATS``: each text names one or
     several with commas between; None is ``USUAL``.
 
     ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError
@@ -223,8 +223,10 @@ def caption_of(
     captions: Mapping[str, str] = CAPTIONS,
     methods: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, with the number of the record, or
-    the label that ``methods`` gives the method; the stem in words where there is none.
+    """Return the caption of a figure by its file stem: ``fit``, ``fit_2`` or ``fit_METHOD``.
+
+    With the number of the record, or the method's label in ``methods``. Without a known caption,
+    the stem in words.
     """
     known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
     if not known:

@@ -41,7 +41,7 @@ _LATEX = {
     "^": r"\textasciicircum{}",
     **{mark: f"\\{mark}" for mark in "&%$#_{}"},
 }
-_SIGNS = {  # Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
+_SIGNS = {  # Non-ASCII characters of tables in LaTeX.
     "σ": r"$\sigma$",
     "±": r"$\pm$",
     "−": "$-$",
@@ -282,7 +282,7 @@ def _captioned(shown: Table, caption: str) -> Table:
 
 
 def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
-    """Write all tables of a page as Markdown, LaTeX and XLSX beside it; the files."""
+    """Write all tables of a page as Markdown, LaTeX and XLSX next to it; return the files."""
     tables = tables_of(page)
     markdown, latex, book = (folder / name for name in TABLES)
     write_workbook(tables, book)
@@ -376,7 +376,7 @@ def write_page(folder: Path, page: Page) -> None:
 
 
 def rebuilt(folder: str | Path) -> Path:
-    """Make ``report.html`` again from ``report.json``, computing nothing; the page's path.
+    """Make ``report.html`` from ``report.json`` and return its path.
 
     Raises
     ------
@@ -444,7 +444,7 @@ def _older(folder: Path) -> str:
 
 
 def _again(folder: Path) -> str:
-    """Return the command to run, as far as the folder's own document tells."""
+    """Return the command to run, as far as it is known from the folder."""
     document = _document(folder)
     name = document.get("scenario")
     if not document:

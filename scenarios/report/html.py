@@ -1,6 +1,4 @@
-"""A document as a page, HTML in one file that asks no other machine for anything; and as JSON and
-back, so that its page can be made again without computing.
-"""
+"""Conversion of a document to an HTML page (one file, no network access) and to and from JSON."""
 
 from __future__ import annotations
 
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 SCHEMA = "flightid/report/1"
-_LARGEST_REQUEST = 1_000_000  # of digits and rows that a page may ask for
+_LARGEST_REQUEST = 1_000_000  # upper limit of digits and rows in a page's document
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
 _ATTRIBUTE = (
     r'\s(?:href="#[\w-]+"|'
@@ -53,7 +51,7 @@ Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
-    """Return the content of ``report.json``; what has its usual value is left out."""
+    """Return the content of ``report.json``, without default values."""
     return {
         "schema": SCHEMA,
         "title": page.title,
@@ -67,7 +65,7 @@ def page_content(page: Page) -> dict[str, Any]:
         "sections": [_section(each) for each in page.sections],
         "reproduction": {
             "commands": list(page.reproduction.commands),
-            # in their order, which keys would lose
+            # a list keeps the order
             "versions": [list(pair) for pair in page.reproduction.versions.items()],
             "seed": page.reproduction.seed,
             "inputs": [list(each) for each in page.reproduction.inputs],
@@ -76,10 +74,10 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """Return the page that ``page_content`` describes; a study may be somebody else's, so that
-    every value is of its kind and figures only draw.
+    """Return the page from the content of ``report.json``.
 
-    Raises KeyError, TypeError or ValueError for a content that describes none.
+    Content may be untrusted: types are checked, and figures may only contain drawings. Raises
+    KeyError, TypeError or ValueError for invalid content.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
@@ -241,9 +239,7 @@ def _count(value: Any) -> int:
 
 
 def _drawing(value: Any) -> str:
-    """Return the ``<svg>`` of a figure as our renderer writes it: elements that draw, and no
-    attribute that runs or loads anything.
-    """
+    """Return the ``<svg>`` of a figure if it has only drawing elements, no scripts or links."""
     text = _text(value)
     parts = text.split("<")
     if (
@@ -255,7 +251,7 @@ def _drawing(value: Any) -> str:
     return text
 
 
-# characters of drawings and their data on one page, which stays below 3 MB
+# limit of drawings and their data on one page, in characters
 MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
     **{
@@ -282,8 +278,7 @@ _DARK = {
         "f-orange": "#f0b23a",
     },
 }
-# Colours of the figures (`scenarios/plots/style.py`) by the name of the variable that stands for
-# them on a page.
+# Colour of the figures (`scenarios/plots/style.py`) -> CSS variable.
 _FIGURES = {
     **{
         "#000000": "f-black",
@@ -300,8 +295,7 @@ _FIGURES = {
 def page_html(page: Page) -> str:
     """Return the page; the same for the same content.
 
-    Its policy allows the one style and the one script that are in it, by their hashes, and nothing
-    from anywhere.
+    Its security policy allows only its own style and script, by their hashes.
     """
     from markupsafe import Markup
 
@@ -331,7 +325,7 @@ def page_html(page: Page) -> str:
     return escaped(text)
 
 
-# A frame is as high as its figure where the page around it lets that be seen.
+# Adapts the frame's height to the figure, if the surrounding page allows it.
 _FRAME = """(() => {
   const fit = () => { try { if (frameElement) frameElement.style.height = `${document.body.scrollHeight}px`; } catch { /* another origin */ } };
   new ResizeObserver(fit).observe(document.body);
@@ -340,8 +334,9 @@ _FRAMED = "body { display: flow-root; } figure { margin: 0; } figcaption:empty {
 
 
 def figure_html(figure: Figure) -> str:
-    """One figure as a document of its own, for a frame in a notebook: it zooms where the figure
-    has its data, and asks no other machine for anything. Its ground is light, as that of notebooks.
+    """Return one figure as an HTML document for a frame in a notebook.
+
+    Interactive if the figure has data. Loads nothing from the network; light background.
     """
     from html import escape
 
@@ -372,9 +367,7 @@ def _policy(style: str, script: str) -> str:
 
 
 def _plots(page: Page) -> dict[str, str]:
-    """Return the data of figures by name, as many of them from the first as keep the page short;
-    none of figures whose name is there twice.
-    """
+    """Return the data of the first figures by name, up to a total size, without duplicate names."""
     found, room = (
         {},
         MOST_DRAWING_CHARACTERS - sum(len(each.svg) for each in _figures(page.sections)),
@@ -449,7 +442,7 @@ def _rows(table: Table) -> list[tuple[tuple[Cell, ...], str]]:
 
 
 def _numeric(table: Table, at: int) -> bool:
-    """Return whether a column holds numbers, so that its heading stands at the right."""
+    """Return whether a column has numbers, so that its heading is right-aligned."""
     return any(isinstance(row[at], Number) for row in table.rows)
 
 

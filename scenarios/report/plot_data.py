@@ -1,6 +1,4 @@
-"""Data behind a figure of a page, from which the page draws it again so that it zooms and shows
-values; loads no plotting library.
-"""
+"""Data of an interactive figure of a page; loads no plotting library."""
 
 from __future__ import annotations
 
@@ -32,11 +30,11 @@ class Curve:
 
     Parameters
     ----------
-    label : its name in the legend; empty where it has none.
+    label : its name in the legend; empty if it has none.
     kind : ``"line"``, ``"held"`` (each value until the next), ``"points"`` or ``"band"`` (between
         ``y`` and ``top``).
     colour : ``#rrggbb`` in small letters.
-    x, y : ``(N,)``, in the units of the axes; NaN where a sample is missing. ``x`` is finite and
+    x, y : ``(N,)``, in the units of the axes; NaN if a sample is missing. ``x`` is finite and
         does not fall.
     width : of a line or the diameter of a point, in points of print.
     dash : lengths of stroke and gap, in widths; empty for a full line.
@@ -78,9 +76,8 @@ class Curve:
 class Panel:
     """One pair of axes.
 
-    ``group``: panels with the same number share their x axis. ``x_range`` and ``y_range``: limits
-    of the axes at first; ``row`` and ``column`` place it, ``height`` is that in print (inches);
-    ``log_x`` and ``log_y`` for logarithmic axes.
+    ``group``: panels with the same number share their x axis. ``x_range``, ``y_range``: initial
+    limits of the axes. ``row``, ``column``: place in the figure. ``height``: in print, inches.
     """
 
     x_label: str
@@ -131,14 +128,14 @@ def plot_text(content: Mapping[str, Any]) -> str:
 
 
 def as_kept(data: PlotData) -> PlotData:
-    """The data as JSON keeps them: a page that is made again from there has the same bytes."""
+    """Return the data as rounded in JSON, so that a page remade from JSON is the same."""
     return plot_of(plot_content(data))
 
 
 def plot_of(content: Any) -> PlotData:
     """Return the data that ``plot_content`` wrote; every value is checked.
 
-    Raises KeyError, TypeError, ValueError or ModelError for a content that holds none.
+    Raises KeyError, TypeError, ValueError or ModelError for invalid content.
     """
     panels = _sequence(content["panels"], MOST_PANELS)
     return PlotData(tuple(map(_panel_of, panels)))

@@ -24,11 +24,11 @@ from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import escaped, styled_stream
 
-# ---- The one unit in which each quantity is shown
+# ---- Display units
 
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
 NO_UNIT = ("", "1")
-LOADS = ("L_0", "M_0")  # loads over mass and inertia, read beside the derivatives and not as rates
+LOADS = ("L_0", "M_0")  # rad/s and rad/s2, but shown as derivatives, not as angles
 
 
 class Shown(NamedTuple):
@@ -39,9 +39,7 @@ class Shown(NamedTuple):
 
 
 def shown_in(unit: str, name: str = "") -> Shown:
-    """Return the display unit of a quantity of ``unit``; its ``name`` tells a frequency, which
-    nobody reads in deg/s, from a rate.
-    """
+    """Return the display unit; ``name`` distinguishes a frequency (rad/s) from a rate (deg/s)."""
     if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
     return Shown(1.0, unit)
@@ -63,7 +61,7 @@ def is_frequency(name: str, unit: str) -> bool:
 
 
 def in_hertz(value: float, name: str, unit: str) -> str:
-    """``" (1.91 Hz)"`` behind a frequency in rad/s, nothing behind anything else."""
+    """Return ``" (1.91 Hz)"`` for a frequency in rad/s, else an empty text."""
     return f" ({value / (2.0 * math.pi):.3g} Hz)" if is_frequency(name, unit) else ""
 
 
@@ -77,7 +75,7 @@ def spaced(unit: str) -> str:
     return f" {unit}" if unit not in NO_UNIT else ""
 
 
-# ---- Quantities with their sigmas in the unit in which people read them
+# ---- Quantities with their sigmas in display units
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
@@ -120,17 +118,18 @@ def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> s
     value, std, text = displayed(quantity, name)
     if name == "count":  # of events: a whole number
         return f"{value:.0f}"
-    told = (
+    shown = (
         value_text(value, std, text if unit is None else unit)
         if determined(value, std)
         else UNDETERMINED
     )
-    return told + in_hertz(value, name, text) if determined(value, std) else told
+    return shown + in_hertz(value, name, text) if determined(value, std) else shown
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
-    """``"0.0610 +- 0.0012 s"``; a sigma that says nothing is told as such, one of zero is that of a
-    value at its bound.
+    """Return ``"0.0610 +- 0.0012 s"``; ``"not determined"`` for a large sigma.
+
+    A sigma of zero marks a value at its bound.
     """
     shown = spaced(unit)
     if std == 0.0 and value != 0.0:
@@ -141,7 +140,7 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 
 def value_parts(value: float, std: float) -> tuple[str, str]:
-    """Return the value and sigma by themselves, with two digits of the sigma."""
+    """Return the value and sigma as two texts, with two digits of the sigma."""
     digits = _digits(std)
     if digits < 7:
         return f"{value:.{digits}f}", f"{std:.{digits}f}"
@@ -170,9 +169,7 @@ def _digits(std: float) -> int:
 
 
 def determined(value: float, std: float) -> bool:
-    """Return whether a sigma leaves anything of a value: a hundred times the angle that a limit has
-    is no knowledge of it.
-    """
+    """Return whether a value is determined: its sigma is not huge compared with it."""
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
 
 
@@ -187,18 +184,16 @@ def span_text(low: float, high: float) -> str:
 
 # ---- Numbers and single lines as the terminal shows them
 
-GROWING_MODE_SIGMAS = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
+GROWING_MODE_SIGMAS = 2.0  # a time constant so many sigmas below zero is reported as a growing mode
 
 
 class EscapingConsole(Console):
-    """A console whose own styles reach the terminal, and no control character of a text (rich asks
-    for a class here).
-    """
+    """A console that escapes control characters in texts but keeps its own styles."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """Yield the segments of what is printed, their texts escaped."""
+        """Yield the printed segments with escaped texts."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=escaped(segment.text))
 
@@ -225,9 +220,7 @@ def as_text(show: Callable[[Console], None]) -> str:
 
 
 def number_text(value: float, std: float | None = None) -> str:
-    """Return a number with the digits that its standard deviation makes sensible: two of the
-    deviation, else five.
-    """
+    """Return a number with two digits of its standard deviation, or five digits without one."""
     if not math.isfinite(value):
         return "unknown"
     if std is None or not 0 < std < math.inf:
@@ -246,8 +239,9 @@ def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
 
 
 def _derived_text(key: str, value: float, std: float) -> str:
-    """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative
-    is that of a mode that grows.
+    """Return ``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``.
+
+    A negative time constant is followed by the doubling time of the growing mode.
     """
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
     grows = (
@@ -265,9 +259,7 @@ def _derived_text(key: str, value: float, std: float) -> str:
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
-    """Return the results of the residual tests in one line: which outputs fail, in which axis where
-    there are several, and which axes are sound.
-    """
+    """Return the residual tests in one line: failing outputs with axes, then axes that pass."""
     failed = [test for test in tests if not test.passed]
     if not failed:
         return (
@@ -279,13 +271,15 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
         )
     axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
     several = len(axes) > 1
-    told: dict[str, list[str]] = {}  # sentences by channel, with its axis where there are several
+    sentences: dict[
+        str, list[str]
+    ] = {}  # sentences by channel, with its axis where there are several
     for test in sorted(failed, key=lambda test: _place(test.channel, list(axes))):
         axis = AXES.get(test.channel) if several else None
-        told.setdefault(f"{test.channel} ({axis})" if axis else test.channel, []).append(
+        sentences.setdefault(f"{test.channel} ({axis})" if axis else test.channel, []).append(
             test.sentence
         )
-    parts = [f"{name}: {', '.join(some)}" for name, some in told.items()]
+    parts = [f"{name}: {', '.join(some)}" for name, some in sentences.items()]
     wrong = {AXES.get(test.channel) for test in failed}
     sound = [axis for axis in axes if axis not in wrong] if several else []
     return (

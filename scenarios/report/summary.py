@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 # ---- Paragraphs that fit a terminal
 
 WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
-TEXT_WIDTH = 100  # of a paragraph; longer lines are hard to read
+TEXT_WIDTH = 100  # width of a paragraph; longer lines are hard to read
 _FIXED = "\N{NO-BREAK SPACE}"
-# blanks that hold a quantity together: before a sigma, a unit, behind a comparison
+# Blanks that must not break: before a sigma or unit, after a comparison sign.
 _JOINED = re.compile(
     r" (?=(?:\+-|[<>=]) [\d.-])|(?<=\+-|[ (][<>=]) (?=[\d.-])|(?<=\d) "
     r"(?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))"
@@ -49,9 +49,7 @@ def terminal_width() -> int:
 
 
 def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
-    """Return a text on lines of ``width`` characters; what is longer than a line and cannot be
-    folded stands on one of its own, whole.
-    """
+    """Return a text in lines of ``width`` characters; a longer word gets its own line."""
     lines = textwrap.wrap(
         _JOINED.sub(_FIXED, text),
         max(width, 1),
@@ -64,9 +62,7 @@ def folded(text: str, width: int, first: str = "", further: str = "") -> list[st
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
-    """Return a paragraph folded at words; its further lines are moved in. Nothing where there is no
-    text.
-    """
+    """Return a paragraph folded at words, with further lines indented; empty without text."""
     return folded(text, width, indent, indent + "  ") if text else []
 
 
@@ -80,7 +76,7 @@ def shortened(text: str, width: int, label: str = "") -> str:
         return f"{label}{text[:clause]}; ..."
     words = _JOINED.sub(_FIXED, text)
     first = words.split(" ")[0]
-    if len(first) > limit:  # a path is no use without its end
+    if len(first) > limit:  # paths are not shortened
         return label + first.replace(_FIXED, " ")
     lines = textwrap.wrap(
         words,
@@ -94,7 +90,7 @@ def shortened(text: str, width: int, label: str = "") -> str:
 
 
 def print_lines(out: Console, lines: Sequence[str]) -> None:
-    """Print lines as they stand."""
+    """Print lines without folding."""
     for line in lines:
         out.print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -131,9 +127,8 @@ _PARTS = re.compile(r"(?<=[A-Za-z][:-])(?=[A-Za-z])")
 class TableColumn:
     """A heading and its cells, all of the same length within a table.
 
-    Numbers stand at the right. ``left``: words, which stand at the left and may be folded.
-    ``beside``: in the same block as the column before it, which its heading does not make sense
-    without.
+    Numbers are right-aligned. ``left``: words, left-aligned, may be folded. ``beside``: never
+    separated from the column before it.
     """
 
     heading: str
@@ -145,8 +140,9 @@ class TableColumn:
 def columns_of(
     headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()
 ) -> list[TableColumn]:
-    """Return the columns of a table that is given by rows: the first ``left`` and those headed by
-    ``words`` stand at the left.
+    """Return the columns of a table given by rows.
+
+    Left-aligned are the first ``left`` columns and those with a heading in ``words``.
     """
     return [
         TableColumn(head, [row[i] for row in rows], left=i < left or head in words)
@@ -157,8 +153,8 @@ def columns_of(
 def table_lines(
     columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1
 ) -> list[str]:
-    """Return a table as lines no longer than ``width`` characters if that can be; nothing where
-    there is no row.
+    """Return a table as lines no longer than ``width`` characters if that can be; nothing if there
+    is no row.
 
     ``keys``: how many of the first columns begin every block.
     """
@@ -253,8 +249,9 @@ def _total(sizes: Sequence[int]) -> int:
 
 
 def _least(column: TableColumn) -> int:
-    """Return the narrowest that a column can be: no word of its heading is parted, no number, and
-    of words only what is longer than ``LEAST_WIDTH``.
+    """Return the least width of a column.
+
+    Words of its heading and numbers are not broken; other words only beyond ``LEAST_WIDTH``.
     """
     heading = _widest_word(column.heading)
     if not column.left:
@@ -292,9 +289,9 @@ def _parted(word: str, size: int) -> str:
     return " ".join(lines)
 
 
-# ---- Levels of flying qualities in words, and as they stand in the JSON files
+# ---- Levels of flying qualities in words and for JSON
 
-LEAST_NAMED_PROBABILITY = 0.01  # probability from which a level is named among several
+LEAST_NAMED_PROBABILITY = 0.01  # least probability of a level that is named
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "damping_ratio": ("damping ratio", ""),
@@ -315,7 +312,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def level_text(level: ModeLevel) -> str:
-    """``"level 1 (97 %)"``, or what it may be where these data do not tell."""
+    """Return ``"level 1 (97 %)"``, or the possible levels if these data do not decide."""
     if level.determined:
         return f"{_named(level.level)} ({_percent(level.probability)})"
     shares = sorted(
@@ -333,7 +330,7 @@ def level_text(level: ModeLevel) -> str:
 
 
 def level_sentence(level: ModeLevel) -> str:
-    """Return the mode, its level, and what keeps it from the next better one."""
+    """Return the mode, its level, and the limit that it fails for the next better level."""
     why = limit_text(level)
     return f"{level.mode} {level_text(level)}{f': {why}' if why else ''}"
 
@@ -370,10 +367,10 @@ def levels_heading(flown: FlightPhase) -> str:
 def levels_line(
     levels: Sequence[ModeLevel], flown: FlightPhase, tests: Sequence[ResidualTest]
 ) -> str:
-    """Return all levels in one line; empty where the model has no mode that the standard speaks of.
+    """Return all levels in one line; empty if the model has no mode with a standard.
 
-    Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
-    in them, and the line says so.
+    Probabilities follow from the sigmas. If a residual test fails, the line says that they do not
+    include model error.
     """
     if not levels:
         return ""
@@ -397,9 +394,7 @@ def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str,
 
 
 def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str]:
-    """``"the Dutch roll was level 2 (99 %), is level 1 (97 %)"`` for each mode whose level these
-    data tell before and after, and which differs.
-    """
+    """Return ``"the Dutch roll was level 2 (99 %), is level 1 (97 %)"`` for each changed level."""
     new = {level.mode: level for level in after}
     pairs = [(old, new[old.mode]) for old in before if old.mode in new]
     return [
@@ -443,15 +438,13 @@ def _content(level: ModeLevel) -> dict[str, Any]:
 MOST_NAMED_NUMBERS = 3  # numbers that a summary names
 BELOW = "below; --out FOLDER keeps them"
 PAGE = "report.html"  # in the folder of every study
-TEXT = "study.txt"  # what its command printed, or more
+TEXT = "study.txt"  # terminal output and details
 HERE = "below, and the files of this folder"
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What was done, what came of it, the numbers that matter most, what the fit leaves, and where
-    more is to be read; a line each.
-    """
+    """Summary of a study: input, outcome, main numbers, residual, place of details."""
 
     study: str
     outcome: str
@@ -461,9 +454,7 @@ class Summary:
 
 
 def summary_lines(summary: Summary, width: int = WIDTH) -> list[str]:
-    """Return a line for each part that says something; what is too long ends in dots between two
-    words and stands in full below.
-    """
+    """Return a line for each non-empty part; shortened ones are repeated in full below."""
     return [shortened(text, width, f"{label:10}") for label, text in vars(summary).items() if text]
 
 
@@ -483,7 +474,7 @@ def written_to(folder: Path) -> str:
 
 
 def value_phrase(name: str, value: float, std: float, unit: str) -> str:
-    """``"Cm_alpha -1.657 +- 0.002 1/rad"``, in the unit in which it is shown."""
+    """``"Cm_alpha -1.657 +- 0.002 1/rad"``, in the unit for display."""
     if std > 0.0 and not determined(value, std):
         return f"{name} not determined"
     factor, text = shown_in(unit, name)
@@ -508,7 +499,7 @@ def result_phrase(
 
 
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
-    """``"consistent with noise in alpha and nz; not in q"``; empty where nothing was tested."""
+    """``"consistent with noise in alpha and nz; not in q"``; empty if nothing was tested."""
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
     failed = [
         name
@@ -519,8 +510,8 @@ def residual_phrase(tests: Sequence[ResidualTest]) -> str:
     if not failed:
         return f"consistent with noise in {_listed(sound)}" if sound else ""
     named = [name for name in failed if name != "all"]
-    told = f"more than noise in {_listed(named)}" if named else "not consistent with noise"
-    return f"{told}; consistent with noise in {_listed(sound)}" if sound and named else told
+    phrase = f"more than noise in {_listed(named)}" if named else "not consistent with noise"
+    return f"{phrase}; consistent with noise in {_listed(sound)}" if sound and named else phrase
 
 
 def _listed(words: Sequence[str]) -> str:

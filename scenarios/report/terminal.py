@@ -1,7 +1,7 @@
-"""Blocks of a document on a terminal: tables with units and sigmas in columns of their own; and on
-stderr how far long work is: a bar where that is a terminal, else plain lines, rarely.
+"""Terminal output: blocks of a document, and the progress of long work.
 
-Tables that pages of several kinds share.
+Tables have separate columns for units and sigmas. Progress goes to stderr: a bar on a terminal,
+else a line now and then. Also tables common to several kinds of study.
 """
 
 from __future__ import annotations
@@ -76,14 +76,15 @@ def show_table(out: Console, table: Table) -> None:
 def table_as_lines(
     table: Table, width: int = WIDTH, keys: int = 1, *, titled: bool = True
 ) -> list[str]:
-    """Return the same as lines of text, below their caption unless ``titled`` is False."""
+    """Return a table as lines of text, below its caption unless ``titled`` is False."""
     title = table.caption if titled else ""
     return table_lines(printed_columns(table), title=title, width=width, keys=keys)
 
 
 def printed_columns(table: Table) -> list[TableColumn]:
-    """Return the columns of a table as a terminal shows them: rows' units behind the first column,
-    sigmas behind their values.
+    """Return the columns of a table for a terminal.
+
+    Units of rows follow the first column; sigmas follow their values.
     """
     out: list[TableColumn] = []
     for at, column in enumerate(table.columns):
@@ -122,18 +123,16 @@ def cell_text(cell: Cell, apart: bool = False) -> str:
 
 Advance = Callable[[str, float], None]
 
-QUIET_START_TIME = 2.0  # s, before which nothing is shown
+QUIET_START_TIME = 2.0  # s, without any output
 PLAIN_LINE_INTERVAL = 10.0  # s, between plain lines
-POLL_INTERVAL = 0.2  # s, between looks at what was told
-# of the work, before which nothing is known of the time that is left
+POLL_INTERVAL = 0.2  # s, between updates of the bar
+# share of the work after which the remaining time is estimated
 LEAST_SHARE_FOR_ESTIMATE = 0.02
 
 
 @dataclass
 class LastProgress:
-    """What was told last: what is done, and which share of all (0 to 1); since when work goes
-    on.
-    """
+    """Last reported progress: stage, share of the work (0 to 1), start time."""
 
     stage: str = ""
     share: float = 0.0
@@ -160,26 +159,26 @@ class LastProgress:
 def progress_bar(
     shown: bool = True, *, counted: bool = True, before: tuple[int, int, float] | None = None
 ) -> Iterator[Advance]:
-    """Gives a function of stage and share done (0 to 1), which is shown while the body runs.
+    """Context manager that gives a function for reporting the stage and the share done (0 to 1).
 
-    ``counted`` False: the share is no measure of time, as in a search; what is being done is told
-    with the time that has passed. ``before``: how many like this are done already, of how many,
-    since when; the share is then that of all.
+    ``counted``: the share measures time; False, as in a search, shows the stage and elapsed time
+    only. ``before``: number of tasks done, of all tasks, and start time; shares then refer to all
+    tasks.
     """
     done, of, since = before or (0, 1, time.monotonic())
     number = f"{done + 1} of {of}: " if of > 1 else ""
-    told = LastProgress(f"{done} of {of} done" if of > 1 else "", done / of, since)
+    progress = LastProgress(f"{done} of {of} done" if of > 1 else "", done / of, since)
 
     def advance(stage: str, share: float) -> None:
         within = min(max(share, 0.0), 1.0) if counted else 0.0
-        told.stage, told.share = f"{number}{stage}", (done + within) / of
+        progress.stage, progress.share = f"{number}{stage}", (done + within) / of
 
     if not shown:
         yield advance
         return
     ended = threading.Event()
     show = _bar if sys.stderr.isatty() else _lines
-    thread = threading.Thread(target=show, args=(told, ended), daemon=True)
+    thread = threading.Thread(target=show, args=(progress, ended), daemon=True)
     thread.start()
     try:
         yield advance
@@ -200,17 +199,15 @@ def time_text(seconds: float) -> str:
     return f"{hours} h {rest} min" if rest else f"{hours} h"
 
 
-def _lines(told: LastProgress, ended: threading.Event) -> None:
+def _lines(progress: LastProgress, ended: threading.Event) -> None:
     """A plain line every ``PLAIN_LINE_INTERVAL`` seconds until the work has ended."""
     while not ended.wait(PLAIN_LINE_INTERVAL):
         with contextlib.suppress(OSError, ValueError):  # stderr may be closed
-            print(f"flightid: {told.line(time.monotonic())}", file=sys.stderr, flush=True)
+            print(f"flightid: {progress.line(time.monotonic())}", file=sys.stderr, flush=True)
 
 
-def _bar(told: LastProgress, ended: threading.Event) -> None:
-    """A bar that is taken away when the work has ended; one that only moves where no share is
-    known.
-    """
+def _bar(progress: LastProgress, ended: threading.Event) -> None:
+    """Show a bar that disappears at the end; it only pulses while no share is known."""
     if ended.wait(QUIET_START_TIME):
         return
     from rich.progress import BarColumn, Progress, TextColumn
@@ -227,9 +224,9 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
         while True:
             bar.update(
                 task,
-                description=told.line(time.monotonic()),
-                total=1.0 if told.share else None,
-                completed=told.share,
+                description=progress.line(time.monotonic()),
+                total=1.0 if progress.share else None,
+                completed=progress.share,
             )
             if ended.wait(POLL_INTERVAL):
                 return
@@ -268,9 +265,7 @@ class EstimatedParameter(Protocol):
 def estimates_table(
     caption: str, rows: Sequence[EstimatedParameter], starts: Mapping[str, float] | None = None
 ) -> Table:
-    """Each parameter with its sigma, beside it what there is: true, condensed, published value,
-    where the search began.
-    """
+    """Return a table of estimates with sigmas, and true, condensed, published and start values."""
     shown = [(row, shown_in(row.unit, row.name)) for row in rows]
     scaled = [(row, each.factor) for row, each in shown]
     begun = starts or {}
@@ -331,7 +326,7 @@ def _times(factor: float, value: float | None) -> Cell:
 
 
 def _share(value: float, std: float) -> float:
-    """Sigma in percent of the value; infinite, and so a dash, where either says nothing."""
+    """Return sigma in percent of the value; infinite (shown as a dash) if not meaningful."""
     return (
         100.0 * std / abs(value) if value and std > 0.0 and std < 1e3 * abs(value) else float("inf")
     )
@@ -352,7 +347,7 @@ def rows_table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[
 
 
 def fit_cells(channel: str, error: Quantity, fit: float, r2: float, theil: float) -> list[Cell]:
-    """Cells below ``FITS``: what a free simulation misses of a channel."""
+    """Return cells below ``FITS``: the error of a free simulation in one channel."""
     value, _, unit = displayed(error)
     return [
         channel,

@@ -54,16 +54,15 @@ if TYPE_CHECKING:
     import control
 
 NO_MODEL = ModelOptions()
-# median coherence of an input with the others, above which nothing is left
+# median coherence with other inputs above which an input is not usable
 PROPORTIONAL_COHERENCE = 0.9999
-LEAKED_FREQUENCY_SHARE = 0.1  # of the frequencies, above which a caution is due
-# mean coherence of an input with the others, from which a caution says so
+LEAKED_FREQUENCY_SHARE = 0.1  # share of the frequencies above which there is a caution
+# mean coherence with other inputs above which there is a caution
 CORRELATED_COHERENCE = 0.5
 # share of the usable band in which direct and joint estimate differ beyond 95 %
 DISAGREEING_BAND_SHARE = 0.1
-# Of the joint estimate's variance, what that of the difference has at least. Measured over 87
-# records without feedback: 2 false cautions; with noise of a third under a gain of a half: found in
-# 60 of 60.
+# Least variance of the difference, share of the joint estimate's variance. Measured: 2 false
+# cautions in 87 records without feedback; with noise of 1/3 and gain 1/2, found in 60 of 60.
 LEAST_APART = 0.25
 
 
@@ -117,14 +116,14 @@ class ResponseEstimates:
     parts : names of the records and parts that were pooled.
     names : signals.
     units : by signal.
-    responses : the estimate, by the joint input-output method where references are named.
-    direct : the direct estimate besides, where references are named.
-    rate : Hz, of the samples that were used.
-    notes : what was done.
-    cautions : what a user should know.
-    simulated : a program made all records.
-    fits : transfer functions of the responses.
-    model : a linear one that was fitted to them.
+    responses : the estimate; by the joint input-output method if references are given.
+    direct : in this case the direct estimate.
+    rate : Hz, of the samples.
+    notes : on the preparation.
+    cautions : on the result.
+    simulated : all records are simulated.
+    fits : transfer functions.
+    model : linear model fitted to the responses.
     qualities : flying qualities of the responses.
     loop : stability margins.
     """
@@ -146,7 +145,7 @@ class ResponseEstimates:
     model: FittedResponseModel | None = None
 
     def unit(self, output: str, one: str) -> str:
-        """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
+        """Unit of a response, ``"deg/s per deg"``; empty if neither signal has one."""
         over, under = (self.units.get(name, "") or "1" for name in (output, one))
         if over == under:
             return ""
@@ -182,10 +181,10 @@ def responses_of(
 ) -> ResponseEstimates:
     """Estimate the responses of the records of a request, pooled.
 
-    ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or
-    ``"attitude"``, for bandwidth and phase delay. ``margins`` : how the loop takes back the output,
-    ``"minus"`` or ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
-    ``pilot`` : what is asked of Neal and Smith's pilot. ``model`` : a linear model to fit.
+    ``fit``: transfer functions. ``bandwidth``: kind of outputs, ``"rate"`` or ``"attitude"``, for
+    bandwidth and phase delay. ``margins``: sign of the feedback, ``"minus"`` or ``"plus"``, for
+    stability margins. ``limits``: of levels of fitted forms. ``pilot``: of the Neal-Smith
+    criterion. ``model``: a linear model to fit.
 
     Raises
     ------
@@ -200,7 +199,7 @@ def responses_of(
     chosen = column_choices(request, (*CHANNEL_UNITS, *words))
     read = read_signals(files, names, request.plan, chosen)
     if margins is not None:
-        # A loop is broken between signals of one computer: no hold acts between them.
+        # Both signals are inside one computer, so there is no hold between them.
         read = replace(read, hold=None)
     responses, direct, step, notes = estimated(read, options)
     _refuse_proportional(responses, names)
@@ -322,7 +321,7 @@ def estimated(
 
 
 def _hold_response(angle: np.ndarray) -> np.ndarray:
-    """Return the response of a hold over one step at ``angle``, rad a sample."""
+    """Return the frequency response of a zero-order hold at ``angle``, rad per sample."""
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 
 
@@ -353,23 +352,23 @@ def cautions_of(
         for column, one in enumerate(names.inputs):
             mean = float(estimated_responses.input_coherence[column].mean())
             if mean > CORRELATED_COHERENCE:
-                said = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
-                out.append(f"{said}: their responses are hard to separate, see their errors")
+                sentence = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
+                out.append(f"{sentence}: their responses are hard to separate, see their errors")
     return tuple(out)
 
 
 def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
-    """Frequencies at which an input has no power of its own: the coherence there is leakage."""
+    """Return cautions on bands without input power, where the coherence is due to leakage."""
     out = []
     excitations = names.references if responses.joint else names.inputs
     for column, leaked in enumerate(responses.leaked):
         places = responses.frequency[leaked]
         if places.size > LEAKED_FREQUENCY_SHARE * leaked.size:
             usable = int(np.count_nonzero(leaked & responses.usable[:, column].any(axis=0)))
-            said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
+            sentence = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
             remark = f"{usable} of them count as usable" if usable else "none of them is usable"
             out.append(
-                f"{said} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
+                f"{sentence} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
                 f"hold what leaks from others ({remark}); name the swept --band"
             )
     return out

@@ -43,7 +43,7 @@ from sim.errors import DeclarationError, ModelError, RecordError
 
 # ---- Transfer functions fitted to the estimated responses
 
-NO_DELAY = 1e-9  # s, below which a delay is rounding
+NO_DELAY = 1e-9  # s, smaller delays are rounding errors
 # limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
 LARGEST_CRAMER_RAO_SHARE = 0.2
 # limit of the insensitivity, share of a value (Tischler and Remple)
@@ -138,7 +138,7 @@ class Fits:
     mismatches: tuple[Mismatch, ...]
 
     def of(self, row: int, column: int) -> tuple[FittedResponse, Mismatch] | None:
-        """Return the function of a response and its mismatch; None where none was fitted."""
+        """Return the function of a response and its mismatch; None if none was fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -146,7 +146,7 @@ class Fits:
 
 
 def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
-    """Fit the forms to the responses in their usable bands; None where no form is named.
+    """Fit the forms to the responses in their usable bands; None if no form is named.
 
     Raises DeclarationError, RecordError or ModelError in one line.
     """
@@ -235,15 +235,15 @@ def _mismatch(
 
 
 def cost_sentence(function: FittedResponse) -> str:
-    """``"cost 12.3: hardly to be told from the data (below 50)"``."""
+    """Return ``"cost 12.3: close to the data (below 50)"``."""
     cost = function.cost
     if cost <= NEARLY_PERFECT_COST:
-        said = f"close to the data (below {NEARLY_PERFECT_COST:g})"
+        verdict = f"close to the data (below {NEARLY_PERFECT_COST:g})"
     elif cost <= ACCEPTABLE_COST:
-        said = f"acceptable (below {ACCEPTABLE_COST:g})"
+        verdict = f"acceptable (below {ACCEPTABLE_COST:g})"
     else:
-        said = f"the form does not describe the response (above {ACCEPTABLE_COST:g})"
-    return f"cost {cost:.3g}: {said}"
+        verdict = f"the form does not describe the response (above {ACCEPTABLE_COST:g})"
+    return f"cost {cost:.3g}: {verdict}"
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
@@ -306,8 +306,8 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
                 f"deviation above {100 * LARGEST_CRAMER_RAO_SHARE:.0f} % or "
                 f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} % alone"
             )
-            said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
-            out.append(f"{said}; fix one of them with --fix, or take a lower order")
+            sentence = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
+            out.append(f"{sentence}; fix one of them with --fix, or take a lower order")
     return tuple(out)
 
 
@@ -356,8 +356,9 @@ class ModelOptions:
 
 @dataclass(frozen=True, eq=False)
 class FittedResponseModel:
-    """A model fitted to the responses at ``places`` ``(row, column)``; ``model`` its name,
-    ``units`` by parameter, ``sentences`` on what was done, ``file`` the vehicle file that was read.
+    """A linear model fitted to the responses at ``places`` ``(row, column)``.
+
+    ``model``: its name. ``units``: by parameter. ``sentences``: notes. ``file``: vehicle file.
     """
 
     model: str
@@ -371,7 +372,7 @@ class FittedResponseModel:
     file: InputFile | None = None
 
     def of(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Frequencies, rad/s, and response of the fitted model; None where it was not fitted."""
+        """Frequencies, rad/s, and response of the fitted model; None if it was not fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -385,8 +386,8 @@ class FittedResponseModel:
             out.append(f"the search for the parameters of {self.model} did not end")
         for name, cost in zip(self.pairs, fit.costs, strict=True):
             if cost > ACCEPTABLE_COST:
-                said = f"above {ACCEPTABLE_COST:g}: it does not fit"
-                out.append(f"{name}: cost {cost:.3g} of {self.model}, {said}")
+                sentence = f"above {ACCEPTABLE_COST:g}: it does not fit"
+                out.append(f"{name}: cost {cost:.3g} of {self.model}, {sentence}")
         size = np.maximum(np.abs(fit.values), 1e-300)
         weak = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
             fit.insensitivity > LARGEST_INSENSITIVITY_SHARE * size
@@ -410,12 +411,12 @@ def model_fit_of(
     options: ModelOptions,
     hold_step: float | None = None,
 ) -> FittedResponseModel | None:
-    """Fit the model to all responses that have a usable band; None where none is named.
+    """Fit the model to all responses that have a usable band; None if none is named.
 
-    The model is linearised about rest, or about level flight where it has one, which stays where
-    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` :
-    s, hold of inputs whose hold was taken out of the responses: an output that the input moves at
-    once does not lag by the hold, so that the model is sampled like the record.
+    The model is linearised about rest, or about level flight at the starting values. A delay of all
+    inputs is free unless fixed. ``hold_step``: s, hold of the inputs, which was removed from the
+    responses. Outputs with direct feedthrough have no lag by the hold, so the model is sampled as
+    the record is.
 
     Raises
     ------

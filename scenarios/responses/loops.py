@@ -47,14 +47,13 @@ class LoopMargins:
     Attributes
     ----------
     name : ``"returned/command"``.
-    sign : ``"minus"`` where the returned signal is subtracted.
+    sign : ``"minus"`` if the returned signal is subtracted.
     curve, margins : of all records together.
-    maneuvers : of each part by itself, None where it gives no estimate; ``parts``: their names,
-        ``reasons``: why, by name.
-    worst : the least of each margin over the parts; empty with one part.
-    cautions : what a user should know.
-    contradicted : whether excitation, command and returned signal say the other sign; the margins
-        are then those of another loop.
+    maneuvers : margins of each part, None without an estimate; ``parts``: names of the parts,
+        ``reasons``: why there is no estimate, by name.
+    worst : smallest value of each margin over the parts; empty with one part.
+    cautions : on the result.
+    contradicted : the signals have the opposite sign; the margins are then those of another loop.
     """
 
     name: str
@@ -70,7 +69,7 @@ class LoopMargins:
 
 
 def refuse_loop(sign: str | None, names: Names) -> None:
-    """Raise DeclarationError for no sign of a loop, or for signals that are no single loop."""
+    """Raise DeclarationError without a sign, or if the signals are not a single loop."""
     if sign is None:
         return
     if sign not in (MINUS, PLUS):
@@ -165,8 +164,7 @@ def _products(read: ReadSignals) -> np.ndarray:
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
-    """Return the sign by which command and returned signal make up the reference; None where they
-    do not decide it.
+    """Return the sign of the feedback according to the signals; None if undecided.
 
     A loop that subtracts has reference = command + returned, by which the two have regression
     coefficients of one sign.
@@ -229,7 +227,7 @@ def interval_text(margin: Margin) -> str:
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
-    """Comparison of the margins with the required ones, and what is undetermined."""
+    """Return lines that compare the margins with the required ones."""
     out = []
     named = loop.margins.named
     sizes = [
@@ -237,7 +235,7 @@ def margin_lines(loop: LoopMargins) -> list[str]:
         ("gain_decrease", REQUIRED_GAIN, "dB"),
         ("phase_margin", REQUIRED_PHASE, "deg"),
     ]
-    said = []
+    lines = []
     for name, required, unit in sizes:
         if name in named:
             ends = sorted(
@@ -251,13 +249,13 @@ def margin_lines(loop: LoopMargins) -> list[str]:
                 if ends[1] < required
                 else "undecided"
             )
-            said.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
+            lines.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
     if loop.contradicted:
         out.append("not compared with MIL-F-9490D: the signals contradict the sign of the loop")
-    elif said:
+    elif lines:
         out.append(
             "MIL-F-9490D, below the first structural mode, with the 95 % intervals: "
-            f"{', '.join(said)}"
+            f"{', '.join(lines)}"
         )
     return [*out, *loop.margins.notes, *loop.reasons]
 

@@ -124,7 +124,7 @@ class Qualities:
     bandwidth, curve : where a kind of output is named.
     dropback : where ``pitch`` is fitted, s.
     form : quantities of a fitted form.
-    levels : of these, where limits are asked for.
+    levels : of these, where limits are requested.
     overshoot : of the pitch rate after a step, largest over steady.
     pilot : of Neal and Smith, or why there is none.
     flown : class and category of the levels.
@@ -278,15 +278,17 @@ def qualities_of(
     limits: LevelOptions = NO_LEVELS,
     pilot: PilotDemand | None = None,
 ) -> tuple[Qualities, ...]:
-    """Flying qualities of every response with a usable band; ``kind`` : of the outputs, rate or
-    attitude; None leaves bandwidth and phase delay out. ``limits`` : of the levels of fitted
-    forms. ``pilot`` : what is asked of Neal and Smith's."""
+    """Return the flying qualities of every response with a usable band.
+
+    ``kind``: of outputs, rate or attitude; None: no bandwidth and phase delay. ``limits``: of
+    levels of fitted forms. ``pilot``: of the Neal-Smith criterion.
+    """
     limits.refuse_unused(fits)
     if pilot is not None and kind is None:
         remedy = f"say what the outputs are with --bandwidth, {RATE} or {ATTITUDE}"
         raise DeclarationError("a pilot needs an attitude", where="--pilot", remedy=remedy)
     out = []
-    # With a pitch rate beside it a second-order response is that of the angle of attack.
+    # If there is also a pitch rate, a second-order response is that of the angle of attack.
     lateral = fits is None or all(each.form.name != PITCH for each in fits.fit.functions)
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
@@ -331,7 +333,7 @@ def qualities_of(
 
 
 def quality_table(one: Qualities) -> Table | None:
-    """Return the numbers of one response with their 95 % intervals; None where there are none."""
+    """Return the numbers of one response with their 95 % intervals; None if there are none."""
     if not one.numbers:
         return None
     rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]

@@ -1,7 +1,7 @@
 """Signals of record files by the names of their columns, for frequency responses.
 
-A name is a channel of flightid, which is then read as everywhere (SI, radians), or the header of
-any column, whose numbers and unit stay as they are. Of a log of several topics ``TOPIC.FIELD``.
+A name is a channel of flightid (SI, radians), or the header of any column, whose numbers and unit
+are not changed; ``TOPIC.FIELD`` in a log of several topics.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scenarios.preparation.plan import Plan
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the step, by which even samples may be off
+EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
 MOST_MISSING = 0.1  # share of an output's samples that may be joined by lines
 FEWEST_SAMPLES = 64  # samples of a record
 
@@ -58,9 +58,11 @@ class ReadSignals:
 
     Attributes
     ----------
-    signals : one a part. names, durations, rates : of the parts; s and Hz.
-    units : by the name of the signal. hold_steps : s, the step between input samples that the
-        record says are held between them; 0 where it does not.
+    signals : one a part.
+    names, durations, rates : of the parts; s and Hz.
+    units : by the name of the signal.
+    hold_steps : s, the step between input samples that the record says are held between them; 0
+        where it does not.
     notes : what was done, one sentence each.
     """
 
@@ -138,7 +140,7 @@ def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Recor
 
 
 def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
-    """Raise RecordError where records have another rate or other units than the first."""
+    """Raise RecordError if records have another rate or other units than the first."""
     for record in records[1:]:
         own = float(np.median(np.diff(record.time)))
         if abs(own / step - 1.0) > EVEN_SAMPLING_TOLERANCE:
@@ -197,10 +199,10 @@ def _read(
 
 
 def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
-    """The record without the rows in which outputs are missing for long, and what was left out.
+    """Return the record without long dropouts of outputs, and notes on them.
 
-    A line through a dropout is no response to what the input does meanwhile. Of outputs at a lower
-    rate than the rows, their own rows are kept.
+    Interpolation over a dropout would hide the response. For outputs at a lower rate, only rows
+    with samples are kept.
     """
     valid = np.all([channel.valid for channel in record.outputs], axis=0)
     if valid.all() or np.count_nonzero(valid) < FEWEST_SAMPLES:
@@ -219,7 +221,7 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
 
 
 def _unit(file: RecordFile, name: str) -> str | None:
-    """The unit that a file states of a column; None where it states none or has no such column."""
+    """The unit that a file states of a column; None if it states none or has no such column."""
     tables: list[tuple[str, CellTable]] = [(topic.name, topic.table) for topic in file.topics]
     for prefix, table in tables or [("", file.table)]:
         for index, cell in enumerate(table.header):

@@ -369,7 +369,7 @@ def write_responses(
 
 
 def model_blocks(estimates: ResponseEstimates) -> list[Block]:
-    """Return the fitted model on the page; none where none was fitted."""
+    """Return the fitted model on the page; none if none was fitted."""
     if estimates.model is None:
         return []
     title = f"Parameters of {estimates.model.model}"

@@ -34,7 +34,7 @@ SIMULATED = "simulated_"  # prefix of simulated outputs
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN where missing.
+    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN if missing.
 
     ``predicted``: of the estimate; ``true``: empty if unknown. ``units`` of the channels;
     ``simulated``: whether the record is simulated.
@@ -98,7 +98,7 @@ def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of numbers by heading, NaN for an empty cell; empty if the file is no such table."""
+    """Return columns of numbers by heading (NaN: empty cell); empty for any other file."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head, *rows = list(csv.reader(file))
@@ -183,15 +183,15 @@ class StudyColumn:
 
     Attributes
     ----------
-    label : what tells it from the others, unique in a comparison.
-    folder, method : where it comes from; ``method`` is empty for the main one.
-    title : the study's own.
-    estimator : the word of the study for how it was estimated.
+    label : unique name in a comparison.
+    folder, method : of the study; ``method`` is empty for the main one.
+    title : of the study.
+    estimator : name of the estimator in the study.
     outcome : code of the estimate, or the verdict.
-    seed : None of a measured record.
+    seed : None for a measured record.
     values, derived : parameters and derived quantities by name.
-    responses : outputs over time; None where the folder has none.
-    vehicle, model : names in the study; empty where it has none.
+    responses : outputs over time; None if the folder has none.
+    vehicle, model : names in the study; empty if it has none.
     """
 
     label: str
@@ -208,9 +208,9 @@ class StudyColumn:
     model: str = ""
 
 
-# ---- Which parameters studies share, in which order, and in which unit
+# ---- Common parameters of studies, their order and units
 
-MOST_ORDERED_MODES = 9  # as many elastic modes have an order of their own
+MOST_ORDERED_MODES = 9  # elastic modes that are sorted
 FEWEST_STUDIES = 2
 
 
@@ -237,7 +237,7 @@ class SideBySide:
     @property
     def cautions(self) -> list[str]:
         """Sentences on studies that are of different vehicles or models."""
-        told = []
+        sentences = []
         for what, names, why in (
             ("vehicles", [c.vehicle for c in self.columns], "their parameters need not agree"),
             (
@@ -252,8 +252,8 @@ class SideBySide:
                     for column, name in zip(self.columns, names, strict=True)
                     if name
                 )
-                told.append(f"studies of different {what} ({each}): {why}")
-        return told
+                sentences.append(f"studies of different {what} ({each}): {why}")
+        return sentences
 
     def words(self, name: str) -> str:
         """Return the heading of a row: name of a parameter, words for a derived quantity."""
@@ -450,7 +450,7 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     if content["schema"] == STUDIES["diagnosis.json"]:
         return {BEFORE: content}
     methods = content.get("methods")
-    if isinstance(methods, list):  # of a closed-loop study, whose main one stands among them as OWN
+    if isinstance(methods, list):  # closed-loop study; skip its main method
         methods = {
             str(table.get("name")): table
             for table in methods
@@ -534,9 +534,7 @@ def _number(value: Any) -> float | None:
 
 
 def _distinct_labels(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
-    """Unique labels from the folders, with parent folders as needed, and the method where a study
-    has several.
-    """
+    """Return columns with unique labels: folders, parent folders if needed, and method."""
     paths = [resolved(column.folder) for column in columns]
     depth = 1
     while len({path.parts[-depth:] for path in paths}) < len(set(paths)):

@@ -172,17 +172,17 @@ def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
 
 def findings(found: FoundStructure) -> list[str]:
     """Sentences: missing terms, differences of the methods, collinear terms and the remedy."""
-    told = _surfaces_together(found)
+    sentences = _surfaces_together(found)
     for axis, each in found.selections.items():
         if each.lacking:
             term, F, share = each.lacking[0]
-            told.append(
+            sentences.append(
                 f"{axis} lacks terms: its residual is {each.ratio:.1f} times the noise, and "
                 f"{term.text}, which was not offered, explains {100 * share:.0f} % of it "
                 f"(F {F:.3g})."
             )
         elif each.r2 < 0.9 and each.ratio > 3.0:
-            told.append(
+            sentences.append(
                 f"{axis}: the terms explain {100 * each.r2:.0f} % of the variance, and the "
                 f"residual is {each.ratio:.1f} times the noise. Offer further terms (--degree 3, "
                 "--splines)."
@@ -190,16 +190,16 @@ def findings(found: FoundStructure) -> list[str]:
         rest = set(found.other[axis].terms) ^ set(each.terms)
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
-            told.append(
+            sentences.append(
                 f"{axis}: stepwise regression and orthogonal functions chose different terms. Only "
                 f"one of them chose {names}."
             )
         if each.alternative:
-            told.append(f"{axis}: {_other_model(*each.alternative)}")
+            sentences.append(f"{axis}: {_other_model(*each.alternative)}")
         if each.confounders:
             names = ", ".join(term.text for term in each.confounders)
             verb = "is" if len(each.confounders) == 1 else "are"
-            told.append(
+            sentences.append(
                 f"{axis}: {names} {verb} weak (F below {F_IN:g} for coloured residuals). The model "
                 f"keeps {(them := 'it' if verb == 'is' else 'them')}, because the values of other "
                 f"terms depend on {them}."
@@ -209,12 +209,12 @@ def findings(found: FoundStructure) -> list[str]:
         high = [t.text for t, v in zip(together.terms, together.inflation, strict=True) if v > 10]
         if together.advice or high:
             names = f", variance inflation above {HIGH_INFLATION:g}: {', '.join(high)}"
-            told.append(
+            sentences.append(
                 f"{axis}: condition index {index:.0f} (limit {HIGH_INDEX:g})"
                 f"{names if high else ''}."
             )
-            told += [f"To separate {advice}." for advice in together.advice]
-    return list(dict.fromkeys(told))
+            sentences += [f"To separate {advice}." for advice in together.advice]
+    return list(dict.fromkeys(sentences))
 
 
 def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:
@@ -269,7 +269,8 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
 
     Parameters
     ----------
-    axes : coefficients, a row each. most : maneuvers shown at most.
+    axes : coefficients, a row each.
+    most : maneuvers shown at most.
     """
     from scenarios.plots.style import (
         BLUE,
@@ -415,5 +416,5 @@ def _selection(each: Selection) -> Mapping[str, Any]:
 
 
 def _left_out(r2: float) -> dict[str, float]:
-    """R2 on maneuvers left out; nothing where there is one maneuver alone."""
+    """R2 on maneuvers left out; nothing if there is one maneuver alone."""
     return {"r2_left_out": r2} if math.isfinite(r2) else {}

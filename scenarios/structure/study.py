@@ -1,4 +1,4 @@
-"""Records read, coefficients formed, terms chosen, and a vehicle file of them."""
+"""Model structure: from records to coefficients, chosen terms, and a vehicle file."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ from sim.record import Hold, Record
 from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model
 
 METHODS = (STEPWISE, ORTHOGONAL)
-MOST_DEGREE = 2
+DEFAULT_DEGREE = 2
 LARGEST_DEGREE = 4
 MOST_SPLINES = 5
 DRAG = ("CX", "CD")  # a surface adds drag to whichever side it is deflected
-_UNMOVED_SHARE = 1e-6  # of a signal's spread, below which it did not move
+_UNMOVED_SHARE = 1e-6  # least peak-to-peak change of a signal that moved
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,10 @@ class StructureOptions:
 
     Attributes
     ----------
-    method : ``stepwise`` or ``orthogonal``. bandwidth : Hz, of the angular accelerations.
-    degree : of the products of signals that are offered. splines : knots in alpha.
+    method : ``stepwise`` or ``orthogonal``.
+    bandwidth : Hz, of the angular accelerations.
+    degree : of the products of signals that are offered.
+    splines : knots in alpha.
     terms : a TOML file with the terms offered, ``Cm = ["alpha", "alpha*elevator"]``.
     baseline : the vehicle file's terms stay, and increments to them are found.
     hierarchical : stepwise regression offers a product after the linear terms of its symmetry.
@@ -72,7 +74,7 @@ class StructureOptions:
 
     method: str = STEPWISE
     bandwidth: float = DERIVATIVE_BANDWIDTH
-    degree: int = MOST_DEGREE
+    degree: int = DEFAULT_DEGREE
     splines: int = 0
     terms: Path | None = None
     baseline: bool = False
@@ -105,9 +107,12 @@ class FoundStructure:
 
     Attributes
     ----------
-    aircraft : with the terms and values found (in addition to the baseline where there is one).
-    selections : by coefficient; other : by the method that was not asked for.
-    collinearity : by coefficient. histories : of each maneuver. files : that were read.
+    aircraft : with the terms found, in addition to the baseline if there is one.
+    selections : by coefficient.
+    other : selections by the other method.
+    collinearity : by coefficient.
+    histories : of each maneuver.
+    files : that were read.
     predicted : R2 by record and coefficient of records that were not fitted.
     """
 
@@ -183,7 +188,8 @@ def hold_of_inputs(
     Parameters
     ----------
     records : prepared, as of ``structure_of``; those that are linear already stay so.
-    aircraft : airframe and surfaces. bandwidth : Hz, of the angular accelerations.
+    aircraft : airframe and surfaces.
+    bandwidth : Hz, of the angular accelerations.
 
     Returns
     -------
@@ -257,7 +263,7 @@ def structure_of(
     ----------
     records : one a maneuver, with the inputs of the aircraft, airspeed, alpha, beta, p, q, r and
         ax, ay, az; SI and radians.
-    aircraft : airframe, surfaces and sensors; its terms are the baseline where that is asked for.
+    aircraft : airframe, surfaces and sensors; its terms are the baseline where that is requested.
     options : see `StructureOptions`.
 
     Returns
@@ -319,7 +325,8 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
 
     Parameters
     ----------
-    found : the structure. records : as of ``structure_of``.
+    found : the structure.
+    records : as of ``structure_of``.
 
     Returns
     -------
@@ -329,17 +336,17 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
     ------
     RecordError : a channel is missing or half of it is.
     """
-    told: dict[str, dict[str, float]] = {}
+    r2: dict[str, dict[str, float]] = {}
     for record in records:
         history = coefficients_of(record, found.aircraft, found.options.bandwidth)
-        told[record.name] = {}
+        r2[record.name] = {}
         for axis, terms in found.aircraft.coefficients.items():
             measured = history.coefficients[axis]
             model = sum(value * history.column(term, axis) for term, value in terms.items())
             spread = float(np.sum((measured - measured.mean()) ** 2))
             error = float(np.sum((measured - model) ** 2))
-            told[record.name][axis] = 1.0 - error / spread if spread > 0.0 else 0.0
-    return told
+            r2[record.name][axis] = 1.0 - error / spread if spread > 0.0 else 0.0
+    return r2
 
 
 def coefficients_of(
@@ -384,7 +391,7 @@ def coefficients_of(
 
 
 def _less_baseline(history: Histories, aircraft: Aircraft) -> Histories:
-    """Increments to the declared coefficients, whose signals bring noise into them as well."""
+    """Return coefficients minus the declared ones, whose signals add noise."""
     base = aircraft.coefficients
     left = {
         axis: row - sum(value * history.column(t, axis) for t, value in base[axis].items())
@@ -449,7 +456,7 @@ def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
 
 
 def _moved(histories: Sequence[Histories], aircraft: Aircraft) -> list[str]:
-    """Signals that moved."""
+    """Return the signals that moved. Raises RecordError if there are none."""
     mixed = {part for parts in aircraft.mixes.values() for part in parts}
     moved = []
     for name in aircraft.signals:
@@ -469,7 +476,7 @@ def _moved(histories: Sequence[Histories], aircraft: Aircraft) -> list[str]:
 
 
 def _products(histories: Sequence[Histories], aircraft: Aircraft, degree: int) -> list[Term]:
-    """Products of the signals that moved; beyond the second degree with alpha and powers alone."""
+    """Return products of the signals that moved; above degree 2 powers and those with alpha."""
     moved = _moved(histories, aircraft)
     found: list[Term] = []
     for power in range(1, degree + 1):

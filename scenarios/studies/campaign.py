@@ -37,15 +37,16 @@ from sim.truth.flight import Truth, remeasure
 
 # ---- Everything on which the rows of a campaign depend, as JSON
 
-# of an estimation, on which no number depends
+# Fields of an estimation that do not affect its numbers.
 WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance", "engine")
 
 
 def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
-    """Flight, estimation and the user's files by their hashes; what is only said of them is left
-    out.
+    """Return everything that affects the rows: flight, estimation, hashes of the user's files.
+
+    Texts such as labels are left out.
     """
-    said = {
+    estimation_fields = {
         field.name: getattr(estimation, field.name)
         for field in dataclasses.fields(estimation)
         if field.name not in WORDS
@@ -58,13 +59,13 @@ def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         "flight": plain(flown),
-        "estimation": plain(said),
+        "estimation": plain(estimation_fields),
         "files": {file.name: file.sha256 for file in scenario.files},
     }
 
 
 def plain(value: Any) -> Any:
-    """A declaration's value as JSON has it: infinite numbers and what is not there as text."""
+    """Return a declared value for JSON; infinite numbers and None become text."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
             field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
@@ -86,15 +87,14 @@ def plain(value: Any) -> Any:
 
 # ---- The runs of a campaign as tasks
 
-ESTIMATE, SIGMA = "estimate:", "sigma:"  # what stands before a parameter's name in a column
+ESTIMATE, SIGMA = "estimate:", "sigma:"  # prefixes of column names
 SOUND = "converged"
-# runs of one block: of a batch enough to fill the vector units, little enough for the cache; of
-# other methods
+# Runs of one block: batched methods (fills the vector units, fits the cache), other methods.
 CHUNK, FEW = 500, 4
 
 
 class _Common(NamedTuple):
-    """What all runs share."""
+    """Objects that all runs share; ``reference``: true value of each parameter."""
 
     model: Model
     record: Record
@@ -106,8 +106,8 @@ class _Common(NamedTuple):
 class EstimatorRuns:
     """Runs of ``scenario`` by its method ``estimation``.
 
-    ``again`` : makes the scenario anew from what can be sent to another process, where it holds
-    functions of a user's own file, which cannot.
+    ``again`` : content from which another process rebuilds the scenario. Only needed if the
+    scenario holds functions of a user's file, which cannot be sent.
     """
 
     scenario: Scenario
@@ -122,7 +122,7 @@ class EstimatorRuns:
 
     @cached_property
     def seen(self) -> Scenario:
-        """The scenario with the flight that this method sees."""
+        """The scenario with the flight that this method uses."""
         return seen_by(self.scenario, self.estimation)
 
     @cached_property
@@ -144,9 +144,9 @@ class EstimatorRuns:
 
     @cached_property
     def common(self) -> _Common:
-        """The truth flown once, the declared model, and what each parameter is compared with.
+        """The simulated truth, the declared model, and the reference of each parameter.
 
-        Raises FlightidError where something is declared that cannot be flown or estimated.
+        Raises FlightidError if the declared flight or estimation is impossible.
         """
         record, truth = fly_scenario(self.seen, self.scenario.seed)
         model = self.declared(self.estimation)
@@ -157,8 +157,10 @@ class EstimatorRuns:
         return _Common(model, record, truth, reference)
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """Return one row a run. Where process noise really acts or measured outputs are fed back
-        every run is flown anew, else measured again.
+        """Return one row per run.
+
+        With process noise or feedback of measured outputs, each run is a new simulation. Otherwise
+        one simulated flight gets new measurement noise in each run.
         """
         found = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
         std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T, 0.0))
@@ -185,7 +187,7 @@ class EstimatorRuns:
         return rows
 
     def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
-        """Return the records of this work by its method or by a changed one."""
+        """Return the estimates from records by ``estimation``."""
         model = self.common.model if estimation is self.estimation else self.declared(estimation)
         return (
             batched(estimation, records, model)
@@ -222,16 +224,14 @@ class EstimatorRuns:
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """A scenario by the content of its file: ``scenario_of`` makes it of these, and reads the
-    user's model file that it names.
-    """
+    """Content of a scenario file, from which another process rebuilds the scenario."""
 
     document: Mapping[str, Any]
     name: str
     where: str
 
     def scenario(self) -> Scenario:
-        """Made anew. Raises DeclarationError."""
+        """Return the rebuilt scenario. Raises DeclarationError."""
         from scenarios.studies.reading import scenario_of
 
         return scenario_of(self.document, self.name, self.where)
@@ -245,7 +245,7 @@ def _rebuilt(again: Rebuilt, method: str) -> EstimatorRuns:
 
 
 def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
-    """Normalised estimation error squared; None where the covariance has no inverse."""
+    """Normalised estimation error squared; None if the covariance has no inverse."""
     scale = np.sqrt(np.diagonal(covariance))
     if not np.all(scale > 0.0):
         return None
@@ -259,19 +259,24 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
 
 # ---- Monte-Carlo campaigns: the same flight measured many times, one seed a run
 
-RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
+RESAMPLING_SEED = 1  # fixed, so that the same runs give the same interval
 ALONE = Execution()
-FEWEST_RUNS = 2  # runs, of which alone a scatter can be told
+FEWEST_RUNS = 2  # runs that a standard deviation needs
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
     """One parameter over all runs.
 
-    ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the
-    root mean square of the estimator's own sigma, ``within_one`` and ``within_two`` the shares of
-    its intervals that hold the reference, ``interval`` the latter's 95 % confidence interval: of
-    one parameter that of Clopper and Pearson over runs, of all together by resampling whole runs.
+    Attributes
+    ----------
+    bias : mean error.
+    scatter : standard deviation of the estimates.
+    reported : root mean square of the reported sigmas.
+    within_one, within_two : share of the one-sigma and two-sigma intervals that contain the
+        reference.
+    interval : 95 % confidence interval of ``within_two``; Clopper-Pearson for one parameter,
+        bootstrap over runs for all parameters pooled.
     """
 
     name: str
@@ -287,15 +292,21 @@ class Spread:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CampaignRuns:
-    """Results of N runs: estimates and sigmas ``(n, M)`` of the M sound ones, and their summary.
+    """Results of N finished runs, of which M converged, and their summary.
 
-    ``root`` : from which the seeds of all runs spring; ``seeds`` ``(N,)`` : of the runs that ended,
-    by which ``flightid run`` flies one again; ``kept`` ``(N,)`` : which of them are sound.
-    ``broken`` runs are left out, ``failures`` tells by what; ``asked`` is how many runs it was to
-    be. ``nees`` ``(M,)`` : normalised estimation error squared of all parameters together, NaN
-    where there is none. ``nis``, ``degrees`` ``(M,)`` : sum of the normalised innovations squared
-    and of how many measured numbers that is, zero where the method has none. ``work`` made the
-    runs; ``columns`` ``(M,)`` are all that their rows hold.
+    Attributes
+    ----------
+    root : seed of the campaign, from which the seeds of its runs are derived.
+    seeds : ``(N,)``; ``flightid run --seed`` repeats one run.
+    values, std : estimates and reported sigmas ``(n, M)``.
+    kept : ``(N,)``, True for the runs that converged.
+    asked : number of runs requested.
+    nees : ``(M,)``, normalised estimation error squared of all parameters; NaN if not defined.
+    nis, degrees : ``(M,)``, sum of the normalised innovations squared and its degrees of freedom;
+        zero for methods without innovations.
+    work : the task that made the runs.
+    columns : ``(M,)`` each, all columns of the rows.
+    failures : number of runs by reason of failure.
     """
 
     scenario: Scenario
@@ -318,7 +329,7 @@ class CampaignRuns:
 
     @property
     def broken(self) -> int:
-        """Runs that are left out."""
+        """Number of runs that did not converge."""
         return len(self.seeds) - int(np.sum(self.kept))
 
     def __repr__(self) -> str:
@@ -339,19 +350,20 @@ def fly_campaign(
     manner: Execution = ALONE,
     again: Rebuilt | None = None,
 ) -> CampaignRuns:
-    """Run one of a scenario's estimations ``runs`` times; run k has the seed of task k of ``seed``
-    and equals ``flightid run --seed`` with that.
+    """Run one of a scenario's estimations ``runs`` times.
 
-    Where process noise really acts or measured outputs are fed back every run is flown anew, else
-    the same flight is measured again. ``manner`` : how many processes, where rows are kept, ...; no
-    number depends on it but where the time limit ends a run. ``again`` : from what other processes
-    make the scenario, where it holds a user's own functions. Ctrl-C ends it with the runs that had
-    been estimated, if these are enough: ``asked`` then is more than there are seeds.
+    Run k uses the seed of task k, derived from ``seed``. `EstimatorRuns.run` says when a run is a
+    new simulation. After Ctrl-C the finished runs are summarised if there are enough.
+
+    Parameters
+    ----------
+    manner : number of processes, folder of the rows, time limit; does not affect the numbers.
+    again : content from which other processes rebuild a scenario with a user's functions.
 
     Raises
     ------
-    FlightidError : there is no method of that name, what it declares cannot be flown or estimated,
-    or the folder holds another campaign.
+    FlightidError : the method is unknown, the declared flight or estimation is impossible, or the
+        folder holds another campaign.
     """
     known = {estimation.name: estimation for estimation in scenario.estimations}
     if method not in known:
@@ -367,7 +379,7 @@ def fly_campaign(
 
 
 def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns:
-    """The summary of a campaign's rows. Raises ModelError where fewer than two runs are sound."""
+    """Return the summary of a campaign's rows. Raises ModelError if fewer than two converged."""
     columns, names, estimation = table.columns, work.parameters, work.estimation
     ways = [
         error or outcome
@@ -416,7 +428,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
-    """Return one parameter over runs ``(N,)``, which are independent of each other."""
+    """Return the summary of one parameter over independent runs ``(N,)``."""
     error = values - reference
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
     scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
@@ -435,8 +447,9 @@ def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.
 
 
 def _pooled(errors: np.ndarray) -> Spread:
-    """Return all parameters together, from errors ``(n, N)`` in reported sigmas; those of one run
-    are correlated.
+    """Return the summary of all parameters pooled, from errors ``(n, N)`` in reported sigmas.
+
+    Errors within one run are correlated, so whole runs are resampled.
     """
     hits = np.sum(np.abs(errors) <= 2.0, axis=0)
     interval = clustered_share(

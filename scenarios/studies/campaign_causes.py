@@ -1,8 +1,8 @@
 """Causes of wrong sigmas in a campaign, and the right sigmas.
 
-A cause is what foretells the errors (the prior, coloured noise) or what, changed, makes the sigma
-right (start, integration, noise levels, the size of the noise); where nothing does, the model
-cannot follow the truth. Nothing is read off the scenario's declaration of what is wrong.
+A cause either predicts the size of the errors (prior, coloured noise), or its removal corrects the
+sigma (start, integration, noise levels, noise size). If no cause does, the model cannot represent
+the truth. The causes are found from the runs alone, not from the scenario's declared errors.
 """
 
 from __future__ import annotations
@@ -39,16 +39,19 @@ from scenarios.studies.campaign_trials import (
 )
 from scenarios.studies.declaration import FILTERS
 
-# ---- Which sigmas are judged wrong
+# ---- Parameters with wrong sigmas
 
 
 @dataclass(frozen=True, eq=False)
 class Wrong:
     """A parameter whose reported sigma is wrong.
 
-    ``at`` : its place. ``factor`` : by which its sigmas have to be multiplied so that twice them
-    holds 95.4 % of the runs' errors; above one they are too small. ``rms`` : root mean square of
-    the errors in reported sigmas, of which ``mean`` is their mean.
+    Attributes
+    ----------
+    at : index of the parameter.
+    factor : correction of the sigmas, with which two sigmas contain 95.4 % of the errors; above one
+        if the reported sigmas are too small.
+    rms, mean : root mean square and mean of the errors in reported sigmas.
     """
 
     at: int
@@ -59,16 +62,15 @@ class Wrong:
 
     @property
     def too_small(self) -> bool:
-        """Whether the sigma promises too much."""
+        """Whether the reported sigma is too small."""
         return self.factor > 1.0
 
 
 def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
-    """Return the parameters whose two-sigma coverage excludes that of a normal distribution; of all
-    together one in twenty right campaigns has some.
+    """Return the parameters whose two-sigma coverage differs from a normal distribution.
 
-    The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number
-    of parameters (Bonferroni).
+    Clopper-Pearson intervals at the level 1 - 0.05 / n for n parameters (Bonferroni), so that 5 %
+    of the campaigns with correct sigmas report some parameter.
     """
     out = []
     level = 1.0 - (1.0 - SHARES_LEVEL) / len(found.parameters)
@@ -83,16 +85,16 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
     return tuple(out)
 
 
-# ---- Why each wrong sigma is wrong, and the right one beside it with its own coverage
+# ---- Cause and correction of each wrong sigma
 
-# of a logarithm: as near as a foretold size of the errors has to come to theirs
+# Largest difference between the logarithms of the predicted and the observed rms error.
 PREDICTED_SIZE_TOLERANCE = 0.15
-# misfits in units of the noise: below the first none, above the second what process noise by
-# likelihood would stand for
+# Misfit in noise standard deviations: no misfit below the first; above the second, process noise
+# estimated by likelihood would represent model error.
 LITTLE, LARGE = 0.05, 0.3
-REMOVED_BIAS_SHARE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
-SOME_BIAS = 0.15  # of the mean square error, from which on it is asked where a bias comes from
-OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
+REMOVED_BIAS_SHARE = 0.3  # share of a bias left at a tenth of the noise: removed
+SOME_BIAS = 0.15  # share of the mean square error above which the cause of a bias is sought
+OF_BIAS = 0.5  # share of the mean square error above which a bias is the main error
 PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
 
 
@@ -100,10 +102,13 @@ PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
 class Finding:
     """Why the sigma of one parameter is wrong.
 
-    ``causes`` : by their keys. ``corrected`` : the right sigma in the parameter's unit,
-    ``coverage`` its share within two; ``again`` : it is that of runs computed again with the cause
-    removed, not of the estimates as they were. ``strength`` : what the cause says of itself, such
-    as the prior's share.
+    Attributes
+    ----------
+    causes : their keys.
+    corrected : correct sigma, in the parameter's unit.
+    coverage : share of the errors within two corrected sigmas.
+    again : the coverage is of runs repeated with the cause removed, not of the original runs.
+    strength : size of the cause, such as the prior's share of the variance.
     """
 
     wrong: Wrong
@@ -121,8 +126,9 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All wrong sigmas of a campaign, and from what that was told: noise levels, residuals, how
-    many runs were computed ``again``.
+    """All wrong sigmas of a campaign and their evidence.
+
+    ``levels``, ``residuals``: noise levels and residuals. ``again``: number of runs repeated.
     """
 
     found: tuple[Finding, ...]
@@ -132,23 +138,22 @@ class Findings:
 
     @property
     def misfits(self) -> bool:
-        """Whether the model leaves so much of the flight that process noise by likelihood would
-        stand for it.
-        """
+        """Whether estimated process noise would represent model error."""
         return self.residuals is not None and self.residuals.misfit > LARGE
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What is said of a campaign: its statistics, and why sigmas are wrong."""
+    """Statistics of a campaign and the causes of its wrong sigmas."""
 
     statistics: CampaignStatistics
     findings: Findings
 
 
 def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) -> Judgement:
-    """Return the statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``:
-    noise levels by likelihood in any case.
+    """Return the statistics of a campaign, and with ``causes`` the causes of wrong sigmas.
+
+    ``levels``: estimate the noise levels by likelihood even if no sigma is wrong.
     """
     statistics = campaign_statistics(campaign)
     return Judgement(
@@ -159,7 +164,7 @@ def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) 
 def findings_of(
     campaign: CampaignRuns, statistics: CampaignStatistics, *, levels: bool = False
 ) -> Findings:
-    """Why sigmas are wrong; ``levels``: noise levels by likelihood also where none is."""
+    """Return the causes of wrong sigmas; ``levels`` as in `judge`."""
     wrong = wrong_sigmas(statistics)
     seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept])
     if not wrong:
@@ -194,7 +199,7 @@ def findings_of(
 
 
 def _near(foretold: float, seen: float, runs: int) -> bool:
-    """Return whether a foretold size of the errors is that which was seen."""
+    """Return whether the predicted rms error agrees with the observed one."""
     return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
         PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs)
     )
@@ -204,8 +209,7 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
     """Return a finding if the prior has so large a part in the stated sigma that it predicts the
     errors.
     """
-    # Where other things are stated, as with process noise, what is right of the bound is not right
-    # of the method.
+    # With other reported sigmas, as with process noise, the bound does not apply to the method.
     if (
         bound is None
         or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
@@ -231,9 +235,7 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
 def _scale(
     bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns
 ) -> np.ndarray | None:
-    """Return the factors ``(n,)`` by which sigmas of filters that take coloured noise for white are
-    too small; None if it is white.
-    """
+    """Return the factors ``(n,)`` by which coloured noise makes sigmas too small; None if white."""
     estimation = campaign.estimation
     if (
         bound is None
@@ -249,7 +251,7 @@ def _scale(
 def _by_colour(
     wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics
 ) -> Finding | None:
-    """Return a finding if the colour of the noise alone predicts the scatter."""
+    """Return a finding if the correlation of the noise alone predicts the scatter."""
     errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
     if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
         return None
@@ -269,8 +271,8 @@ def _strongest(residuals: Residuals) -> float:
 
 def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
     errors, std = trial.errors[wrong.at], trial.std[wrong.at]
-    # Linearisation does not keep estimates from scattering; the prior does, and counts no more
-    # where a filter starts at its own result.
+    # Linearisation does not reduce the scatter. The prior does; it loses its effect if the filter
+    # starts from its own result.
     keys = (PRIOR,) if trial.keys == (START,) and not wrong.too_small else trial.keys
     causes = keys if strength is None else (COLOUR, *keys)
     return Finding(
@@ -286,8 +288,9 @@ def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
 def _left(
     wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics
 ) -> Finding:
-    """Return the finding if no change helps: noise acts as a bias, or the model cannot follow the
-    truth; the sigma of half the runs is tried on the others.
+    """Return the finding if no change helps: a bias from noise, or an inadequate model.
+
+    The corrected sigma comes from half of the runs and is tested on the other half.
     """
     errors = statistics.sigmas[wrong.at]
     half, others = errors[::2], errors[1::2]

@@ -75,7 +75,7 @@ NONE = (
     "coverage of every parameter is that of a normal distribution"
 )
 
-# Of each cause a word for tables, and what there is to say of it.
+# Cause -> its word in tables and its sentence.
 _WORDS = {
     START: "far start",
     TRIALS_STEPS: "steps",
@@ -94,9 +94,7 @@ def cause_word(finding: Finding) -> str:
 
 
 def findings_blocks(found: Findings) -> list[Block]:
-    """The wrong sigmas, the corrected ones and a sentence for each cause, or that there is none;
-    noise levels where they were looked for.
-    """
+    """Return the table of wrong sigmas, a sentence on each cause, and noise levels."""
     blocks = levels_blocks(found, found.levels) if found.levels is not None else []
     if not found.found:
         return [*blocks, Prose(NONE)]
@@ -128,7 +126,7 @@ def findings_blocks(found: Findings) -> list[Block]:
 
 
 def levels_blocks(found: Findings, levels: Levels) -> list[Block]:
-    """Return a row a level, and whether all are as assumed."""
+    """Return a table of noise levels, and a sentence on whether the assumed ones are correct."""
     items = levels.items
     shown = table(
         LEVELS_TITLE,
@@ -153,9 +151,7 @@ def _level(item: Level, value: float, spread: float) -> Cell:
 
 
 def level_text(item: Level, value: float) -> str:
-    """Return a level in the unit in which it is shown; of process noise as a factor on the declared
-    deviations.
-    """
+    """Return a noise level in its display unit; process noise as a factor on the declared sigma."""
     if value == 0.0:
         return "none"
     if item.name in (STATES, PARAMETERS):
@@ -164,9 +160,7 @@ def level_text(item: Level, value: float) -> str:
 
 
 def levels_sentence(found: Findings) -> str:
-    """Return whether the levels that are assumed are those under which the records are most
-    probable; nothing where these were not looked for.
-    """
+    """Return whether the assumed noise levels maximise the likelihood; empty if not estimated."""
     levels = found.levels
     if levels is None:
         return ""
@@ -174,15 +168,15 @@ def levels_sentence(found: Findings) -> str:
     over = f"over {levels.runs} runs"
     if not off:
         return f"noise levels by likelihood {over} agree with those that are assumed"
-    said = (
+    sentence = (
         f"noise levels by likelihood {over} disagree with those that are assumed: "
         f"{'; '.join(_off(item) for item in off)}"
     )
     forced = any(item.name in (STATES, PARAMETERS) and item.found > 0.0 for item in off)
     return (
-        f"{said}; that process noise stands for what the model cannot follow"
+        f"{sentence}; that process noise stands for what the model cannot follow"
         if forced and found.misfits
-        else said
+        else sentence
     )
 
 
@@ -212,9 +206,7 @@ def direction(finding: Finding) -> str:
 
 
 def cause_sentences(found: Findings) -> list[str]:
-    """Return, for each set of causes, the parameters it concerns, the cause, and how it was
-    found.
-    """
+    """Return one sentence per set of causes: parameters, cause, and evidence."""
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
@@ -319,22 +311,22 @@ def _noise(group: list[Finding], found: Findings) -> str:
 
 def _model(group: list[Finding], found: Findings) -> str:
     share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    said = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     if not any(each.wrong.too_small for each in group):
-        said += "; what is declared in its place, process noise, is more than it needs"
+        bias_text += "; what is declared in its place, process noise, is more than it needs"
     left = (
         f"at the reference values it leaves {group[0].strength:.2g} times the noise, the same in "
         "all runs"
     )
-    return f"the model cannot follow the flight: {left}; {said}"
+    return f"the model cannot follow the flight: {left}; {bias_text}"
 
 
 def _open(group: list[Finding], found: Findings) -> str:
     share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    said = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     return (
         "no cause was found: the model follows the flight, and nothing that was changed makes it "
-        f"right; {said}"
+        f"right; {bias_text}"
     )
 
 
@@ -413,7 +405,7 @@ def _content(each: Finding) -> dict[str, Any]:
 
 # ---- The page of a campaign
 
-TWO_SIGMA = 0.9545  # of a normal distribution
+TWO_SIGMA = 0.9545  # coverage of a normal distribution
 
 
 def campaign_page(
@@ -497,7 +489,7 @@ SIZES_NOTE = (
 
 
 def sizes_table(campaign: CampaignRuns) -> Table:
-    """Bias, scatter and coverage of each parameter, and of all in units of their sigmas."""
+    """Return bias, scatter and coverage of each parameter; pooled values in reported sigmas."""
     some = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
     root = campaign.values.shape[1] ** 0.5
 
@@ -541,9 +533,7 @@ def print_campaign(
     details: str = BELOW,
     judgement: Judgement | None = None,
 ) -> None:
-    """A summary, the table of all parameters, what is judged of its sigmas where that is given, and
-    how many runs broke down.
-    """
+    """Print a summary, the table of parameters, the judgement of sigmas, and failed runs."""
     terminal = out or console()
     seeds = campaign.seeds
     title = campaign_title(campaign)
@@ -570,7 +560,7 @@ def broken_words(campaign: CampaignRuns) -> str:
 
 
 def _shown(s: Spread) -> Spread:
-    """Return the same in the unit in which it is shown."""
+    """Return the spread of a parameter in its display unit."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)
@@ -579,9 +569,7 @@ def _shown(s: Spread) -> Spread:
 def write_campaign(
     campaign: CampaignRuns, judgement: Judgement, out: Path, *, figures: Formats = USUAL
 ) -> Path:
-    """Write ``campaign.json``, ``statistics.csv``, ``estimates.csv``, figures and the page into
-    ``out``, whole or not at all; returns it.
-    """
+    """Write data files, figures and the page into ``out``, all or nothing; return ``out``."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")

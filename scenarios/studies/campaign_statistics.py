@@ -1,10 +1,9 @@
 """Statistics of a campaign's runs, the Cramer-Rao bound, and both in words and files.
 
-A linear-Gaussian estimator with the information F of the data and the prior information P0 about
-theta0 has the posterior covariance P = (F + P0)^-1 and moves theta0 to P F theta_data + P P0
-theta0. Over records the prior does not scatter: the estimate scatters by P F P, less than P, and
-lies P P0 (theta0 - theta) off. Each further pass of a filter starts at the result of the one before
-and counts its prior anew.
+A linear-Gaussian estimator with data information F and prior information P0 about theta0 has the
+posterior covariance P = (F + P0)^-1 and the estimate P F theta_data + P P0 theta0. The prior is the
+same for all records. The estimates therefore have the covariance P F P, smaller than P, and the
+bias P P0 (theta0 - theta). A filter with several passes applies its prior in each pass.
 """
 
 from __future__ import annotations
@@ -50,29 +49,29 @@ from sim.errors import FlightidError
 from sim.record import Record
 from sim.truth.flight import Truth
 
-# ---- What the best estimator with a method's priors could do on a campaign's flight
+# ---- Bound of an estimator with a method's priors on a campaign's flight
 
-WIDE_PRIOR_FACTOR = 30.0  # priors by which a filter about exact data is told next to nothing
-_DIFFERENCE_STEP_SHARE = 1e-4  # of differences, as a share of a parameter
+WIDE_PRIOR_FACTOR = 30.0  # widens priors until they add no information
+_DIFFERENCE_STEP_SHARE = 1e-4  # step of finite differences, share of a parameter
 _RESOLVED_SINGULAR_VALUE_SHARE = (
-    1e-10  # of the largest singular value: what differences of flights still resolve
+    1e-10  # share of the largest singular value that finite differences resolve
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """At the reference values, of each parameter ``(n,)`` in its unit.
+    """Cramer-Rao bound at the reference values; ``(n,)`` in the parameters' units.
 
     Attributes
     ----------
-    data : least standard deviation of an unbiased estimate from one record alone; infinite where
-    the record leaves it open. scatter : least standard deviation over runs of an estimate that
-    counts the method's priors, which keep it from scattering. pull : by how much these priors move
-    its mean. stated : the standard deviation that it would state. gain : ``(n, n)`` from the scores
-    ``slopes' residuals`` to estimates; ``slopes (M, n)`` of the measured samples in units of the
-    noise,
-        what states at the start and zeros of sensors explain taken out; None where process noise
-        acts.
+    data : least standard deviation of an unbiased estimate without priors; infinite if the record
+        does not determine the parameter.
+    scatter : least standard deviation over runs of an estimate with the method's priors.
+    pull : bias that these priors cause.
+    stated : standard deviation that the estimate with priors reports.
+    gain : ``(n, n)``, maps the scores ``slopes' residuals`` to estimates.
+    slopes : ``(M, n)``, sensitivities in units of the noise, orthogonal to those of initial states
+        and biases; None with process noise.
     """
 
     names: tuple[str, ...]
@@ -85,14 +84,12 @@ class Bound:
 
     @property
     def prior_share(self) -> np.ndarray:
-        """Share of each stated variance that comes from the prior, ``(n,)``."""
+        """Share of the prior in each stated variance, ``(n,)``."""
         return np.clip(1.0 - (self.scatter / self.stated) ** 2, 0.0, 1.0)
 
 
 def bound_of(work: EstimatorRuns) -> Bound | None:
-    """Return the bound of a campaign's method; None where the model's sensitivities have no finite
-    numbers.
-    """
+    """Return the bound of a campaign's method; None if a sensitivity is not finite."""
     common, estimation, names = work.common, work.estimation, work.parameters
     model = common.model.with_values({name: common.reference[name] for name in names})
     noise = Noise(
@@ -100,7 +97,7 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
         common.truth.process_density,
     )
     if any(not noise.measurement_std[name] > 0.0 for name in estimation.outputs):
-        return None  # exact data bound nothing
+        return None  # no bound without noise
     slopes: np.ndarray | None = None
     try:
         if common.truth.process_density:
@@ -123,9 +120,7 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
 def _calm(
     estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]
 ) -> np.ndarray:
-    """Return the slopes ``(M, n)`` of a record without process noise in units of the noise, states
-    at the start and zeros of sensors taken out.
-    """
+    """Return `Bound.slopes` of a record without process noise."""
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
     else:
@@ -143,12 +138,14 @@ def _calm(
 def _forced(
     estimation: Estimation, model: Model, record: Record, truth: Truth
 ) -> np.ndarray | None:
-    """Return the information ``(n, n)`` with process noise: what a Kalman filter with the true
-    levels gains on exact data, which keep it at the reference.
+    """Return the information ``(n, n)`` with process noise.
+
+    From a Kalman filter with the true noise levels on exact data, so that it stays linearised at
+    the reference.
     """
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
-        return None  # a parameter that drifts has no one value that could be bounded
+        return None  # a drifting parameter has no single value
     free = model.parameters.free_names
     prior = {name: WIDE_PRIOR_FACTOR * estimation.start[name].std for name in free}
     if not all(map(math.isfinite, prior.values())):
@@ -157,11 +154,11 @@ def _forced(
         record,
         outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs),
     )
-    told = replace(model, parameters=model.parameters.with_prior(prior))
+    with_prior = replace(model, parameters=model.parameters.with_prior(prior))
     once = replace(estimation, method="ekf", passes=1)
-    found = run_ekf(exact, compiled(once, told), filter_settings(once), by=filter_batched).only(
-        free
-    )
+    found = run_ekf(
+        exact, compiled(once, with_prior), filter_settings(once), by=filter_batched
+    ).only(free)
     information = np.linalg.inv(found.covariance) - np.diag(
         [prior[name] ** -2.0 for name in found.names]
     )
@@ -183,8 +180,7 @@ def _with_priors(
         pull = left @ (start - reference)
     else:
         stated, scatter, pull, gain = alone_std, alone_std, np.zeros(len(names)), alone
-    # What is known a thousand times worse than before the flight is open: its bound is the
-    # arithmetic's.
+    # A bound a thousand times the prior sigma is rounding error: the record leaves it open.
     open_ = alone_std > 1e3 * np.where(np.isfinite(prior), prior, np.inf)
     return Bound(names, np.where(open_, np.inf, alone_std), scatter, pull, stated, gain)
 
@@ -192,15 +188,19 @@ def _with_priors(
 def _passes(
     data: np.ndarray, prior: np.ndarray, passes: int, spread: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stated deviation ``(n,)`` after the last pass; what the scores of the data and the first
-    start are multiplied by, ``(n, n)`` each.
+    """Return the stated deviation ``(n,)`` after the last pass, and two gains ``(n, n)``.
+
+    The gains multiply the scores of the data and the first start.
     """
     n, width = len(prior), prior
     gain, left, stated = np.zeros((n, n)), np.eye(n), prior
     for _ in range(passes):
-        told = np.diag(np.where(np.isfinite(width), width, np.inf) ** -2.0)
-        covariance = inverse_information(data + told)[0]
-        gain, left = covariance + covariance @ told @ gain, covariance @ told @ left
+        prior_information = np.diag(np.where(np.isfinite(width), width, np.inf) ** -2.0)
+        covariance = inverse_information(data + prior_information)[0]
+        gain, left = (
+            covariance + covariance @ prior_information @ gain,
+            covariance @ prior_information @ left,
+        )
         stated = np.sqrt(np.diag(covariance))
         width = np.minimum(prior, spread * stated) if math.isfinite(spread) else prior
     return stated, gain, left
@@ -213,13 +213,16 @@ def cramer_rao(
     names: Sequence[str],
     biased: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """Return the least standard deviation of each of some parameters that any unbiased estimate
-    from one record with white noise can have.
+    """Return the Cramer-Rao bound (standard deviation) of parameters, one record, white noise.
 
-    Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the
-    parameters are where the states begin and a bias of each output in ``biased``, with what is
-    known of it (a standard deviation, or infinity). ``again`` flies a model without noise,
-    ``noise`` has the standard deviations by output.
+    Sensitivities are central differences of simulated flights, independent of any estimator.
+    Initial states and biases are unknown, too.
+
+    Parameters
+    ----------
+    again : simulates a model without noise.
+    noise : standard deviation by output.
+    biased : prior standard deviation of the bias by output; may be infinite.
     """
 
     def outputs(changed: Model) -> np.ndarray:
@@ -259,8 +262,8 @@ def cramer_rao(
     )
     jacobian = np.vstack([np.array(columns).T, known])
     size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0.0] = np.inf  # a state whose start moves nothing
-    # Of the slopes themselves, not of their products, which have half the digits.
+    size[size == 0.0] = np.inf  # a state without effect on the outputs
+    # From the slopes, not from their products, which lose half of the digits.
     inverse = np.linalg.pinv(jacobian / size, rcond=_RESOLVED_SINGULAR_VALUE_SHARE)
     return dict(
         zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True)
@@ -270,7 +273,7 @@ def cramer_rao(
 # ---- Statistics of a campaign's runs: of each parameter, and of all together
 
 SIGMAS = (1, 2, 3)
-# of a normal distribution within so many standard deviations
+# Coverage of a normal distribution within 1, 2 and 3 standard deviations.
 NORMAL = {1: 0.682689492137086, 2: 0.954499736103642, 3: 0.997300203936740}
 
 
@@ -300,12 +303,13 @@ class ParameterStatistics:
     ----------
     bias, bias_std : mean error and the standard deviation of that mean.
     scatter, reported : standard deviation of the estimates; root mean square of the reported
-    sigmas. ratio, ratio_interval : of these two, with the 95 % interval by chi-square. coverage :
-    within one, two and three reported sigmas. bound, pull : least scatter that the method could
-    have and what its priors do to the mean, at the reference; None where there is no bound.
-    efficiency, efficiency_interval : variance of that bound over that of the estimates, and its
-    interval; one where nothing is lost. prior_share : of the stated variance that the prior gives,
-    at the bound.
+        sigmas.
+    ratio, ratio_interval : scatter over reported, with its 95 % chi-square interval.
+    coverage : within one, two and three reported sigmas.
+    bound, pull : `Bound.scatter` and `Bound.pull` of this parameter; None without a bound.
+    efficiency, efficiency_interval : variance of the bound over that of the estimates, with its
+        interval.
+    prior_share : see `Bound.prior_share`.
     """
 
     name: str
@@ -326,18 +330,20 @@ class ParameterStatistics:
 
     @property
     def two(self) -> Within:
-        """Runs within two sigmas."""
+        """Coverage within two sigmas."""
         return self.coverage[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """A sum of normalised squares in each run ``(M,)`` that should be chi-square with ``degrees
-    (M,)`` of freedom.
+    """NEES or NIS of each run, which is chi-square distributed if the sigmas are correct.
 
-    ``mean`` over runs of the sum over its degrees; ``interval`` in which this mean lies with 95 %
-    where sigmas are right; ``inside`` the share of the runs within their own 95 % interval,
-    ``inside_interval`` its exact interval.
+    Attributes
+    ----------
+    values, degrees : ``(M,)``, sum of squares and degrees of freedom of each run.
+    mean : over runs, of value over degrees.
+    interval : contains the mean with 95 % probability if the sigmas are correct.
+    inside, inside_interval : share of the runs within their own 95 % interval; its exact interval.
     """
 
     name: str
@@ -350,14 +356,16 @@ class Squares:
 
     @property
     def right(self) -> bool:
-        """Whether the mean is what right sigmas give."""
+        """Whether the mean agrees with correct sigmas."""
         return self.interval[0] <= self.mean <= self.interval[1]
 
 
 @dataclass(frozen=True, eq=False)
 class CampaignStatistics:
-    """Of all parameters; ``sigmas (n, M)`` are the errors in the sigma that each run reports. NIS
-    is None of methods that predict nothing.
+    """Statistics of all parameters.
+
+    ``sigmas``: errors ``(n, M)`` in the sigmas that each run reports. ``nis``: None for methods
+    without innovations.
     """
 
     parameters: tuple[ParameterStatistics, ...]
@@ -389,7 +397,7 @@ def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
 
 
 def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
-    """Return the shares of errors ``(M,)`` in sigmas within one, two and three."""
+    """Return the shares of normalised errors ``(M,)`` within one, two and three sigmas."""
     runs = len(sigmas)
     hits = [int(np.sum(np.abs(sigmas) <= each)) for each in SIGMAS]
     return tuple(
@@ -399,7 +407,7 @@ def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
 
 
 def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | None:
-    """Return the statistics of a sum of squares over the runs that have it; None if none has."""
+    """Return the statistics of NEES or NIS over the runs that have it; None if none has."""
     there = np.isfinite(values) & (degrees > 0)
     if not np.any(there):
         return None
@@ -434,7 +442,7 @@ def _parameter(
         spread.reported,
     )
     found = ParameterStatistics(*ours, ratio, (low * ratio, high * ratio), coverage)
-    # Without a prior nothing bounds what a record leaves open.
+    # No bound without a prior if the record leaves the parameter open.
     if (
         bound is None
         or spread.scatter == 0.0
@@ -471,7 +479,7 @@ def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
 
 
 def statistics_csv(found: CampaignStatistics) -> str:
-    """Return a row a parameter, SI; a cell is empty where there is nothing."""
+    """Return one CSV row per parameter, SI; missing values are empty."""
     rows = [_flat(each) for each in found.parameters]
     cells = (
         [
@@ -544,14 +552,14 @@ MEANINGS = {
 
 
 def squares_sentence(squares: Squares) -> str:
-    """Return the mean of NEES or NIS over its degrees of freedom beside where it should be."""
+    """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
     low, high = squares.interval
-    said = (
+    sentence = (
         "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
     )
     return (
         f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {said} (correct sigmas give "
+        f"{_near_one(squares.mean)}, {sentence} (correct sigmas give "
         f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
         "runs within their own 95 % interval"
     )
@@ -576,9 +584,7 @@ def two_digits(value: float) -> Cell:
 
 
 def statistics_blocks(found: CampaignStatistics) -> list[Block]:
-    """Scatter over reported sigmas with the bound; coverage within one, two and three; NEES and
-    NIS.
-    """
+    """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
     each = found.parameters
     names = (Column("parameter"), [p.name for p in each])
     shown = [(p, shown_in(p.unit, p.name)) for p in each]

@@ -1,14 +1,14 @@
 """Trials on the first runs of a campaign: noise levels by likelihood, residuals, changed methods.
 
-Of filters the sum of the innovations' log likelihoods over some runs, each with the declared start
-and priors, is maximised over a factor on each measurement noise, one on the process noise of states
-and one on that of parameters (Schweppe 1965; Maine and Iliff 1981). Whole-record fits estimate
-their measurement noise anyway; theirs is averaged.
+Noise levels of filters maximise the innovations' likelihood, summed over some runs with the
+declared start and priors (Schweppe 1965; Maine and Iliff 1981). Free are a factor on each
+measurement noise, one on the process noise of states and one on that of parameters. Whole-record
+fits estimate their measurement noise in each run; the average is used.
 
-Residuals are those of the method's model with its parameters held at the reference and integrated
-finely, so that neither a start nor a step has a part in them. By S, the slopes of the outputs in
-units of the noise, a misfit d moves estimates by P S' d with the stated covariance P; noise of the
-autocovariance R makes them scatter by P S' R S P.
+Residuals are computed with the parameters held at the reference and fine integration steps, so
+that they do not depend on start or step. With the sensitivities S in units of the noise and the
+stated covariance P, a misfit d shifts the estimates by P S' d, and noise of autocovariance R gives
+them the covariance P S' R S P.
 """
 
 from __future__ import annotations
@@ -34,24 +34,26 @@ from sim.record import Record
 
 # ---- Noise levels by likelihood
 
-RUNS, ALONE = 16, 4  # of which the likelihood is taken: of a batch, of filters one by one
-LEAST, MOST = -7.0, 7.0  # of the logarithm of a factor on a standard deviation
-BETTER_LOG_LIKELIHOOD = 2.0  # of a log likelihood: what tells one level from another
-# logarithms of factors by which process noise that seemed to be none is tried again
+RUNS, ALONE = 16, 4  # runs in the likelihood: batched filters, other filters
+LEAST, MOST = -7.0, 7.0  # bounds on the logarithm of a factor on a sigma
+BETTER_LOG_LIKELIHOOD = 2.0  # difference above which two levels differ
+# Logarithms of factors tried for process noise that the search found negligible.
 LITTLE = (-1.5, -3.5)
-# of the search: differences of logarithms, Newton steps, and halvings of one that leads astray
+# Search: step of finite differences, largest number of Newton steps and of step halvings.
 BESIDE, STEPS, HALVINGS = 0.05, 6, 4
 STATES, PARAMETERS = "process noise of states", "process noise of parameters"
-# of a state's initial deviation in one second: where the search for undeclared process noise begins
+# Start of the search for undeclared process noise: share of a state's initial sigma in one second.
 STARTING_NOISE_SHARE = 0.02
-SAME_LEVEL_SHARE = 0.05  # share within which two levels are the same for every purpose
+SAME_LEVEL_SHARE = 0.05  # relative difference that is irrelevant in practice
 
 
 @dataclass(frozen=True)
 class Level:
-    """A noise level: an output's, or a common factor on process noise. ``assumed`` and ``found`` as
-    standard deviations, SI; of process noise as factors on the declared ones: 1 where it is
-    declared, else 0. ``spread``: of the logarithm of ``found`` by the likelihood's curvature."""
+    """Noise level of an output, or common factor on process noise.
+
+    ``assumed``, ``found``: standard deviations, SI; for process noise, factors on the declared
+    ones (assumed is 1 if declared, else 0). ``spread``: sigma of the logarithm of ``found``.
+    """
 
     name: str
     unit: str
@@ -61,7 +63,7 @@ class Level:
 
     @property
     def agrees(self) -> bool:
-        """Whether both are the same, by the likelihood or for every purpose."""
+        """Whether the levels do not differ significantly, or not in practice."""
         if self.assumed == 0.0 or self.found == 0.0:
             return self.assumed == self.found
         off = abs(math.log(self.found / self.assumed))
@@ -70,8 +72,9 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Levels over ``runs`` runs, and the estimation that assumes what was found; None of methods
-    that assume none.
+    """Levels found from ``runs`` runs.
+
+    ``estimation``: the method with these levels; None if the method assumes no levels.
     """
 
     items: tuple[Level, ...]
@@ -80,13 +83,14 @@ class Levels:
 
     @property
     def agree(self) -> bool:
-        """Whether all are as assumed."""
+        """Whether all levels agree with the assumed ones."""
         return all(item.agrees for item in self.items)
 
 
 def likely_levels(work: EstimatorRuns, seeds: Sequence[int]) -> Levels | None:
-    """Noise levels by likelihood from the first runs of ``seeds``; None of equation error, whose
-    residuals are no measurements.
+    """Return the noise levels by likelihood from the first runs of ``seeds``.
+
+    None for equation error, whose residuals are not measurement errors.
     """
     estimation = work.estimation
     if estimation.method == "equation-error":
@@ -117,8 +121,7 @@ def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Lev
     theta, first = np.zeros(plan.size), len(plan.outputs)
     value = cost(theta)
     for at in range(first, plan.size):
-        # Whether there is any process noise is asked, not read off a slope: towards none the
-        # likelihood is flat.
+        # The likelihood is flat towards zero process noise, so zero is compared explicitly.
         theta, value = _better(
             cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD if plan.declared else 0.0
         )
@@ -143,8 +146,9 @@ def _better(
     tried: float,
     allowed: float,
 ) -> tuple[np.ndarray, float]:
-    """Return the logarithms with that of one factor as ``tried``, where that costs at most
-    ``allowed`` more.
+    """Return ``theta`` and its cost, with entry ``at`` set to ``tried`` if the cost permits.
+
+    ``allowed``: largest increase of the cost.
     """
     other = theta.copy()
     other[at] = tried
@@ -155,8 +159,9 @@ def _better(
 def _newton(
     cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return the least cost by Newton steps of each logarithm alone, which hardly know of each
-    other; with their deviations by the curvature.
+    """Return the minimum of the cost, its value and the sigmas of the logarithms by curvature.
+
+    Newton steps in each logarithm separately: they are nearly uncorrelated.
     """
     spreads = np.full(len(theta), math.inf)
     moving = np.flatnonzero(np.isfinite(theta))
@@ -191,8 +196,9 @@ def _newton(
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is searched: ``outputs`` with their assumed levels, and groups of process noise with the
-    densities at a factor of one.
+    """Unknowns of the search: measurement noise by output, and groups of process noise.
+
+    ``outputs``: assumed levels. ``groups``: spectral densities at a factor of one.
     """
 
     estimation: Estimation
@@ -266,9 +272,9 @@ class _Plan:
 def _cost_of(
     work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: bool
 ) -> Callable[[np.ndarray], float]:
-    """Minus the log likelihood of all records by the logarithms of factors."""
+    """Return minus the log likelihood of all records as a function of the logarithms."""
     model, estimation = work.common.model, work.estimation
-    # What coarse steps leave is no noise.
+    # Fine steps, so that integration error does not count as noise.
     once = filter_settings(
         replace(estimation, integration="rk4", terms=3 if estimation.terms else 0, passes=1)
     )
@@ -291,19 +297,25 @@ def _cost_of(
     return cost
 
 
-# ---- What runs leave at the reference values
+# ---- Residuals at the reference values
 
-RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # from which residuals are taken
-HELD_PRIOR_SHARE = 1e-6  # of a parameter's prior deviation: how far it may go from the reference
+RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # runs used: batched methods, other methods
+HELD_PRIOR_SHARE = 1e-6  # prior sigma that holds a parameter, share of the declared one
 STEPS_PER_SAMPLE = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """``misfit`` : root mean square of what all runs have in common, in units of the noise.
-    ``colour`` ``(m,)`` : correlation of neighbouring samples of the rest by output, ``outputs``
-    their names; ``colour_std`` its deviation for white noise. ``lags`` ``(m, L)`` : autocovariance
-    of the rest; ``valid``, ``common`` ``(m, N)`` : what was measured, and the mean of all runs."""
+    """Normalised residuals of m outputs, as the mean over runs (misfit) and the noise about it.
+
+    Attributes
+    ----------
+    misfit : root mean square of the mean over runs, in noise standard deviations.
+    colour : ``(m,)``, correlation of neighbouring noise samples.
+    colour_std : standard deviation of ``colour`` for white noise.
+    lags : ``(m, L)``, autocovariance of the noise.
+    valid, common : ``(m, N)``, True for measured samples; mean over runs.
+    """
 
     misfit: float
     colour: np.ndarray
@@ -315,7 +327,7 @@ class Residuals:
 
     @property
     def coloured(self) -> bool:
-        """Whether some output's noise is not white."""
+        """Whether the noise of an output is not white."""
         return bool(np.any(np.abs(self.colour) > max(5.0 * self.colour_std, 0.05)))
 
 
@@ -360,7 +372,7 @@ def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
 
 
 def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
-    """Normalised residuals ``(m, N, K)`` of K runs as a common misfit and its rest."""
+    """Split normalised residuals ``(m, N, K)`` of K runs into misfit and noise."""
     runs = normal.shape[2]
     common = normal.mean(axis=2, keepdims=True)
     rest = np.where(valid[:, :, None], normal - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
@@ -368,7 +380,7 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
     excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(
         valid.sum(), 1
     )
-    # What chance leaves in so few runs is no misfit.
+    # Subtract the mean square that noise alone leaves in K runs.
     excess *= excess > 4.0 * float(variance.mean()) * np.sqrt(2.0 / max(valid.sum(), 1)) / runs
     count = max(10, normal.shape[1] // 5)
     lags = np.array(
@@ -390,20 +402,17 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
     )
 
 
-# ---- Errors that are foretold without computing a run again
+# ---- Errors predicted without repeating runs
 
 
 def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Return the root mean square error in stated sigmas that the priors alone give a linear
-    estimator, and the prior's share of the stated variance.
-    """
+    """Return the rms error (stated sigmas) predicted from the priors, and the prior's share."""
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
 
 
 def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """Return the factor ``(n,)`` for each stated sigma if noise has the runs' autocorrelation; None
-    without sensitivities.
+    """Return the correction ``(n,)`` of the stated sigmas for coloured noise; None if unknown.
 
     The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the
     mean correlation of the runs.
@@ -423,22 +432,20 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / bound.stated)
 
 
-# ---- The first runs of a campaign again with something of the method changed
+# ---- First runs of a campaign repeated with a changed method
 
-TRIALS_RUNS, TRIALS_ALONE = 64, 12  # that are computed again: of a batch, of methods one by one
-# passes more, each started at the result of the one before with a spread of so many of its sigmas
+TRIALS_RUNS, TRIALS_ALONE = 64, 12  # runs repeated: batched methods, other methods
+# Additional passes, each started from the previous result with this multiple of its sigmas.
 FURTHER, SPREAD = 3, 20.0
 REDUCED_NOISE_SHARE = 0.1
-FILTER_STEPS_PER_SAMPLE = 4  # steps of a sample, where a filter's are made finer
+FILTER_STEPS_PER_SAMPLE = 4  # in the trial with finer steps
 
 START, TRIALS_STEPS, LEVELS = "start", "steps", "levels"
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Runs with the changes ``keys``: errors and reported sigmas ``(n, K)`` of those that
-    settled.
-    """
+    """Runs with the changes ``keys``: errors and reported sigmas ``(n, K)`` of converged runs."""
 
     keys: tuple[str, ...]
     errors: np.ndarray
@@ -449,17 +456,17 @@ class Trial:
         return float(np.sqrt(np.mean((self.errors[at] / self.std[at]) ** 2)))
 
     def right(self, at: int) -> bool:
-        """Return whether that is what right sigmas give in 999 of 1000 trials."""
+        """Return whether the rms error is consistent with correct sigmas (99.9 %)."""
         low, high = mean_square_interval(self.errors.shape[1], 0.999)
         return low <= self.rms(at) ** 2 <= high
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """A campaign's first runs: as they were (no keys), and with each set of changes that is asked
-    for, computed once.
+    """First runs of a campaign, unchanged and with sets of changes; each set is computed once.
 
-    ``scale`` ``(n,)`` : by what reported sigmas are multiplied in all of them, for coloured noise.
+    ``done``: trials by their changes. ``scale``: ``(n,)``, factors on the reported sigmas for
+    coloured noise.
     """
 
     work: EstimatorRuns
@@ -494,12 +501,12 @@ class Trials:
 
     @property
     def subsets(self) -> Iterator[tuple[str, ...]]:
-        """Sets of changes, the smallest first."""
+        """Yield the sets of changes, the smallest first."""
         for size in range(0 if np.any(self.scale != 1.0) else 1, len(self.changes) + 1):
             yield from combinations(self.changes, size)
 
     def trial(self, keys: tuple[str, ...]) -> Trial | None:
-        """Return the runs with these changes; None where fewer than half of them settle."""
+        """Return the runs with these changes; None if fewer than half of them converge."""
         if keys not in self.done:
             self.done[keys] = self._computed(keys)
         return self.done[keys]
@@ -513,7 +520,7 @@ class Trials:
     def of_records(
         self, keys: tuple[str, ...], estimation: Estimation, records: Sequence[Record]
     ) -> Trial | None:
-        """Records estimated by a changed method; None where fewer than half of them settle."""
+        """Return a trial of a changed method; None if fewer than half of the runs converge."""
         try:
             found = self.work.estimated(estimation, records)
         except FlightidError:
@@ -576,7 +583,7 @@ def _changes(
 
 
 def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation:
-    """Return an estimation with one change more."""
+    """Return an estimation with one more change."""
     if key == TRIALS_STEPS:
         return replace(
             estimation,
@@ -590,9 +597,7 @@ def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation
 
 
 def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
-    """Return, for each parameter, the smallest set of changes that makes its sigma right, if there
-    is one.
-    """
+    """Return the smallest set of changes that corrects the sigma, by index of the parameter."""
     out: dict[int, Trial] = {}
     first = trials.trial(())
     for keys in trials.subsets:
@@ -600,7 +605,7 @@ def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
             break
         trial = trials.trial(keys)
         if trial is not None:
-            # Beside a scale that is known already no change at all may be enough.
+            # The scale for coloured noise may be enough without any change.
             out |= {
                 one: trial
                 for one in at
@@ -610,15 +615,17 @@ def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
 
 
 def _nearer(trial: Trial, first: Trial | None, at: int) -> bool:
-    """Return whether a change takes at least half of what is wrong away: few runs call right what
-    is nearly so.
+    """Return whether a change at least halves the error of the sigma.
+
+    With few runs, a nearly correct sigma passes the test even without the change.
     """
     return first is None or abs(math.log(trial.rms(at))) < 0.5 * abs(math.log(first.rms(at)))
 
 
 def quiet_trial(trials: Trials) -> Trial | None:
-    """Return the runs with a tenth of the noise, all else as it is: a bias that noise makes is then
-    a tenth in sigmas, any other ten times as large.
+    """Return the runs with a tenth of the noise.
+
+    In sigmas, a bias caused by noise becomes a tenth, any other bias ten times as large.
     """
     work = trials.work
     noise = {

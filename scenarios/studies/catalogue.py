@@ -1,6 +1,4 @@
-"""The catalogue of scenarios: one TOML file each, found by being there; and a user's own file by
-its path.
-"""
+"""The catalogue of scenarios, one TOML file each; users' scenario files by their paths."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
 KINDS = (IDENTIFICATION, "trace", "x29", "sweep", "jsbsim")
-# Names of earlier versions, by what examines the tracing loop today; `exam` is not installed.
+# Scenario names of earlier versions -> what replaces them in `exam`, which is not installed.
 EXAMINATIONS = {
     "false-alarms": "false-alarms",
     "clean-models": "clean",
@@ -85,7 +83,7 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     Raises
     ------
     DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are
-    named.
+        named.
     """
     from scenarios.studies.reading import scenario_of
 
@@ -115,7 +113,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
 
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the document with users' model files that it names found in its own folder."""
+    """Return the document with its users' model files resolved against its own folder."""
     from scenarios.files.user_models import is_model_file
 
     def found(table: Any, key: str) -> Any:
@@ -143,7 +141,7 @@ def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def moved(what: str, examination: str, where: str = "flightid") -> DeclarationError:
-    """The fault of asking for what `exam` has, which is a part of the source and not installed."""
+    """Return the error for a study that moved to `exam`, which is not installed."""
     remedy = f"in a checkout of the source: python -m exam {examination} --help"
     return DeclarationError(f"{what} examines the tracing loop", where=where, remedy=remedy)
 
@@ -162,16 +160,14 @@ def _known(name: str) -> None:
 
 
 def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
-    """Return a scenario's content with each of the changes put in, as ``with_change``."""
+    """Return a scenario's content with all changes; see ``with_change``."""
     for change in changes:
         document = with_change(document, change)
     return document
 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
-    """Return a scenario's content with one ``"key=value"`` put in; raises DeclarationError where it
-    cannot be.
-    """
+    """Return a scenario's content with one ``"key=value"`` replaced. Raises DeclarationError."""
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
         raise DeclarationError(
@@ -191,9 +187,7 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
-    """Return the same table with one entry replaced; a number in the path counts entries of a list
-    from 1.
-    """
+    """Return a table with one entry replaced; list entries are numbered from 1."""
     first, *rest = path
     if isinstance(table, list):
         if not (first.isascii() and first.isdigit()) or not 1 <= int(first) <= len(table):

@@ -26,7 +26,7 @@ from scenarios.studies.sweep import sweep_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
 from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
-# ---- What a study must tell beside its numbers
+# ---- Explanations that accompany the numbers of a study
 
 HEADING = "chosen for this study [own], not published or published otherwise:"
 SEE_PAPERS = (
@@ -37,7 +37,7 @@ CONDENSED = (
     "condensed: the value that the derivative has in the fitted model if all modes that the model "
     "lacks follow their loads at once; errors are against this value"
 )
-DISTANCES = {  # The scenario's key ``distance`` in words.
+DISTANCES = {  # values of the scenario's key ``distance``
     "same equations and step": "same equations, computed with the same steps",
     "same equations, finer step": (
         "same equations; the motion of the flight is computed more exactly than that of the model"
@@ -46,7 +46,7 @@ DISTANCES = {  # The scenario's key ``distance`` in words.
     "effect missing": "the model lacks an effect that acts in flight",
     "nothing missing": "the model lacks nothing",
 }
-# origins that a reader would not expect of a published aircraft
+# origins that need a note for a published aircraft
 STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)
 _MODAL = re.compile(
     r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)"
@@ -72,13 +72,14 @@ def choice_lines(choices: Sequence[Choice]) -> list[str]:
 
 
 def choices_content(choices: Sequence[Choice]) -> dict[str, dict[str, str]]:
-    """Return the same for a JSON file, by key."""
+    """Return the choices for a JSON file, by key."""
     return {choice.key: {"value": choice.value, "reason": choice.reason} for choice in choices}
 
 
 def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
-    """Return the numbers of a built-in vehicle that its source does not print, by what their origin
-    means; those of an elastic mode are counted.
+    """Return the numbers of a built-in vehicle that its source does not print, by origin.
+
+    Numbers of elastic modes are only counted.
     """
     if flight.own is not None:
         return {}
@@ -89,9 +90,7 @@ def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
 
 
 def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
-    """Rigid numbers of an origin by name, modal ones of the modes that fly as ``"11 of mode
-    2"``.
-    """
+    """Return the numbers of an origin: rigid-body names, and counts as ``"11 of mode 2"``."""
     rigid, modal = [], Counter[int]()
     for number in data.numbers:
         mode = _MODAL.match(number.name)
@@ -105,25 +104,21 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
 
 
 def vehicle_line(flight: FlightPlan) -> str:
-    """Return one line on the vehicle's numbers; empty if its source prints all of them and none is
-    changed in flight.
-    """
-    told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
-    told += [
+    """Return one line on unprinted or changed numbers of the vehicle; empty if there are none."""
+    texts = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
+    texts += [
         f"{name} flies with {flies}, printed {printed}"
         for name, (flies, printed) in misprints(flight).items()
     ]
     return (
-        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(told)}"
-        if told
+        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(texts)}"
+        if texts
         else ""
     )
 
 
 def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
-    """Return the numbers of a built-in vehicle that fly otherwise than the paper prints them: both
-    as text, by name.
-    """
+    """Return printed and used value of each number that differs from the paper, by name."""
     if flight.own is not None:
         return {}
     modes = [
@@ -152,9 +147,7 @@ def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any
 
 
 def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
-    """Return the same in words, with how far that flight is from the model; empty where there is no
-    other flight.
-    """
+    """Return a line on an estimation's own flight and its `distance_text`; empty without one."""
     if estimation.flight is None:
         return ""
     changed = "; ".join(
@@ -189,9 +182,7 @@ MOST_WRITTEN_PARTS = 6  # parts of a direction that are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
-    """Return the counts, every strength, the directions that the record sees, and of each parameter
-    what comes from where.
-    """
+    """Return counts, strengths, directions, and the sources of each parameter, for JSON."""
     found = method.found
     return {
         "parameters_estimated": len(found.names),
@@ -220,7 +211,7 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
 
 
 def determination_csv(methods: Sequence[MethodDetermination]) -> str:
-    """Return the parameters of all methods."""
+    """Return the determination of all methods as CSV, one row per parameter."""
     rows = (
         [method.estimation.name, name, *map(repr, map(float, (prior, std, std / prior, *shares)))]
         for method in methods
@@ -251,15 +242,16 @@ UNSCENTED = "filterpy UnscentedKalmanFilter"
 
 
 def engine_label(estimation: Estimation) -> str:
-    """Return the engine of an estimation in words; empty where its method is no filter."""
+    """Return the engine of a filter in words; empty for other methods."""
     if estimation.method == "ukf":
         return UNSCENTED
     return ENGINES[estimation.engine].label if estimation.method == "ekf" else ""
 
 
 def engine_line(estimations: Sequence[Estimation]) -> str:
-    """``"engine: filterpy ExtendedKalmanFilter"``, with the methods of each engine where there are
-    several; empty without a filter.
+    """Return ``"engine: filterpy ExtendedKalmanFilter"``; empty without a filter.
+
+    Several engines are listed with their methods.
     """
     methods: dict[str, list[str]] = {}
     for each in estimations:
@@ -274,16 +266,14 @@ def engine_line(estimations: Sequence[Estimation]) -> str:
 
 
 def engine_content(estimation: Estimation) -> dict[str, Any]:
-    """``{"engine": {...}}`` of an estimation; empty where its method is no filter."""
+    """Return ``{"engine": {...}}`` of a filter; empty for other methods."""
     label = engine_label(estimation)
     name = "filterpy" if estimation.method == "ukf" else estimation.engine
     return {"engine": {"name": name, "sentence": label}} if label else {}
 
 
 def bank_line(name: str, second: SecondPass | None) -> str:
-    """``engine_line`` of a bank of delays: the engine ``name``, and how far a second pass by
-    filterpy is from its likeliest filter.
-    """
+    """Return ``engine_line`` of a bank of delays, with its difference from a second engine."""
     return f"engine: {bank_sentence(name, second)}"
 
 
@@ -366,7 +356,7 @@ def comparison(study: StudyResult) -> dict[str, Any]:
 
 
 def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
-    """Choices of a method, and the flight that it alone saw (SI)."""
+    """Return the choices of a method, and its own flight if it has one (SI)."""
     estimation, flight = method.estimation, method.estimation.flight
     out: dict[str, Any] = {"own": choices_content(estimation.choices)} if estimation.choices else {}
     if flight is not None:
@@ -380,8 +370,9 @@ def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
-    """Return the degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
-    derivatives in 1/rad.
+    """Return the degree of flexibility, its threshold and the numbers behind it.
+
+    Frequencies in rad/s, derivatives in 1/rad.
     """
     content: dict[str, Any] = {
         "degree": found.degree,
@@ -399,9 +390,7 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
 
 
 def _repeated(each: Scatter) -> dict[str, Any]:
-    """Return one estimator's errors over the runs of one flight; derivatives are left out where no
-    run settled.
-    """
+    """Return one estimator's errors over repeated runs; no derivatives if no run converged."""
     share, interval = each.within_two
     table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
     known = {
@@ -440,7 +429,7 @@ def estimate_content(
     fixed: Mapping[str, tuple[float, str]],
     tests: tuple[ResidualTest, ...],
 ) -> dict[str, Any]:
-    """Return the parts that a scenario's comparison and an identification share."""
+    """Return the content common to comparisons of scenarios and to identifications."""
     correlation = estimate.correlation
     return {
         "parameters": {row.name: _row(row) for row in rows},
@@ -470,7 +459,7 @@ def estimate_content(
 
 
 def in_unit(row: Row, unit: str) -> Row:
-    """Return the same row in another unit, e.g. beta in lb/ft2."""
+    """Return a row in another unit, e.g. beta in lb/ft2."""
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 
@@ -492,9 +481,7 @@ def in_unit(row: Row, unit: str) -> Row:
 
 
 def check_display(study: StudyResult) -> None:
-    """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything
-    is written.
-    """
+    """Raise DeclarationError for an impossible unit under ``display``, before writing files."""
     from sim.errors import DeclarationError
 
     rows = {row.name: row for method in study.methods for row in method.rows}

@@ -25,9 +25,7 @@ FILTERS = ("ekf", "ukf")  # methods that may make several passes
 
 @dataclass(frozen=True)
 class Start:
-    """A starting value and its standard deviation, SI; the deviation is infinite where nothing is
-    known.
-    """
+    """A starting value and its standard deviation (infinite if unknown), SI."""
 
     value: float
     std: float
@@ -35,7 +33,7 @@ class Start:
 
 @dataclass(frozen=True)
 class ManeuverPlan:
-    """One maneuver: the input it moves, its kind and the numbers of that kind (SI)."""
+    """One maneuver of one input; ``numbers``: amplitude, times and the like of its kind, SI."""
 
     input: str
     kind: str
@@ -44,18 +42,22 @@ class ManeuverPlan:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """How the truth is flown.
+    """How the truth is simulated.
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true
-    values. modes : elastic modes that act. duration, rate : s, 1/s. maneuvers : in order; several
-    on one input add up. integration : ``"tolerance"``, or by steps, ``"rk4"`` or ``"euler"``. step
-    : of these, and wherever only steps serve, s. process_noise : spectral densities of forcing that
-    really acts, by state or parameter. noise_std : measurement noise, by output. derivatives : true
-    values in the place of the vehicle's. feedback : by input, then by output, gains with which what
-    is measured moves the input. frequency_factor : of the modal frequencies against the vehicle's:
-    above one a stiffer structure, below one a softer one.
+    vehicle : name of a built-in vehicle, or a user's model file.
+    duration, rate : s, samples per second.
+    maneuvers : in order; several on one input add up.
+    noise_std : measurement noise, by output.
+    modes : number of elastic modes.
+    step : integration step of ``"rk4"`` and ``"euler"``, s.
+    integration : ``"tolerance"`` (adaptive step), ``"rk4"`` or ``"euler"``.
+    process_noise : true spectral densities, by state or parameter.
+    derivatives : true values that replace the vehicle's.
+    feedback : gains from measured outputs to inputs, by input, then by output.
+    own : the user's model with its true values.
+    frequency_factor : factor on the vehicle's modal frequencies.
     """
 
     vehicle: str
@@ -75,9 +77,7 @@ class FlightPlan:
 
 @dataclass(frozen=True)
 class Variation:
-    """A flight to be repeated: ``label`` for tables and figures, and the names of the estimations
-    that its records go to.
-    """
+    """A flight to be repeated; ``methods``: names of the estimations applied to its records."""
 
     label: str
     flight: FlightPlan
@@ -86,7 +86,7 @@ class Variation:
 
 @dataclass(frozen=True)
 class Repeated:
-    """Flights that are flown ``runs`` times each, with a seed a run."""
+    """Flights that are simulated ``runs`` times each, every run with its own seed."""
 
     runs: int
     flights: tuple[Variation, ...]
@@ -94,9 +94,7 @@ class Repeated:
 
 @dataclass(frozen=True)
 class Choice:
-    """A value that no source gives: its key in the file, what stands there as text, and why that
-    was chosen.
-    """
+    """A value that no source gives: key in the file, value as text, reason for the choice."""
 
     key: str
     value: str
@@ -105,7 +103,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class PublishedChoice:
-    """Which column of which published table stands beside an estimate."""
+    """Column of a published table that an estimate is compared with."""
 
     file: str
     table: str
@@ -114,7 +112,7 @@ class PublishedChoice:
 
 @dataclass(frozen=True)
 class Mark:
-    """A structure of a sweep that has a name, and where its rigid equivalents are printed."""
+    """A named structure of a sweep; ``published``: its published rigid equivalents."""
 
     label: str
     frequency_factor: float
@@ -123,9 +121,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Frequency factors at which a flight is flown and estimated again, from stiff to soft, and
-    those of them that have a name.
-    """
+    """Frequency factors of a sweep, from stiff to soft; ``marks``: the named ones."""
 
     frequency_factors: tuple[float, ...]
     marks: tuple[Mark, ...] = ()
@@ -133,27 +129,33 @@ class SweepPlan:
 
 @dataclass(frozen=True)
 class Estimation:
-    """How a record is estimated; everything an estimator is told stands here.
+    """How a record is estimated: everything that the estimator knows besides the record.
 
     Attributes
     ----------
-    name : key in the study. label : for tables and figures. explanation : what a reader should know
-    of the result. model, modes : estimation model; of a user's file ``own``, as the file declares
-    it. outputs : those used. method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"``
-    or ``"equation-error"``. start : starting values and priors of the free parameters. initial : of
-    the states. held : parameters that are not estimated and not constants of the vehicle. noise_std
-    : measurement noise that the estimator assumes; empty takes that of the record's sensors.
-    process_noise : spectral densities that the filter assumes, by state or parameter. integration,
-    terms, max_step, passes : of a filter; ``terms`` Taylor terms of the fundamental matrix, 0 the
-    exponential. spread : a pass after the first starts from the result of the one before with at
-    most ``spread`` of its standard
-        deviations, so that it linearises near that result; infinite keeps the declared priors. 20
+    name : key in the study.
+    label : for tables and figures.
+    model, modes : name and number of elastic modes of the estimation model.
+    outputs : measured outputs that are used.
+    start, initial : starting values and priors of the free parameters; of the states.
+    method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"`` or ``"equation-error"``.
+    held : fixed parameters that are not constants of the vehicle.
+    noise_std : assumed measurement noise; empty: that of the record's sensors.
+    process_noise : assumed spectral densities, by state or parameter.
+    integration, max_step, passes : of a filter.
+    terms : Taylor terms of a filter's transition matrix; 0 for the matrix exponential.
+    spread : each further pass starts from the previous result with at most ``spread`` times its
+        standard deviations, and so is linearised there. Infinite keeps the declared priors; 20
         counts the data 1 + 1/400 times.
-    use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
-    flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as
-    flown. flight : what was flown for this estimation alone, with its ``distance``; None takes the
-    scenario's. choices : values of this estimation that no source gives. engine : of an extended
-    Kalman filter, a key of ``ident.banks.delays.ENGINES``; both give the same result to rounding.
+    use_priors : whether a whole-record fit uses the priors of ``start``; filters always do.
+    explanation : note for the reader of the result.
+    published : published values to compare with.
+    flown_noise_std : sensor noise of this estimation's record; empty: that of the flight.
+    own : the user's model, as its file declares it.
+    flight, distance : flight of this estimation alone; None: the scenario's.
+    choices : values of this estimation that no source gives.
+    engine : of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; the results
+        agree to rounding.
     """
 
     name: str
@@ -190,19 +192,19 @@ class Scenario:
     Attributes
     ----------
     name, title, about : for people.
-    distance : how far the truth is from the model that is fitted.
-    flight : the truth recipe. estimations : the main one first.
-    condensed : compare with the coefficients that static condensation gives, of those elastic modes
-    that fly and that
-        an estimation's model lacks.
-    display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
+    distance : how the truth differs from the fitted model.
+    flight : the simulated flight.
+    estimations : methods, the main one first.
+    condensed : compare with statically condensed coefficients; condensed are the elastic modes that
+        the estimation model lacks.
+    display : further display unit of a parameter, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
-    flown : class of the aircraft and category of the flight phase, by which levels of flying
-    qualities are told; None tells none. files : users' model files that it names, with their
-    hashes. repeated : flights that show how the estimates scatter; None where one flight is all.
-    determination : tell what the records determine and what only the priors do. sweep : structures
-    with which the flight is flown and estimated again; None where one is all. choices : values of
-    the flight and of the main estimation that no source gives.
+    flown : aircraft class and flight phase, for levels of flying qualities; None: no levels.
+    files : users' model files, with hashes.
+    repeated : flights that are simulated several times, to show the scatter of the estimates.
+    sweep : structures from stiff to soft that the flight is repeated with.
+    determination : report what the records determine and what only the priors do.
+    choices : values of the flight and of the main estimation that no source gives.
     """
 
     name: str
@@ -223,9 +225,7 @@ class Scenario:
 
 
 def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
-    """Return the scenario with the flight whose record an estimation gets: its own where it has
-    one, of the same vehicle.
-    """
+    """Return the scenario with the flight of an estimation: its own flight if it has one."""
     if estimation.flight is None:
         return scenario
     return replace(
@@ -235,17 +235,17 @@ def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
 
 # ---- The table own of a scenario file
 
-MOST_ENTRIES = 6  # of a list of numbers that is told one by one
+MOST_ENTRIES = 6  # longest list whose numbers are printed one by one
 
 
 def choices_of(
     own: Mapping[str, Any], document: Mapping[str, Any], where: str
 ) -> tuple[Choice, ...]:
-    """Return the choices that ``own`` declares of ``document``, whose keys it repeats with a reason
-    in the place of each value.
+    """Return the choices that ``own`` declares.
 
-    The value is read from the document, so that a study tells what it really used; ``where`` is the
-    key of ``own`` in messages.
+    ``own`` repeats keys of ``document``, with a reason instead of each value. The values are read
+    from the document, so that a study reports what it used. ``where`` is the key of ``own`` in
+    messages.
 
     Raises
     ------
@@ -289,8 +289,9 @@ def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, A
 
 
 def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """Return a changed document likewise in the table ``own`` of each method; what a method does
-    not declare is the main one's.
+    """Apply ``without_gone`` to the table ``own`` of each method of a changed document.
+
+    A method without an own value uses that of the main method.
     """
     were, now = before.get("methods"), after.get("methods")
     if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
@@ -316,7 +317,7 @@ def _method(old: Any, new: Any, before: Mapping[str, Any], after: Mapping[str, A
 
 
 def _inside(table: Any, name: str) -> Any:
-    """An entry of a table, or of a list by its number from one; None where it is not there."""
+    """Return an entry of a table, or of a list (numbered from 1); None if missing."""
     if isinstance(table, list):
         return (
             table[int(name) - 1]
@@ -335,9 +336,11 @@ def value_text(value: Any) -> str:
             return f"{value_text(value['value'])} +- {value_text(value['std'])}"
         return ", ".join(f"{name} {value_text(entry)}" for name, entry in value.items())
     if isinstance(value, list):
-        told = len(value) <= MOST_ENTRIES and not any(isinstance(entry, Mapping) for entry in value)
+        listed = len(value) <= MOST_ENTRIES and not any(
+            isinstance(entry, Mapping) for entry in value
+        )
         return (
-            ", ".join(value_text(entry) for entry in value) if told else f"({len(value)} entries)"
+            ", ".join(value_text(entry) for entry in value) if listed else f"({len(value)} entries)"
         )
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -1,8 +1,7 @@
 """From a scenario's flight to its record, and from a record to its estimate, one or many at once.
 
-Only what the declaration says and the record holds is used: constants of the vehicle (mass,
-geometry, flight condition, modal frequencies) come from its data file, every derivative from the
-declaration.
+An estimate uses only the record, the declaration, and constants of the vehicle file (mass,
+geometry, flight condition, modal frequencies). Every derivative comes from the declaration.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ from sim.vehicles.library import VehicleData, read_parameter_set
 
 # ---- From a scenario's flight to a record and its truth
 
-# s, since when an input has been at rest: before all that a record or an effect looks back to
+# s; inputs are at rest since then, earlier than any delay or filter needs
 START_OF_REST = -1e6
 SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
@@ -77,7 +76,7 @@ DISTANCES = {
 
 
 def true_model(flight: FlightPlan) -> Model:
-    """Return the vehicle that really flies, with its noise."""
+    """Return the model of the true vehicle, with its noise."""
     noise = Noise(flight.noise_std, flight.process_noise)
     if flight.own is not None:
         return flight.own.with_noise(noise)
@@ -94,7 +93,7 @@ def true_model(flight: FlightPlan) -> Model:
 
 
 def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: float = 1.0) -> Model:
-    """A built-in vehicle with so many of its elastic modes, their frequencies by a factor."""
+    """Return a built-in vehicle with ``modes`` elastic modes and scaled modal frequencies."""
     data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
     if modes and not data.modes:
         raise DeclarationError(
@@ -108,17 +107,17 @@ def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: floa
 
 
 def flown_vehicle(flight: FlightPlan) -> VehicleData:
-    """Return the numbers of the built-in vehicle that flies."""
+    """Return the data of the flight's built-in vehicle."""
     return with_frequency_factor(read_parameter_set(flight.vehicle), flight.frequency_factor)
 
 
 def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record, Truth]:
-    """Fly the truth of a scenario; the same seed gives the same bytes.
+    """Simulate the truth of a scenario; the same seed gives the same bytes.
 
     Raises
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is
-    declared for no output.
+        declared for no output.
     """
     flight = scenario.flight
     model = true_model(flight)
@@ -143,7 +142,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     ]
     common: dict[str, Any] = {
         "step": min(flight.step, 1.0 / flight.rate),
-        "method": STEPS.get(flight.integration),  # none: to a tolerance
+        "method": STEPS.get(flight.integration),  # None: adaptive step
         "outputs": measured,
         "distance": DISTANCES[scenario.distance],
         "name": scenario.name,
@@ -155,7 +154,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
 
 def resting(model: Model) -> dict[str, float]:
-    """Return the rest values of the inputs of a user model, by name, if they are not zero."""
+    """Return the nonzero rest values of the inputs of a user model, by name."""
     names = [signal.name for signal in model.equations.inputs]
     return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
 
@@ -166,8 +165,9 @@ def maneuvers_by_input(
     place: str,
     rest: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Maneuver]:
-    """Return the maneuver of each input about its rest value; several maneuvers on one input add
-    up. ``place`` is the key of the flight they belong to.
+    """Return the sum of the maneuvers of each input, about its rest value.
+
+    ``place`` is the key of the flight in messages.
 
     Raises
     ------
@@ -192,11 +192,10 @@ def maneuvers_by_input(
 def held_alike(
     by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
 ) -> dict[str, Maneuver]:
-    """Return the maneuvers that a record can hold: beside steps on any input a smooth one is fed
-    sample by sample.
+    """Return maneuvers that one record can represent.
 
-    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the
-    other way a step is half a sample late.
+    Between the samples ``time`` (s), all inputs of a record are held or all are linear. If any
+    input has steps, smooth inputs are therefore held between samples, too.
     """
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
     if all(plan.kind in SMOOTH for plan in plans):
@@ -214,7 +213,7 @@ def held_alike(
 def measured_again(
     record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int
 ) -> Record:
-    """Return the same flight with sensors of other noise."""
+    """Return a flight's record with new measurement noise of the given levels."""
     std = {**truth.noise_std, **noise_std}
     return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
 
@@ -224,8 +223,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
 
     Raises
     ------
-    DeclarationError : a number that the kind needs is missing, or one is given that it does not
-    take.
+    DeclarationError : a number that the kind needs is missing, or one is unknown to it.
     """
     needed, build = KINDS[plan.kind]
     for name in needed:
@@ -277,9 +275,7 @@ FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
 
 
 class _Kind(NamedTuple):
-    """Names that equations know: their constants, the derivatives that must be declared, those that
-    may be left out, the states.
-    """
+    """Names of equations: constants, required and optional derivatives, states."""
 
     constants: Collection[str]
     needed: Collection[str]
@@ -290,7 +286,7 @@ class _Kind(NamedTuple):
 _KINDS = {
     "rigid": _Kind(RIGID_CONSTANTS, RIGID_DERIVATIVES, (), ("alpha", "q")),
     "ballistic": _Kind(BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, (), ("altitude", "velocity")),
-    # A whole axis holds at zero what it is not given, which tells no truth.
+    # Derivatives that are not given are held at zero, which reveals nothing of the truth.
     **{
         name: _Kind(constants, (), derivatives, tuple(signal.name for signal in equations.states))
         for name, (equations, constants, derivatives) in WHOLE_AXES.items()
@@ -300,7 +296,7 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """An estimation, the record it saw, and what came out."""
+    """An estimation with its record and estimate."""
 
     estimation: Estimation
     record: Record
@@ -316,7 +312,7 @@ def declared_model(
     Raises
     ------
     DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name
-    that is unknown.
+        that is unknown.
     """
     if estimation.own is not None:
         return own_declared(estimation, noise_std)
@@ -355,17 +351,16 @@ def declared_model(
 
 
 def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
-    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation
-    says otherwise.
-    """
+    """Return the assumed measurement noise: the estimation's, else that of the sensors."""
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
 def vehicle_constants(
     estimation: Estimation, vehicle: str, frequency_factor: float = 1.0
 ) -> dict[str, float]:
-    """Return the numbers of a built-in vehicle that an estimator may know: no derivative among
-    them, and none where the model has its own.
+    """Return the constants of a built-in vehicle that an estimator may use, without derivatives.
+
+    Empty for a user model, which declares its constants itself.
     """
     if estimation.own is not None:
         return {}
@@ -378,7 +373,7 @@ def vehicle_constants(
 
 
 def flight_constants(flight: FlightPlan, estimation: Estimation) -> dict[str, float]:
-    """``vehicle_constants`` of what flies."""
+    """Return ``vehicle_constants`` of the flight's vehicle."""
     return vehicle_constants(estimation, flight.vehicle, flight.frequency_factor)
 
 
@@ -391,9 +386,7 @@ def compiled(estimation: Estimation, model: Model) -> System:
 
 
 def biased_system(estimation: Estimation, model: Model) -> System:
-    """Return the System of a model for a whole-record fit: with a free bias of each sensor that can
-    have one.
-    """
+    """Return the System of a model for a whole-record fit, with free sensor biases."""
     return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
@@ -409,11 +402,12 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
 
 
 def _longest_step(estimation: Estimation) -> float:
-    """Return the largest integration step of a whole-record fit, s; an own model may be a thousand
-    times slower than an aircraft: its scenario's word counts.
+    """Return the largest integration step of a whole-record fit, s.
+
+    For a user model, which may be much slower than an aircraft, the scenario's ``max_step``.
     """
-    told = estimation.own is not None and math.isfinite(estimation.max_step)
-    return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
+    declared = estimation.own is not None and math.isfinite(estimation.max_step)
+    return estimation.max_step if declared else min(FIT_STEP, estimation.max_step)
 
 
 def filter_settings(estimation: Estimation) -> FilterSettings:
@@ -453,9 +447,7 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
 
 def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
-    """Return the model started at an estimate, each free parameter with at most ``spread`` of its
-    standard deviations.
-    """
+    """Return the model started at an estimate, with priors of at most ``spread`` sigmas."""
     std = {
         name: min(model.parameters[name].prior_std, spread * float(sigma))
         for name, sigma in zip(estimate.names, estimate.std, strict=True)
@@ -466,7 +458,7 @@ def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
 
 
 def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
-    """Return the filter of an estimation, in as many passes as it takes."""
+    """Return the estimate of a filter after all its passes."""
     if estimation.method == "ukf":
         from ident.filters.ukf import run_ukf as run
     else:
@@ -569,16 +561,22 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
 
 # ---- Estimates of many records of one flight
 
-# runs, of which a batch has a multiple: linear algebra adds up a single column in another order
+# Batch sizes are multiples of this: for other sizes, linear algebra sums in another order.
 BATCH_MULTIPLE = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """What k runs gave: parameters and sigmas ``(n, k)``, covariances ``(k, n, n)``, outcome codes,
-    and of filters the sum of the normalised innovations squared ``(k,)`` and of how many measured
-    numbers that is ``(k,)``, else zeros; ``noise_std (m, k)`` of ``outputs``, assumed or
-    estimated."""
+    """Estimates of k runs.
+
+    Attributes
+    ----------
+    values, covariance : ``(n, k)``, ``(k, n, n)``.
+    outcomes : codes.
+    nis, degrees : ``(k,)``, sum of the normalised innovations squared, degrees of freedom; zero
+        for methods that are no filters.
+    noise_std : ``(m, k)`` of ``outputs``, assumed or estimated.
+    """
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -591,14 +589,15 @@ class Estimates:
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
-    """Return whether runs go through one batch: a batch has one input, and under feedback no two
-    runs have the same.
+    """Return whether runs are estimated as one batch, which needs the same inputs in all runs.
+
+    With feedback the inputs differ.
     """
     return estimation.method == "ekf" and not feedback
 
 
 def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
-    """Runs by a method that takes one record at a time."""
+    """Return the estimates of a method that takes one record at a time."""
     own = replace(estimation, engine="batched")
     found = [estimate_record(own, record, model).estimate for record in records]
     histories = [each.history for each in found]
@@ -615,8 +614,9 @@ def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) 
 
 
 def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
-    """Filters of many runs as one batch, which is filled up so that no run's numbers depend on how
-    many there are.
+    """Return the estimates of many filters as one batch.
+
+    The batch is padded, so that results do not depend on the number of runs.
     """
     count = len(records)
     filled = [*records, *[records[0]] * (-count % BATCH_MULTIPLE)]
@@ -642,8 +642,9 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the means, covariances, soundness and NIS after further passes, each run started and
-    narrowed by its own result, as `studies.estimating` does.
+    """Return means, covariances, success flags and NIS after further passes.
+
+    Each run starts from its own result, with narrowed priors (``narrowed``).
     """
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
     declared = np.array(

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from scenarios.plots.studies import Coverage, DeterminedBy
 
 
-# ---- What the figure of a sweep is given
+# ---- Data of the figure of a sweep
 
-# Axis, legend, and what is drawn to scale.
+# Criterion -> axis label, legend, range drawn to scale.
 LABELS = {
     "likelihood": (
         "BIC gain of an elastic mode (–)",
@@ -63,8 +63,9 @@ LABELS = {
 
 
 def draw_sweep(sweep: Sweep, title: str) -> Figure:
-    """Equivalent derivatives over the degree of flexibility by the main method and by those with
-    modes, with the criteria's courses below.
+    """Return the figure of equivalent derivatives and criteria over the degree of flexibility.
+
+    Methods: the main one and those with elastic modes.
     """
     from scenarios.plots.studies import (
         CriterionCourse,
@@ -110,11 +111,11 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
     return figure_flexibility(degrees, courses, criteria, marks, title)
 
 
-# ---- What the figures of a campaign's statistics are given
+# ---- Data of the figures of a campaign's statistics
 
 
 def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]:
-    """Coverage by parameter, errors beside the normal distribution, NEES and NIS."""
+    """Yield the figures of coverage, of the error distribution, and of NEES and NIS."""
     from scenarios.plots.studies import (
         CoverageRow,
         SquaresPanel,
@@ -146,15 +147,15 @@ def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]
         yield "consistency", partial(figure_squares, panels, title)
 
 
-# ---- Which figures a study gets
+# ---- Figures of a study
 
-TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
+TOLD_APART = 0.1  # share of the main method's residual rms; methods that differ less are not drawn
 MOST_RESPONSES = 3
-MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page are no longer read
+MOST_PANELS = 30  # parameters in one figure
 
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
-    """Yield a scenario's figures: the stem of each file, and what draws it."""
+    """Yield a scenario's figures: file stem and drawing function."""
     from scenarios.plots.residuals import (
         ComparisonRow,
         ErrorCloud,
@@ -188,7 +189,7 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             heading = f"{title}\n{method.estimation.label}"
             drawn = partial(figure_record, method.result.record, heading, SIMULATED_DATA)
             yield f"record_{method.estimation.name}", drawn
-        # Of a single parameter the figures of all methods together say what one for each would.
+        # For a single parameter, the figures with all methods suffice.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(
                 study, method, "" if method is main else f"_{method.estimation.name}"
@@ -236,9 +237,7 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> Iterator[Named]:
-    """Yield the figures of a campaign: errors of all runs and how often their intervals hold the
-    reference, and those of its statistics.
-    """
+    """Yield the figures of a campaign: errors and coverage of all runs, and its statistics."""
     from scenarios.plots.studies import figure_campaign
 
     reference = np.array([[spread.reference] for spread in campaign.spreads])
@@ -301,9 +300,7 @@ def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> It
 
 
 def _told_apart(study: StudyResult) -> list[MethodResult]:
-    """Return the main method and those whose residual of the same record differs so much that a
-    figure shows it.
-    """
+    """Return the main method and those whose residuals differ visibly from its residuals."""
     z, valid = study.record.output_array(study.main.result.estimate.output_names)
 
     def size(method: MethodResult) -> np.ndarray:
@@ -398,12 +395,12 @@ MAIN = "comparison.json"
 def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal
-    shows), ``response.csv`` (measured, predicted and noise-free outputs), ``history.csv`` of a
-    filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
-    which it is made, ``comparison.json`` last. Further methods leave ``response_METHOD.csv`` and
-    ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a
-    sweep ``sweep.csv``, determination ``determination.csv``.
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (terminal output),
+    ``response.csv`` (measured, predicted and noise-free outputs), ``history.csv`` of a filter,
+    figures in the formats ``figures``, ``report.html`` and its source ``report.json``,
+    ``comparison.json`` last. Further methods: ``response_METHOD.csv``, ``history_METHOD.csv``, and
+    ``record_METHOD.csv`` for another flight or other sensors. Optional: ``sweep.csv``,
+    ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record, simulated=True)
@@ -439,7 +436,7 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
 
 
 def truth_content(truth: Truth) -> dict[str, Any]:
-    """True parameters, effects, noise and distance, without the histories."""
+    """Return true parameters, effects, noise and distance from the model, without histories."""
     return {
         "schema": "flightid/truth/1",
         "parameters": {
@@ -456,9 +453,7 @@ def truth_content(truth: Truth) -> dict[str, Any]:
 
 
 def write_history(path: Path, method: MethodResult) -> None:
-    """States and parameters after each sample with their standard deviations, and innovations, as
-    CSV.
-    """
+    """Write states and parameters with sigmas, and innovations, of each sample as CSV."""
     history = method.result.estimate.history
     assert history is not None
     outputs = method.result.estimate.output_names

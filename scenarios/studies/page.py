@@ -51,7 +51,7 @@ from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
-COVERING_SIGMAS = 2.0  # sigmas within which an estimate is said to hold the truth
+COVERING_SIGMAS = 2.0  # an interval of so many sigmas should contain the truth
 
 
 def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
@@ -95,9 +95,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
 
 
 def within_line(rows: Sequence[Row], reference: str) -> str:
-    """Return the number of estimates within two of their sigmas of the reference; empty if no
-    reference is known.
-    """
+    """Return how many estimates are within two sigmas of the reference; empty without one."""
     known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
     if not known:
         return ""

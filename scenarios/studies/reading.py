@@ -49,13 +49,11 @@ from sim.errors import DeclarationError, ModelError
 
 # ---- A user's own model in a scenario
 
-ZERO_START_RANGE = 1.0  # of a state at the start where its file gives zero, in the state's unit
+ZERO_START_RANGE = 1.0  # least sigma of an initial state, in its unit
 
 
 def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
-    """Return the models of those names that are files, each read once. Raises DeclarationError as
-    ``read_model_file``.
-    """
+    """Return the user models among ``names``. Errors as ``read_model_file``."""
     return {
         name: read_model_file(name, MODELS) for name in dict.fromkeys(names) if is_model_file(name)
     }
@@ -67,7 +65,7 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
     Raises
     ------
     DeclarationError : an unknown name, a wrong unit, a value beyond its bounds; ``where`` is the
-    key of the table.
+        key of the table.
     """
     for name in values:
         if name not in model.parameters:
@@ -89,11 +87,10 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
 
 
 def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
-    """Return an estimation of an own model with what its scenario leaves to the file: outputs that
-    are ``measured``, starts, initial states.
+    """Return an estimation of a user model, completed from the model file.
 
-    A parameter starts where the file says, with half of that as its standard deviation; a state
-    likewise, with at least ``ZERO_START_RANGE`` of its unit.
+    Completed are outputs that are ``measured``, starting values and initial states. Standard
+    deviations are half of each value; for states at least ``ZERO_START_RANGE``.
     """
     model = estimation.own
     assert model is not None
@@ -120,8 +117,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
 
     Raises
     ------
-    DeclarationError : a parameter or state that the model does not have, one that is started and
-    held, a value beyond its bounds.
+    DeclarationError : a parameter or state is unknown, both started and held, or out of bounds.
     """
     model, place = estimation.own, f"estimation {estimation.name}"
     assert model is not None
@@ -182,11 +178,11 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
     """Return the outputs whose sensors have a free constant bias in the file."""
-    told = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
-    return [name for name in outputs if name in told]
+    declared = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
+    return [name for name in outputs if name in declared]
 
 
-# ---- From the tables of a flight, as a scenario file has them, to what is flown
+# ---- From the flight tables of a scenario file to a FlightPlan
 
 
 def flight_of(
@@ -233,8 +229,9 @@ def other_flight_of(
     key: str,
     files: Mapping[str, OwnModel],
 ) -> FlightPlan | None:
-    """Return the scenario's flight with what ``other`` gives in the place of its own; None without.
-    Noise of one kind replaces both kinds.
+    """Return the scenario's flight with the entries of ``other`` replaced; None without ``other``.
+
+    Either ``noise_std`` or ``noise_variance`` replaces both.
     """
     if other is None:
         return None
@@ -251,9 +248,7 @@ def own_vehicle_of(
     place: str,
     files: Mapping[str, OwnModel],
 ) -> Model | None:
-    """Return the own model that flies, with its true values; None where a built-in vehicle does,
-    which has neither.
-    """
+    """Return the user model of a flight with its true values; None for a built-in vehicle."""
     if vehicle in files:
         if modes:
             raise DeclarationError(
@@ -272,9 +267,7 @@ def own_vehicle_of(
 
 
 def refuse_other_equations(own: Model | None, fitted: str, where: str) -> None:
-    """Raise DeclarationError where an own model flies and a built-in one is fitted, whose constants
-    it need not have.
-    """
+    """Raise DeclarationError if a built-in model, with its constants, is fitted to a user model."""
     if own is not None and not is_model_file(fitted):
         what = f"a model of your own flies, and {fitted} is fitted"
         raise DeclarationError(
@@ -287,8 +280,9 @@ def refuse_other_equations(own: Model | None, fitted: str, where: str) -> None:
 def maneuver_plans(
     maneuvers: Sequence[ManeuverTable], place: str, model: str | Model = ""
 ) -> tuple[ManeuverPlan, ...]:
-    """Return the maneuvers with their numbers in SI, or in the units of an own ``model``; ``place``
-    is the key of the flight they belong to.
+    """Return the maneuvers with numbers in SI, or in the units of a user's ``model``.
+
+    ``place`` is the key of the flight in messages.
     """
     plans = []
     for number, maneuver in enumerate(maneuvers, start=1):
@@ -310,9 +304,7 @@ def maneuver_plans(
 def repeated_of(
     content: ScenarioTable, names: Sequence[str], where: str, files: Mapping[str, OwnModel]
 ) -> Repeated:
-    """Return the flights to be repeated: each the scenario's own with those tables replaced that it
-    gives itself.
-    """
+    """Return the flights to be repeated: the scenario's flight with some tables replaced."""
     assert content.repeated is not None
     flights = []
     for number, given in enumerate(content.repeated.flights, start=1):
@@ -340,14 +332,13 @@ def repeated_of(
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """Return a Scenario from the content of its file; ``where`` names the file in messages.
 
-    A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself;
-    its tables ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight``
-    replaces keys of ``[flight]``.
+    A method under ``[[methods]]`` inherits all keys of ``[estimate]`` that it does not give. Its
+    tables ``start``, ``initial`` and ``held`` replace single entries, its ``flight`` keys of
+    ``[flight]``.
 
     Raises
     ------
-    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
-    and key.
+    DeclarationError : an unknown or missing key, a wrong value or unit: one line, file and key.
     """
     content = checked(ScenarioTable, document, where)
     base = {key: value for key, value in document["estimate"].items()}
@@ -470,7 +461,7 @@ def _choice(published: PublishedTable | None) -> PublishedChoice | None:
 
 
 def _label(estimate: EstimateTable, name: str) -> str:
-    """The method's label, with the number of passes of a filter that makes more than one."""
+    """Return the method's label, with the number of passes if more than one."""
     label = estimate.label or name
     repeated = estimate.method in FILTERS and estimate.passes > 1
     return f"{label}, {estimate.passes} passes" if repeated else label
@@ -529,7 +520,7 @@ def estimation_of(
 
 
 def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where: str) -> None:
-    """Raise DeclarationError for keys that say something of an aircraft alone, where none flies."""
+    """Raise DeclarationError for keys that only make sense for an aircraft."""
     aircraft = content.estimate.model != "ballistic" and (own is None or is_of_aircraft(own))
     asked = {"condensed": content.condensed and own is not None}
     asked |= {
@@ -546,9 +537,7 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
 
 
 def _refuse_other_flights(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> None:
-    """Raise DeclarationError for a flight of a method's own where sweeps are flown once for all
-    methods.
-    """
+    """Raise DeclarationError for a method's own flight in a sweep, whose methods share flights."""
     own = [number for number, method in enumerate(mains) if method.flight is not None]
     if own and content.sweep:
         raise DeclarationError(
@@ -559,9 +548,7 @@ def _refuse_other_flights(content: ScenarioTable, mains: Sequence[Estimation], w
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:
-    """Raise DeclarationError where a built-in model is not told what only a file of one's own says
-    itself.
-    """
+    """Raise DeclarationError for missing keys that only a user's model file can supply."""
     missing = [key for key in ("outputs", "start", "initial") if getattr(estimate, key) is None]
     if own is None and missing:
         word = "key" if len(missing) == 1 else "keys"

@@ -19,7 +19,7 @@ from sim.errors import DeclarationError
 
 Quantity = float | int | str
 
-# SI units of the quantities a scenario may give with a unit of its own.
+# SI units of quantities that a scenario may give in another unit.
 UNITS = {
     "alpha": "rad",
     "q": "rad/s",
@@ -44,10 +44,10 @@ OWN_UNITS = {"lateral": {"beta": "rad"}}
 
 
 def unit_of(name: str, model: str | Model = "") -> str:
-    """Return the SI unit of what a scenario gives under a name, for a model where it has a meaning
-    of its own; 1 for a coefficient.
+    """Return the SI unit of a named quantity; 1 for a coefficient.
 
-    A user's own model (``Model``) declares the units of all its names.
+    ``model``: name of a built-in model, in which a name may have another meaning, or a user's model
+    (``Model``), which declares its units.
     """
     if isinstance(model, Model):
         return unit_in(model, name)
@@ -57,7 +57,7 @@ def unit_of(name: str, model: str | Model = "") -> str:
 def standard_deviations(
     std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str | Model = ""
 ) -> dict[str, float]:
-    """Noise by output of a model, SI, from standard deviations and variances."""
+    """Return noise standard deviations by output, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
         out[name] = positive(
@@ -121,9 +121,7 @@ def _parts(text: str, where: str) -> tuple[float, str]:
 
 
 def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
-    """Return a number, or a text with a unit, in the unit ``target``; ``same`` are other spellings
-    of units.
-    """
+    """Return a number, or a text with a unit, in ``target``; ``same``: spellings of units."""
     if not isinstance(value, str):
         return float(value)
     number, unit = _parts(value, where)
@@ -132,7 +130,7 @@ def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None 
 
 
 def positive(value: float, where: str) -> float:
-    """Return the value, refused where it is not above zero and finite."""
+    """Return the value. Raises DeclarationError if it is not positive and finite."""
     if not (value > 0 and math.isfinite(value)):
         raise DeclarationError(
             f"{value:g} is not above 0", where=where, remedy="give a positive number"
@@ -160,7 +158,7 @@ Distance = Literal[
 
 
 def model_name(*known: str) -> Callable[[str], str]:
-    """Return a check of what is fitted: one of the ``known`` models, or a user's model file."""
+    """Return a validator of model names: one of the ``known`` models, or a user's model file."""
 
     def checked_name(name: str) -> str:
         if name not in known and not is_model_file(name):
@@ -272,9 +270,7 @@ class EstimateTable(Strict):
 
 
 class OtherFlightTable(Strict):
-    """What a method's own flight has in the place of the scenario's; the vehicle and its true
-    values are the same.
-    """
+    """Entries of a method's own flight that replace the scenario's; the vehicle is the same."""
 
     duration: Quantity | None = None
     rate: Quantity | None = None
@@ -287,7 +283,7 @@ class OtherFlightTable(Strict):
 
 
 class MethodTable(EstimateTable):
-    """A method beside the main one, which may have a flight and choices of its own."""
+    """A further method, which may have its own flight and choices."""
 
     flight: OtherFlightTable | None = None
     distance: Distance | None = None

@@ -43,15 +43,15 @@ from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above
 
 # ---- A scenario's flights flown many times
 
-RESAMPLING_SEED = 1  # of the interval over all derivatives: the same runs give the same interval
+RESAMPLING_SEED = 1  # fixed, so that the same runs give the same interval
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """What one estimator made of one flight, flown N times.
+    """Results of one estimator on a flight simulated N times, of which M runs converged.
 
-    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M
-    runs that settled; ``outcomes`` counts all N by code.
+    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units;
+    ``outcomes``: number of runs by outcome code.
     """
 
     flight: str
@@ -64,14 +64,12 @@ class Scatter:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """Errors in the reported standard deviations ``(n, M)``."""
+        """Errors over reported standard deviations ``(n, M)``."""
         return np.asarray(self.errors / self.std)
 
     @property
     def rms_sigmas(self) -> np.ndarray:
-        """Root mean square of these by derivative ``(n,)``: one where the reported sigmas are
-        right.
-        """
+        """Root mean square of ``sigmas`` ``(n,)``: one if the reported sigmas are correct."""
         return (
             np.sqrt(np.mean(self.sigmas**2, axis=1))
             if self.errors.shape[1]
@@ -89,9 +87,7 @@ class Scatter:
 
     @property
     def within_two(self) -> tuple[float, tuple[float, float]]:
-        """Share of 2-sigma intervals that hold the truth, over all derivatives, and its 95 %
-        interval by resampling whole runs.
-        """
+        """Coverage of 2-sigma intervals over all derivatives, with its bootstrap 95 % interval."""
         hits = np.sum(np.abs(self.sigmas) <= 2.0, axis=0)
         share = float(hits.mean()) / len(self.names) if hits.size else 0.0
         return share, clustered_share(
@@ -104,12 +100,11 @@ def fly_repeatedly(
     seed: int | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> tuple[Scatter, ...]:
-    """Return all repeated flights of a scenario, each estimated by the methods it names; run i has
-    the seed ``seed + i``.
+    """Return the results of all repeated flights of a scenario; run i has the seed ``seed + i``.
 
     Raises
     ------
-    FlightidError : something is declared that cannot be flown or estimated.
+    FlightidError : the declared flight or estimation is impossible.
     """
     if scenario.repeated is None:
         return ()
@@ -173,9 +168,7 @@ def _scatter(
 
 @dataclass(frozen=True, eq=False)
 class MethodDetermination:
-    """What record and priors of one method say, and the deviations ``claimed (n,)`` that the method
-    itself states, in the same order.
-    """
+    """Information of record and priors, and the sigmas ``claimed (n,)`` that the method reports."""
 
     estimation: Estimation
     found: Determination
@@ -183,9 +176,7 @@ class MethodDetermination:
 
     @property
     def overclaimed(self) -> tuple[str, ...]:
-        """Parameters with a stated deviation below ``LEAST_HONEST_RATIO`` of what record and prior
-        together allow.
-        """
+        """Parameters whose reported sigma is less than record and prior together allow."""
         ratio = self.claimed / self.found.posterior_std
         return tuple(
             name
@@ -194,7 +185,7 @@ class MethodDetermination:
         )
 
 
-# the nonlinearity of these records and the noise level found from one change a deviation by a tenth
+# Least ratio of reported to allowed sigma: nonlinearity and estimated noise change it by 10 %.
 LEAST_HONEST_RATIO = 0.8
 
 
@@ -204,8 +195,8 @@ def determine(
     """Return how well ``record`` and the priors of ``model`` determine the parameters, at the
     estimate and with the noise that the model declares.
 
-    No process noise: what a filter counts as such can only hide more. Biases of the sensors count
-    as unknown, as in whole-record fits.
+    Without process noise, which could only reduce the information. Sensor biases are unknown, as in
+    whole-record fits.
     """
     system = biased_system(
         estimation, model.with_values(estimate.only(model.parameters.free_names).as_dict())
@@ -218,15 +209,16 @@ def determine(
     )
 
 
-# ---- Sentences about a study that its tables do not say
+# ---- Notes on a study
 
-# of the prior's standard deviation: above it the record has said less than the start did
+# Ratio of posterior to prior sigma above which the prior dominates.
 LITTLE_LEARNT = 0.5
 
 
 def prior_note(result: Result) -> str:
-    """Return a note on the parameters that the record hardly determines, those that may wander left
-    out; empty if there are none or the method has no priors.
+    """Return a note on parameters that the record hardly determines; empty if there are none.
+
+    Parameters with process noise are left out.
     """
     estimation = result.estimation
     priors = {
@@ -251,12 +243,11 @@ def prior_note(result: Result) -> str:
 
 
 def residual_note(result: Result, model: Model) -> str:
-    """Return the share of the residual's power about the elastic frequencies of ``model``, by
-    output; empty for a rigid one.
+    """Return the share of the residual's power near the elastic frequencies of ``model``.
 
-    The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs
-    from half the lowest to one and a half times the highest elastic frequency. Where it holds twice
-    the share that white noise has there, or more, the strongest frequency is named.
+    Empty for a rigid model. Periodogram of normalised innovations or residuals under a Hann window,
+    from half the lowest to 1.5 times the highest elastic frequency. If the share is at least twice
+    that of white noise, the note names the strongest frequency.
     """
     elastic = elastic_frequencies(model)
     if not elastic:
@@ -285,9 +276,7 @@ def residual_note(result: Result, model: Model) -> str:
 
 
 def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the degree of flexibility, the threshold it is held against, and on which side of it
-    this aircraft is.
-    """
+    """Return sentences that compare the degree of flexibility with its threshold."""
     degree = (
         f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at "
         "once gets wrong at the short period "
@@ -330,9 +319,7 @@ def elastic_frequencies(model: Model) -> list[float]:
 
 
 def residuals_of(result: Result) -> Sequence[np.ndarray]:
-    """Normalised innovations of a filter, residuals of a whole-record fit; zero where a sample is
-    missing.
-    """
+    """Return normalised innovations of a filter or residuals of a fit; zero for missing samples."""
     history = result.estimate.history
     if history is not None:
         return list(np.where(history.valid, history.innovation / history.innovation_std, 0.0))
@@ -349,14 +336,12 @@ def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     return 2.0 * np.pi * np.fft.rfftfreq(size, step)[1:], power[1:]
 
 
-# ---- Runs a scenario
+# ---- Run a scenario
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodResult:
-    """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario
-    asks for it.
-    """
+    """Result of one method; ``truth``: of its flight, ``determination``: if the scenario asks."""
 
     result: Result
     rows: tuple[Row, ...]
@@ -377,8 +362,7 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult:
-    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated
-    flights, ``sweep`` its structures from stiff to soft, where they were flown."""
+    """Results of a scenario, the main method first; ``repeated`` and ``sweep`` if declared."""
 
     scenario: Scenario
     seed: int
@@ -406,7 +390,7 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
     Raises
     ------
-    FlightidError : the scenario declares something that cannot be flown or estimated.
+    FlightidError : the declared flight or estimation is impossible.
     """
     chosen = scenario.seed if seed is None else seed
     record, truth = fly_scenario(scenario, chosen)
@@ -436,9 +420,7 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """Return the values that an estimation's model should find if the vehicle has more modes than
-    it: condensed coefficients by name, SI.
-    """
+    """Return the condensed coefficients (SI) that a model with fewer modes should find, by name."""
     if not scenario.condensed:
         return EMPTY
     values = flown_vehicle(scenario.flight).values
@@ -448,8 +430,9 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
-    """Return the flexibility of a scenario that is compared with condensed coefficients; None too
-    if the condensed aircraft has no short period.
+    """Return the flexibility of a scenario with key ``condensed``.
+
+    None without the key, or if the condensed aircraft has no short period.
     """
     flight = scenario.flight
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:

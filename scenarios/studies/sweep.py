@@ -1,14 +1,15 @@
 """Sweeps of a scenario over structures from stiff to soft: results, criteria, and both as data.
 
-Two say when a record shows the structure, one when the structure spoils what a rigid model is for.
+Criteria for when a rigid model fails. The first two detect the structure in a record; the third
+compares the error of a rigid model with the noise.
 
  - whiteness: the residual of the rigid whole-record fit is no longer white (Ljung and Box), at the
-  level of all residual tests here.
+  level of all residual tests.
  - likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one
   elastic mode to the rigid one, 2 (ln L_mode - ln L_rigid) > k ln n. A model with s states that
   moves alpha and q from one input shows 3 s numbers, whatever parameters it is written in, and has
   s initial states: k = 8 for two more states.
-- misfit: what no rigid model explains is larger than the noise in rms (`sim.vehicles.flexibility`).
+- misfit: the error of the best rigid model exceeds the noise in rms (`sim.vehicles.flexibility`).
 """
 
 from __future__ import annotations
@@ -46,10 +47,9 @@ from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above
 
 @dataclass(frozen=True, eq=False)
 class SweptMethod:
-    """What one method found on one structure: ``values`` and ``std`` ``(n,)`` of ``names``, in SI.
+    """Result of one method on one structure: ``values`` and ``std`` ``(n,)`` of ``names``, in SI.
 
-    ``condensed``: what its model should find, by name. ``tests`` of its residual: none of a filter,
-    whose estimate alone is kept.
+    ``condensed``: expected values by name. ``tests``: of the residual; empty for a filter.
     """
 
     estimation: Estimation
@@ -62,9 +62,7 @@ class SweptMethod:
     tests: tuple[ResidualTest, ...] = ()
 
     def errors(self, name: str) -> tuple[float, float]:
-        """Estimate minus condensed value of a parameter, in per cent of the latter and in its own
-        standard deviations.
-        """
+        """Return the error against the condensed value: in per cent, and in standard deviations."""
         at, right = self.names.index(name), self.condensed[name]
         off = float(self.values[at]) - right
         return 100.0 * off / abs(right), off / float(self.std[at])
@@ -72,9 +70,7 @@ class SweptMethod:
 
 @dataclass(frozen=True, eq=False)
 class SweepPoint:
-    """One structure: the factor on its modal frequencies, its figures of flexibility, samples
-    measured, and every method.
-    """
+    """Results on one structure; ``samples``: number of measured samples."""
 
     frequency_factor: float
     figures: Flexibility
@@ -86,8 +82,8 @@ class SweepPoint:
 class Sweep:
     """Structures from stiff to soft.
 
-    ``rigid``: true derivatives of the aircraft without its structure; ``units`` of all parameters;
-    ``marks`` with what is printed of them.
+    ``rigid``: true derivatives of the rigid aircraft; ``units``: by parameter; ``marks``: named
+    structures with their published values.
     """
 
     points: tuple[SweepPoint, ...]
@@ -96,7 +92,7 @@ class Sweep:
     marks: tuple[tuple[Mark, Mapping[str, Start]], ...]
 
     def point(self, frequency_factor: float) -> SweepPoint:
-        """Return the structure of a factor that is in the sweep."""
+        """Return the structure with this frequency factor."""
         return next(point for point in self.points if point.frequency_factor == frequency_factor)
 
 
@@ -106,11 +102,10 @@ def sweep_flexibility(
     seed: int,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Sweep | None:
-    """Fly a scenario's flight with each of its frequency factors and estimate it by each of its
-    methods; None where it asks for none.
+    """Simulate a scenario with each of its frequency factors, and apply all its methods.
 
-    ``record`` is that of its own flight with this ``seed``: every structure is measured with the
-    same noise, so that what differs along the sweep is the structure's doing.
+    None without factors. ``record`` is that of the scenario's flight with this ``seed``. All
+    structures have the same measurement noise, so that differences are due to the structure.
 
     Raises
     ------
@@ -162,9 +157,7 @@ def _estimated(
     flights: Sequence[FlightPlan],
     records: Sequence[Record],
 ) -> list[SweptMethod]:
-    """Return one method on all structures; a filter of a model that they share runs on all records
-    at once.
-    """
+    """Return the results of one method on all structures; filters run on all records at once."""
     condensed = [
         condense_above(flown_vehicle(f).values, f.modes, min(estimation.modes, f.modes))
         for f in flights
@@ -204,9 +197,9 @@ def _estimated(
 
 # ---- From which degree of flexibility on a rigid model no longer serves
 
-# smallest probability of a white residual: that of `ident.statistics.residuals`
+# As in `ident.statistics.residuals`.
 WHITENESS_P_VALUE = 1e-3
-# one for each coefficient of the denominator and of two numerators, one initial state
+# Coefficients per state: one in the denominator, one in each of two numerators, an initial state.
 NUMBERS_PER_STATE = 3 + 1
 FIT = "output-error"
 
@@ -215,9 +208,9 @@ FIT = "output-error"
 class Criterion:
     """One criterion along a sweep.
 
-    ``values``: one a point, NaN where it cannot be told. A rigid model fails where the value is
-    beyond ``limit``, below it if ``below``. ``degree`` and ``frequency_factor``: where that begins,
-    interpolated; None where it does not within the sweep.
+    ``values``: one per point, NaN if unknown. A rigid model fails if the value is above ``limit``,
+    or below it if ``below``. ``degree``, ``frequency_factor``: start of the failure, interpolated;
+    None if there is none within the sweep.
     """
 
     name: str
@@ -230,9 +223,7 @@ class Criterion:
 
 
 def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
-    """Return the criteria in the order in which they usually fail; those that the scenario's
-    methods do not allow are left out.
-    """
+    """Return the criteria that the scenario's methods allow, in the usual order of failure."""
     found = [
         _criterion(
             "likelihood",
@@ -287,8 +278,9 @@ def _criterion(
 def _begins(
     places: Sequence[float], values: Sequence[float], limit: float, below: bool
 ) -> float | None:
-    """Return where a series passes its limit for good, between two points; None if it never does,
-    or has from the first point on.
+    """Return the interpolated place after which a series stays beyond its limit.
+
+    None if it never does, or is beyond from the first point on.
     """
     beyond = [
         (value < limit) is below and value != limit and math.isfinite(value) for value in values
@@ -311,9 +303,7 @@ def _fit(point: SweepPoint, elastic: bool) -> SweptMethod | None:
 
 
 def _whiteness(point: SweepPoint) -> float:
-    """Return the logarithm to ten of the probability of the least white channel, for as many
-    channels as there are.
-    """
+    """Return log10 of the smallest p value of the channels, with Bonferroni's correction."""
     fit = _fit(point, False)
     tests = (
         [test.p_value for test in fit.tests if test.name == "ljung-box"] if fit is not None else []
@@ -322,9 +312,7 @@ def _whiteness(point: SweepPoint) -> float:
 
 
 def _preference(point: SweepPoint) -> float:
-    """Return by how much the information criterion prefers the model with modes to the rigid
-    one.
-    """
+    """Return the gain in the information criterion of the model with modes over the rigid one."""
     rigid, elastic = _fit(point, False), _fit(point, True)
     if rigid is None or elastic is None:
         return math.nan
@@ -352,9 +340,7 @@ HEADINGS = (
 
 
 def sweep_content(sweep: Sweep) -> dict[str, Any]:
-    """Return the points from stiff to soft, criteria with the degree at which each fails a rigid
-    model, and marks; derivatives in SI.
-    """
+    """Return points from stiff to soft, criteria and named structures; derivatives in SI."""
     criteria = []
     for each in criteria_of(sweep.points):
         told: dict[str, Any] = {
@@ -390,7 +376,7 @@ def sweep_content(sweep: Sweep) -> dict[str, Any]:
 
 
 def sweep_csv(sweep: Sweep) -> str:
-    """Return the estimates of all structures; a cell is empty where there is nothing."""
+    """Return the estimates of all structures as CSV; missing values are empty."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADINGS)

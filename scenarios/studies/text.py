@@ -61,14 +61,12 @@ from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
 
 # ---- What records and priors determine, in the terminal
 
-UNINFORMED_SHARE = 0.95  # of the prior's deviation, above which a record adds no information
+UNINFORMED_SHARE = 0.95  # posterior over prior sigma above which a record adds nothing
 MOST_NAMED_DIRECTIONS = 3  # directions of each kind that are named
 
 
 def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
-    """Return, for each parameter, the deviation left of the prior's and the share of its variance
-    that the prior gives, all methods side by side.
-    """
+    """Return tables of posterior over prior sigma and of the prior's share, by method."""
     first = methods[0].found
     ratio = [
         dict(zip(m.found.names, (m.found.posterior_std / m.found.prior_std).tolist(), strict=True))
@@ -113,9 +111,7 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
 
 
 def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
-    """Return the number of parameters that the record determines, the directions it determines best
-    and least, and the claims of the method beyond it.
-    """
+    """Return sentences on what the record determines best and least, and on overclaims."""
     found, label = method.found, method.estimation.name
     seen = len(found.names) - found.unseen
     sentences = [
@@ -152,9 +148,7 @@ HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit
 
 
 def sweep_blocks(sweep: Sweep) -> list[Block]:
-    """Return the structures with the criteria's figures, errors of the six rigid derivatives by
-    each method, and the criteria in words.
-    """
+    """Return the tables of criteria and of errors by structure, and sentences on the criteria."""
     criteria, points = criteria_of(sweep.points), sweep.points
     names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
     factors = (
@@ -205,16 +199,14 @@ def sweep_blocks(sweep: Sweep) -> list[Block]:
 
 
 def sweep_phrase(sweep: Sweep) -> str:
-    """Return the degree of flexibility from which on a rigid model fails each criterion, in one
-    line.
-    """
-    told = [
+    """Return the degree of flexibility at which a rigid model fails each criterion, in one line."""
+    texts = [
         f"{each.name} from {each.degree:.3g} on"
         if each.degree is not None
         else f"{each.name} {_everywhere(each)}"
         for each in criteria_of(sweep.points)
     ]
-    return f"degree of flexibility from which a rigid model fails: {', '.join(told)}"
+    return f"degree of flexibility from which a rigid model fails: {', '.join(texts)}"
 
 
 def _everywhere(criterion: Criterion) -> str:
@@ -227,7 +219,7 @@ def _everywhere(criterion: Criterion) -> str:
 
 
 def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
-    """Return the point from which on a rigid model fails the criterion."""
+    """Return a sentence on the structure from which on a rigid model fails the criterion."""
     if criterion.degree is None or criterion.frequency_factor is None:
         fails = (
             criterion.values[0] < criterion.limit
@@ -265,9 +257,7 @@ def _error(point: SweepPoint, method: int, name: str) -> Cell:
 
 
 def print_study(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
-    """A summary; the study's tables, the main method first, each with what there is to say of it;
-    then what holds for the whole study.
-    """
+    """Print the summary, tables and notes of each method, and notes on the whole study."""
     out = out or console()
     scenario = study.scenario
     print_summary(out, study_summary(study, details))
@@ -310,10 +300,9 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def print_brief(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
-    """Print the summary of a study, the estimates of the main method, and where the rest is.
+    """Print the summary of a study, the main method's estimates, and where to find the rest.
 
-    ``details`` as ``details_in`` tells it: further methods, published values and choices are in
-    ``study.txt`` there.
+    ``details``: place of the rest, see ``details_in``.
     """
     out = out or console()
     main = study.main
@@ -326,7 +315,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def rest_of(details: str) -> str:
-    """Return where the rest of the study is to be read."""
+    """Return the line that says where to read the rest of the study."""
     if details == BELOW:
         return "--out FOLDER keeps the whole study, with a page to read"
     page = Path(details.removeprefix("below; in "))
@@ -334,9 +323,7 @@ def rest_of(details: str) -> str:
 
 
 def study_summary(study: StudyResult, details: str = BELOW) -> Summary:
-    """Scenario and main method; its outcome and largest error; what matters most; what the fit
-    leaves.
-    """
+    """Return the summary: main method, outcome, largest error, main cautions, residual."""
     main, scenario = study.main, study.scenario
     further = len(study.methods) - 1
     others = f"; {further} further method{'s' * (further > 1)} in the report" if further else ""
@@ -355,9 +342,7 @@ def study_summary(study: StudyResult, details: str = BELOW) -> Summary:
 
 
 def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
-    """Choices, one line each under a heading, and what is to be said of the vehicle's numbers;
-    nothing where there is nothing.
-    """
+    """Print the choices under a heading, and the line on the vehicle's numbers, if any."""
     if lines:
         print_paragraph(out, HEADING)
     for line in lines:
@@ -388,9 +373,7 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
 
 
 def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
-    """Return the errors over all runs of the repeated flights: shares of intervals that hold the
-    truth, errors in reported sigmas and in the derivatives' units, and the runs left out.
-    """
+    """Return tables of repeated flights: coverage, errors (sigmas and units), failed runs."""
     runs = sum(found[0].outcomes.values())
     labels = [f"{each.flight}: {each.estimation.label}" for each in found]
     units = {
@@ -447,9 +430,7 @@ def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
 
 
 def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
-    """Return the rows in the units in which they are shown, frequencies in Hz as well, and again in
-    another unit those that the scenario wants shown so.
-    """
+    """Return the rows in display units, with frequencies in Hz and the scenario's ``display``."""
     from scenarios.studies.comparison import in_unit
 
     out = []

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content with ``changes`` in the place of its own; tables key by key."""
+    """Return the content with ``changes`` replaced; tables key by key."""
     both = {
         key: {**content[key], **value}
         if isinstance(value, dict) and isinstance(content.get(key), dict)
@@ -63,7 +63,7 @@ def _text(value: str) -> str:
 
 # ---- The flights of a survey as its file declares them
 
-FORM = "1"  # of what is kept of a flight: another one is computed again
+FORM = "1"  # version of stored results; others are recomputed
 # Quantities that are conditions wherever they are given, in the unit in which they are kept.
 CONDITIONS = {
     **{
@@ -86,11 +86,10 @@ CONDITIONS = {
 
 @dataclass(frozen=True)
 class SurveyFlight:
-    """One flight: its name, its request without anything open, and what it was flown at.
+    """One flight: its name, request (files not yet opened), and flight condition.
 
-    ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is
-    none. ``condition``: values with units by name. ``digest``: of everything that its results
-    depend on.
+    ``vehicle``: text of the vehicle file with the flight's changes, or empty. ``condition``: values
+    with units, by name. ``digest``: hash of everything that affects the results.
     """
 
     name: str
@@ -349,7 +348,7 @@ def _refuse_unreadable(
     texts: dict[str, SurveyFlight] = {}
     for flight in flights:
         texts.setdefault(flight.vehicle, flight)
-    # The file itself first: its faults are no flight's.
+    # The vehicle file first: its errors do not belong to a flight.
     for text in sorted(filter(None, texts), key=lambda text: text != shared):
         source = texts[text].request().vehicle
         try:
@@ -369,7 +368,7 @@ def _either(own: Any, shared: Any) -> Any:
 
 
 def _condition(key: str, value: object, place: str) -> tuple[float, str]:
-    """Return a condition in its unit: ours where we know one, else as it was given."""
+    """Return a condition in its standard unit if known, else as given."""
     from scenarios.files.schemas import number_in
 
     unit = CONDITIONS.get(key.lower())
@@ -389,7 +388,7 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
 
 
 def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFlight, ...]:
-    """Each condition in the unit of the first flight that has it. Raises DeclarationError where it
+    """Each condition in the unit of the first flight that has it. Raises DeclarationError if it
     measures something else.
     """
     units: dict[str, str] = {}
@@ -439,7 +438,7 @@ def _digest(flight: SurveyFlight) -> str:
     return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
 
 
-# ---- One flight checked and diagnosed, and what is kept of it, as a task of the engine
+# ---- Check and diagnosis of one flight, as a task
 
 SCHEMA = "flightid/survey-flight/1"
 KEPT = "flight.json"
@@ -448,7 +447,7 @@ FOLDER = "flights"
 
 @dataclass(frozen=True)
 class Diagnoses:
-    """The work of a survey: each task is a flight, whose folder it writes."""
+    """Diagnoses of a survey; each task is a flight and writes its folder."""
 
     flights: tuple[SurveyFlight, ...]
     folder: Path
@@ -475,10 +474,9 @@ class Diagnoses:
 
 
 def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str, Any]:
-    """Check and diagnose a flight, write its study, and last ``flight.json``, whose content is
-    given back.
+    """Check and diagnose a flight, write its study, and return the content of ``flight.json``.
 
-    Raises FlightidError for anything that keeps the flight from being used.
+    Raises FlightidError if the flight cannot be used.
     """
     from scenarios.diagnosis.diagnose import diagnose_files
     from scenarios.diagnosis.report.files import write_diagnosis

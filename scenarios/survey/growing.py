@@ -47,11 +47,10 @@ Starts = Mapping[str, float]  # by full name of a parameter
 
 @dataclass(frozen=True)
 class PooledFits:
-    """The work: each task is a flight, fitted with all sets of ``effects`` beside the effects that
-    are its own.
+    """Fits of all flights; each task fits one flight with all sets of ``effects``.
 
-    ``starts``: where the search for an effect's parameters begins: what other flights found.
-    ``own`` of each flight: its effects that belong to it alone, with their values.
+    ``starts``: starting values of effects, from other flights. ``own``: further effects of each
+    flight alone, with their values.
     """
 
     flights: tuple[SurveyFlight, ...]
@@ -83,7 +82,7 @@ class PooledFits:
         return self.folder / FOLDER / self.flights[number].name / KEPT
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
-        """Return the fits of a flight as its folder has them; None where it has none of these."""
+        """Return the fits of a flight from its folder; None if these are not there."""
         content = json_or_none(self.path(number))
         return (
             content
@@ -112,13 +111,12 @@ class PooledFits:
 def fitted_sets(
     flight: SurveyFlight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]
 ) -> dict[str, Any]:
-    """Log likelihood, estimates and covariance of a flight's whole record with each set of the
-    effects ``names`` that its model can have.
+    """Return likelihood, estimates and covariance of a flight with each set of effects.
 
-    Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that
-    are independent, of the largest set. ``own`` effects are beside every set of ``sets``; beside
-    those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight alone may
-    have named one thing for two that recur.
+    For coloured residuals, the log likelihood is scaled by the share of independent samples, taken
+    from the largest set. ``sets`` include the flight's ``own`` effects. ``sets_without`` include
+    only effects of single flights, such as gusts, since a flight alone may claim one effect instead
+    of two recurring ones.
     """
     from ident.statistics.residual_spectrum import effective_share
     from ident.tracing.fitted_model import FitData
@@ -201,7 +199,7 @@ def fitted_sets(
 
 @dataclass(frozen=True, eq=False)
 class _EffectSetFits:
-    """Fits of one record with sets of effects, each begun at the likeliest smaller one."""
+    """Fits of one record with sets of effects, each started from the best smaller set."""
 
     data: FitData
     settings: FitSettings
@@ -212,9 +210,7 @@ class _EffectSetFits:
     def sets(
         self, names: Sequence[str], beside: Sequence[str]
     ) -> dict[frozenset[str], FittedModel | None]:
-        """Fits with every subset of ``names``, with the effects ``beside`` in each; the full set
-        last.
-        """
+        """Return fits with every subset of ``names``, plus ``beside``; the full set last."""
         result: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):
@@ -275,7 +271,7 @@ def _fit_content(
 
 # ---- A survey's work as the workers of a cluster do it
 
-FILES = "files"  # the column in which a flight's files come back, a ZIP archive as text
+FILES = "files"  # column with a flight's files, as a ZIP archive in text form
 STUDY = "diagnosis.json"
 
 
@@ -309,7 +305,7 @@ class Sent:
         return self.work.identity()
 
     def unready(self) -> tuple[str, str] | None:
-        """Why this machine cannot do the work, and the remedy; None where it can."""
+        """Why this machine cannot do the work, and the remedy; None if it can."""
         for path in self.inputs:
             if not (self.place / path).is_file():
                 return (
@@ -420,8 +416,9 @@ def survey_files(
     tell: Tell = lambda stage, share: None,
     cluster: str | None = None,
 ) -> SurveyFiles:
-    """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an
-    address, and give all.
+    """Diagnose the flights without results in the folder, and return all results.
+
+    Runs in processes, or on the ``cluster`` at an address.
 
     Raises
     ------
@@ -476,8 +473,9 @@ def run_flights(
     tell: Tell,
     cluster: str | None,
 ) -> RowTable:
-    """Return the rows of a survey's work of ``count`` flights, whose files are in ``folder`` then.
-    Raises as ``run_study``.
+    """Run a survey's work on ``count`` flights and return its rows. Raises as ``run_study``.
+
+    Files of the flights are written into ``folder``.
     """
     task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
@@ -489,7 +487,7 @@ def run_flights(
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
-    """Return the document of the last survey in a folder; empty where there is none."""
+    """Return the document of the last survey in a folder; empty if there is none."""
     content = json_or_none(folder / MAIN)
     return (
         content

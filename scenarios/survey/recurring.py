@@ -25,7 +25,7 @@ from ident.pooling import (
 
 # ---- Which effects may recur
 
-# flights that claim an effect or name it as an alternative, from which it may recur
+# flights with an effect as claim or alternative that make it a candidate
 FEWEST_NAMED = 2
 MOST_EFFECTS = 5  # effects that are tried together: 32 sets a flight
 
@@ -51,8 +51,7 @@ def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
                 for name in (each["name"], *each["alternatives"])
             }
         )
-    # Two flights that name different things may mean one: what is named anywhere beside a recurring
-    # name is tried as its rival.
+    # Flights may name one effect differently: alternatives are tried as rivals.
     wanted = [
         name
         for name in named
@@ -64,7 +63,7 @@ def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
 
 
 def is_of_flight(name: str) -> bool:
-    """Whether an effect belongs to one flight by its nature: an event, a drift, rough air."""
+    """Return whether an effect concerns single flights only: an event, a drift, rough air."""
     from sim.effects.library import library
 
     traits = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
@@ -111,7 +110,7 @@ def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, f
 # effects that a search may name, for which the chance of a false recurrence is counted
 LIBRARY_SIZE = 60
 EQUAL_CHI_SQUARE = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
-CLEAR_CHI_SQUARE = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
+CLEAR_CHI_SQUARE = 10.0  # least gain; chosen, as for an effect in a diagnosis
 PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a flight's model
 
 
@@ -155,9 +154,7 @@ class Recurring:
 def evidence_of(
     fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """Return the evidence of each flight for an effect added to the sets ``beside``, and which
-    flights can be used ``(n,)``.
-    """
+    """Return parameters of effects that differ between flights, with their clearest trend."""
     gain: list[float] = []
     value: list[np.ndarray] = []
     covariance: list[np.ndarray] = []
@@ -195,11 +192,11 @@ def recurring(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
-    """Return the effects that recur, the strongest first, and of each flight those that it has.
+    """Return the recurring effects, the strongest first, and those of each flight.
 
-    Forward selection over effects: the one whose recurrence gains most likelihood is added, each
-    flight then has it where that is likelier than not; then each that was taken is asked again
-    beside the others, and gives way to a rival that all flights together prefer in its place.
+    Forward selection: the effect with the largest gain in likelihood is added, and assigned to each
+    flight with a probability above one half. Then each selected effect is tested again with the
+    others, and replaced if all flights together prefer a rival.
     """
     taken: list[str] = []
     sets = [frozenset[str]() for _ in fits]
@@ -241,9 +238,9 @@ def _preferred(
 ) -> str:
     """Return an effect, or the rival that all flights together prefer in its place.
 
-    Names that are equal in likelihood are told apart by what they make of the derivatives: one
-    aircraft has one value, the wrong name scatters it over the conditions; where that says nothing
-    either, by the flights' own diagnoses, which know the declared derivatives.
+    Of effects with equal likelihood, the one with the smaller scatter of the derivatives over the
+    conditions is preferred, since the aircraft has one value. If this does not decide, the
+    diagnoses of the flights do, which use the declared derivatives.
     """
     bare = [each - {name} for each in sets]
     result = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
@@ -361,12 +358,12 @@ def _recurring_of(
     )
 
 
-# ---- Which effects recur beside those that single flights claim
+# ---- Recurring effects in addition to those of single flights
 
 # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
 # diagnosis
 NEEDED_CHI_SQUARE = 10.0
-MOST_ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
+MOST_ROUNDS = 4  # repetitions of the search; usually fewer
 
 
 def recurring_with_other_effects(
@@ -375,12 +372,11 @@ def recurring_with_other_effects(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """Find recurring effects as ``recurring`` does, if a flight's own effects must be needed in
-    addition to them; also return the fits of each flight.
+    """Find recurring effects as ``recurring``, and drop unnecessary effects of single flights.
 
-    A flight alone may name one effect for two that recur, and would then say wrong values of both.
-    Its own effects go where without them, with whatever it has of what recurs, it is not clearly
-    less likely; then all flights are asked again.
+    A flight alone may claim one effect instead of two recurring ones. Its own effects are dropped
+    if the recurring ones fit it about as well; then the search is repeated. Also returns the fits
+    of each flight.
     """
     left = (False,) * len(fits)
     for _ in range(MOST_ROUNDS):
@@ -397,7 +393,7 @@ def recurring_with_other_effects(
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Return whether a flight's own effects are unnecessary beside the effects ``taken``."""
+    """Return whether a flight's own effects are unnecessary in addition to ``taken``."""
 
     def most(sets: Mapping[str, Any]) -> float:
         return max(
@@ -419,16 +415,22 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
 # rate of false discoveries among the trends, and among the derivatives said to differ
 FALSE_DISCOVERY_RATE = 0.05
-UNDETERMINED_SIGMA_RATIO = 1e6  # sigma over the value, from which a flight says nothing of it
+UNDETERMINED_SIGMA_RATIO = (
+    1e6  # sigma over value above which a flight does not determine a derivative
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
     """One derivative over the flights.
 
-    ``values``, ``sigmas (n,)`` of ``flights``. ``differs``: rate of false discoveries at which it
-    has not one value. ``trends`` by condition with the rate at which each is told. ``off (n,)``:
-    standard deviations from the line or the common value, ``out`` those that stand out.
+    Attributes
+    ----------
+    values, sigmas : ``(n,)`` of ``flights``.
+    differs : false discovery rate at which the value is not constant.
+    trends : by condition, with their false discovery rates.
+    off : ``(n,)``, distance from line or common value in sigmas.
+    out : outlying flights.
     """
 
     name: str
@@ -460,9 +462,7 @@ def estimates(
     recurring_effects: Sequence[Recurring],
     sets: Sequence[frozenset[str]],
 ) -> list[dict[str, tuple[float, float]]]:
-    """Return the derivatives of each flight with sigmas, once the other flights have told the
-    values that are shared.
-    """
+    """Return the derivatives of each flight, with shared values estimated from all flights."""
     out: list[dict[str, tuple[float, float]]] = []
     shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
     for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
@@ -496,9 +496,7 @@ def estimates(
 def effects_over(
     recurring_effects: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
 ) -> dict[tuple[str, str], tuple[str, Trend]]:
-    """Return the parameters of effects whose values differ between flights, by effect and name,
-    with the condition with which each changes most surely.
-    """
+    """Return parameters of effects that differ between flights, with the most significant trend."""
     trends_found: list[tuple[tuple[str, str], str, Trend]] = []
     for each in recurring_effects:
         if each.recurrence.agrees:

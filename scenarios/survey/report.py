@@ -45,7 +45,7 @@ from scenarios.survey.survey import SurveyResult
 # outputs alike.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
-LEAST_P_VALUE = 1e-99  # a chance below it is told as one
+LEAST_P_VALUE = 1e-99  # smaller probabilities are reported as this
 HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 
@@ -86,7 +86,7 @@ def effect_phrase(each: Recurring) -> str:
 
 
 def values_of(each: Recurring) -> list[str]:
-    """Return the common values with sigmas, in the units in which they are shown."""
+    """Return the common values with sigmas, in display units."""
     out = []
     sigmas = np.sqrt(np.diag(each.recurrence.covariance))
     for (local, unit), value, sigma in zip(
@@ -161,7 +161,7 @@ def rivals_phrase(each: Recurring) -> str:
 
 
 def drift_phrase(survey: SurveyResult, each: Derivative) -> str:
-    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty where it does not
+    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty if it does not
     change.
     """
     drift = each.drifts
@@ -344,9 +344,7 @@ def outlying_table(survey: SurveyResult) -> Table:
 
 
 def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
-    """Flights, the newest first, those ``linked`` leading to their own page; columns in which no
-    flight has anything are left out.
-    """
+    """Return the table of flights, newest first; ``linked`` flights have links to their pages."""
     order, grown = newest_first(survey), survey.survey_files
     diagnosis = [grown.diagnoses[name] for name in order]
 
@@ -391,7 +389,7 @@ def kinematics(diagnosis: Mapping[str, Any]) -> str:
 
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
-    """Return everything of a survey but its flights' own studies, whose folders it names; SI."""
+    """Return the content of a survey (SI), with the folders of its flights' studies."""
     grown, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,
@@ -520,7 +518,7 @@ def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
 
 
 def derivatives_text(survey: SurveyResult) -> str:
-    """``derivatives.csv``: a row a flight and derivative, with the flight's conditions; SI."""
+    """``derivatives.csv``: one row per flight and derivative, with the flight's conditions; SI."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(

@@ -1,6 +1,4 @@
-"""Blocks of tasks on the workers of a Dask cluster that is there already; results come back as they
-are ready.
-"""
+"""Run blocks of tasks on the workers of an existing Dask cluster."""
 
 from __future__ import annotations
 
@@ -27,14 +25,14 @@ if TYPE_CHECKING:
 FLAG = "--cluster"
 INSTALL = 'pip install "flightid[cluster]"'
 START = "start one with dask scheduler, and give the address that it prints"
-CONNECTION_TIMEOUT = 6.0  # s in which a scheduler has to answer
-SILENCE_TIMEOUT = 20.0  # s of a busy scheduler's silence, after which it counts as lost
-CHECK_INTERVAL = 2.0  # s between looks whether the scheduler lives and how many workers it has
-POLL_INTERVAL = 0.01  # s between looks for what has ended
+CONNECTION_TIMEOUT = 6.0  # s, longest wait for a scheduler's answer
+SILENCE_TIMEOUT = 20.0  # s without an answer after which a scheduler is lost
+CHECK_INTERVAL = 2.0  # s between checks of the scheduler and its workers
+POLL_INTERVAL = 0.01  # s between checks for finished blocks
 # blocks on their way for each thread of a worker: none waits for work, and memory is bounded
 BLOCKS_PER_THREAD = 3
 BLOCKS_WITHOUT_WORKERS = 4  # blocks on their way while there are no workers yet
-CLOSING_TIMEOUT = 1.0  # s that taking leave may take
+CLOSING_TIMEOUT = 1.0  # s, longest wait when disconnecting
 
 
 def run_on_cluster(
@@ -53,7 +51,7 @@ def run_on_cluster(
     Raises
     ------
     FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the
-    flightid that is here.
+        flightid that is here.
     """
     if not len(blocks):
         return
@@ -69,10 +67,10 @@ class _SentBlock(NamedTuple):
 
 
 class _Sending:
-    """How a block is handed to the cluster.
+    """Sending of blocks to the cluster.
 
-    What is sent is made of plain values and functions that are sent by value, so that the scheduler
-    needs no flightid, and a worker that has none can say so.
+    Only plain values and functions by value are sent. The scheduler does not need flightid, and a
+    worker without it can report this.
     """
 
     def __init__(self, client: Client, work: Work, longest: float | None) -> None:
@@ -100,7 +98,7 @@ class _Sending:
                 )
             return run_sent(content, token, block, longest, here)
 
-        # A task, not scattered data: if the workers that hold it die, the scheduler makes it again.
+        # Sent as a task, not as scattered data, so that it survives the loss of workers.
         self._work = client.submit(loaded, pickle.dumps(work), key=f"{self.token}-work")
         self._run = run
 
@@ -183,7 +181,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
 
 
 def _threads(client: Client, address: str) -> int:
-    """Threads of all workers. Raises FlightidError where the scheduler does not answer."""
+    """Return the number of threads of all workers. Raises FlightidError without an answer."""
     scheduler = client.scheduler
     if client.status != "running" or scheduler is None:
         raise _lost(address)
@@ -199,9 +197,7 @@ def _lost(address: str) -> FlightidError:
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client of the scheduler, quiet: what goes wrong is told in one line of ours. What it sent
-    is given up when it leaves.
-    """
+    """Context manager: client of the scheduler without log output. Cancels its tasks at the end."""
     try:
         import dask
         from distributed import Client
@@ -255,8 +251,7 @@ def _kind(address: str) -> str:
         except Exception as error:
             answer.put(error)
 
-    # In a thread, since in a notebook this one has a loop of its own; not waited for, so that
-    # Ctrl-C ends it.
+    # In a thread, since a notebook has its own event loop; a daemon, so that Ctrl-C works.
     threading.Thread(target=run, daemon=True).start()
     found = answer.get()
     if isinstance(found, Exception):

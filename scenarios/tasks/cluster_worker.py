@@ -1,5 +1,6 @@
-"""What a worker of a Dask cluster does with a block: it gives it to a process of its own, as
-``processes`` does on one machine.
+"""Run a block of tasks on a worker of a Dask cluster.
+
+Each block runs in a separate process, as ``processes`` does on one machine.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scenarios.files.sources import versions
 from scenarios.tasks.processes import run_in_processes
 from scenarios.tasks.work import DECIDING, Ended, Task, Work
 
-IDLE_TIMEOUT = 30.0  # s after which a process that has nothing to do is ended
+IDLE_TIMEOUT = 30.0  # s after which an idle process is ended
 
 _lock = threading.Lock()
 _sweeping = threading.Lock()  # held while a sweep is due
@@ -58,7 +59,7 @@ def run_sent(
 
 
 class _One(Sequence[Sequence[Task]]):
-    """Blocks that are asked for one after another and put in as they come."""
+    """Blocks that are requested one after another and put in as they come."""
 
     block: Sequence[Task] = ()
 
@@ -122,7 +123,7 @@ def _sweep() -> None:
 
 
 def _end_idle(longest: float) -> None:
-    """End processes that have had nothing to do for ``longest`` s."""
+    """End processes that have been idle for ``longest`` s."""
     with _lock:
         old = [lane for lane in _idle if time.monotonic() - lane.since >= longest]
         for lane in old:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 
-# ---- One block of tasks, where it stands: what fails in it is recorded
+# ---- One block of tasks in this process; failures are recorded
 
 
 def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
@@ -99,9 +99,7 @@ def can_fork() -> bool:
 
 
 class _Spawned(SpawnProcess):
-    """A process started afresh, which imports the work's module by itself; the way where nothing
-    can fork.
-    """
+    """A newly started process that imports the work's module; used where fork is not available."""
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
@@ -159,8 +157,7 @@ def run_in_processes(
     waiting: dict[Future[list[Ended]], _GivenBlock] = {}
 
     def another() -> ProcessPool:
-        # One process each: those of one pool share a pipe and its locks, and one that dies at the
-        # wrong moment stops the others.
+        # Pools of one process: processes of a pool share locks, and a dying one could block them.
         pools.append(
             ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=context)
         )
@@ -169,7 +166,7 @@ def run_in_processes(
     def give(at: int, life: int) -> None:
         while idle:
             pool = idle.pop()
-            with contextlib.suppress(RuntimeError):  # it died while it had nothing to do
+            with contextlib.suppress(RuntimeError):  # died while idle
                 waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = (
                     _GivenBlock(at, life, pool)
                 )
@@ -251,11 +248,10 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
 
 
 def _context(module: str) -> BaseContext:
-    """Return how processes are started: forked from a server that has loaded ``module``, or afresh
-    where nothing can fork.
+    """Return the start method: fork from a server that has loaded ``module``, or spawn.
 
-    The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all
-    processes, and the first alone answers it.
+    The server and its processes ignore Ctrl-C, which a terminal sends to all processes; only the
+    main process handles it.
     """
     if sys.platform == "win32" or not can_fork():
         return _Spawning()
@@ -269,9 +265,7 @@ def _context(module: str) -> BaseContext:
 
 @contextlib.contextmanager
 def _held_back() -> Iterator[None]:
-    """Ctrl-C waits until the body is left, and what is started there never gets it. Windows has no
-    such mask.
-    """
+    """Context manager that delays Ctrl-C; processes started inside ignore it. Not on Windows."""
     if sys.platform == "win32":
         yield
         return
@@ -282,7 +276,7 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
-_given: Work | None = None  # in a worker: what it works at
+_given: Work | None = None  # in a worker: its current work
 
 
 def _begin(work: Work) -> None:
@@ -304,7 +298,7 @@ def _run(block: Sequence[Task]) -> list[Ended]:
 
 # ---- Who runs blocks of tasks: this process, or several of this machine
 
-LEAST_WORK_FOR_POOL = 2.0  # s of work left in one process, from which starting others pays
+LEAST_WORK_FOR_POOL = 2.0  # s of remaining work above which further processes are started
 
 
 def available_cores() -> int:

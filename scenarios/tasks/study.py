@@ -1,4 +1,4 @@
-"""A study of N tasks: what is missing of it, how it is run, and the table of all rows."""
+"""A study of N tasks: missing tasks, their execution, and the table of all rows."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     from scenarios.tasks.work import Shards
 
 
-# ---- A study of N tasks: what is asked, what is missing of it, and the table of all rows
+# ---- A study of N tasks: request, missing tasks, table of all rows
 
 Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class TaskRequest:
-    """How many tasks, from which root of seeds, and how they are run.
+    """Request of a study: number of tasks, root seed, and execution.
 
-    ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone).
-    ``resume`` : go on with what that folder holds. ``cluster`` : the address of a Dask scheduler.
-    ``longest`` : s that a block of tasks may take. ``unit`` : what a task is called, in the plural.
-    ``elsewhere`` : where the work itself keeps what has ended, so that nothing of it is lost.
+    ``jobs``: processes. ``folder``: of the rows (None: in memory only). ``resume``: continue with
+    the rows of that folder. ``cluster``: address of a Dask scheduler. ``longest``: time limit of a
+    block, s. ``unit``: name of a task, plural. ``elsewhere``: place where the work itself stores
+    finished tasks.
     """
 
     count: int
@@ -59,7 +59,7 @@ class TaskRequest:
 
 
 class Blocks(Sequence[Sequence[Task]]):
-    """Blocks of the tasks that are missing, made when they are asked for: a study of a million
+    """Blocks of the tasks that are missing, made when they are requested: a study of a million
     takes no room for its tasks.
     """
 
@@ -80,12 +80,12 @@ class Blocks(Sequence[Sequence[Task]]):
 
 
 def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: None) -> RowTable:
-    """Run what is missing and give the table of all; after Ctrl-C, of those that had ended.
+    """Run the missing tasks and return the table of all; after Ctrl-C, of finished ones.
 
     Raises
     ------
     FlightidError : the folder holds another study, or none to resume, cannot be written, or another
-    process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
+        process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
     """
     if asked.folder is None:
         if asked.resume:
@@ -150,9 +150,7 @@ def _run(
     keep: Callable[[list[Ended]], None],
     tell: Tell,
 ) -> None:
-    """Run the tasks of ``numbers``; Ctrl-C ends it. The share that is told is that of them, so that
-    the time that is left follows from it.
-    """
+    """Run the tasks of ``numbers``; Ctrl-C ends it. Progress is the share of these tasks."""
     grouped = (
         np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1)
         if len(numbers)
@@ -241,9 +239,7 @@ def _take_away(folder: Path, made: Sequence[Path]) -> None:
 
 
 def _agree(wanted: Mapping[str, Any], asked: TaskRequest, folder: Path) -> None:
-    """The manifest of what is asked, written where there is none, compared with the one that is
-    there.
-    """
+    """Write the manifest of the request, or compare it with the existing one."""
     from scenarios.tasks.work import read_manifest, refuse_another, write_manifest
 
     kept = read_manifest(folder)
@@ -276,20 +272,23 @@ def _stage(done: int, asked: TaskRequest, rate: float) -> str:
     return words
 
 
-# ---- How repeated work is run: what the options of every command that repeats something say
+# ---- Execution options, common to all commands with repeated work
 
 FOLDER = "runs"  # in the folder of a study: its rows and their manifest
 
 
 MOST_JOBS = 1024
-MOST_TASKS = 10_000_000  # of one study, whose numbers alone then take some 100 MB
+MOST_TASKS = 10_000_000  # tasks of one study; their rows take some 100 MB
 
 
 @dataclass(frozen=True)
 class Execution:
-    """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows
-    are kept as they come. ``resume`` : go on with them. ``cluster`` : the address of a Dask
-    scheduler. ``limit`` : s that one task may take."""
+    """Execution of repeated work.
+
+    ``jobs``: processes, None for one per core. ``out``: folder of the study, with its rows.
+    ``resume``: continue with these rows. ``cluster``: address of a Dask scheduler. ``limit``: time
+    limit of one task, s.
+    """
 
     jobs: int | None = 1
     out: Path | None = None

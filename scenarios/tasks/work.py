@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Cell = float | int | bool | str | None
 Row = Mapping[str, Cell]
 
-SEED_BITS = 53  # of a task's seed: what JSON, Parquet and spreadsheets all hold exactly
+SEED_BITS = 53  # bits of a seed, exact in JSON, Parquet and spreadsheets
 
 
 @dataclass(frozen=True)
@@ -55,17 +55,19 @@ class Ended:
 
 
 class Work(Protocol):
-    """A study of independent tasks. It is pickled once and sent to each worker, so it holds data
-    and names, no open files and no functions.
+    """A study of independent tasks. It is pickled for each worker, so it must not hold open files
+    or functions.
 
-    ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``, or
-    ``"time"`` for seconds that something took and that no other run has to equal; a cell may be
-    None. ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin
-    at multiples of it, so that no task's row depends on how many are asked for, or on who works.
-    Work may have ``quick`` True: a block takes less time than starting a process. It may have
-    ``taken(row)``, which the process that asked calls with each row as it comes: it gives the row
-    that is kept; and ``unready()``, which a worker of a cluster calls first: why it cannot do the
-    work and the remedy, or None.
+    Attributes
+    ----------
+    columns : type of each column of a row: ``"float"``, ``"int"``, ``"bool"``, ``"text"``, or
+        ``"time"`` for a duration (s), which need not be reproducible. Cells may be None.
+    block : number of neighbouring tasks that are computed as one batch. Blocks begin at multiples
+        of it, so that rows do not depend on the number of tasks or on where they run.
+
+    Optional: ``quick`` True if a block takes less time than starting a process; ``taken(row)``,
+    called in the main process with each row, returns the row to store; ``unready()``, called first
+    by a worker of a cluster, returns a reason why it cannot do the work and the remedy, or None.
     """
 
     @property
@@ -123,14 +125,14 @@ OWN: Mapping[str, str] = {
     "passing": "bool",
     "seconds": "time",
 }
-SHOWN = ("number", "seed", "error")  # of them, what a table begins with
+SHOWN = ("number", "seed", "error")  # first columns of a table
 
 
 @dataclass(frozen=True, eq=False)
 class RowTable:
     """Rows of the tasks that have ended, in the order of their numbers.
 
-    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where
+    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty if
     there is a row); cells of tasks without a row are None, NaN in columns of floats. ``asked`` :
     how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and the
     work's columns of type ``time``, which no two runs have in common.
@@ -157,7 +159,7 @@ class RowTable:
 def all_columns(work: Work) -> dict[str, str]:
     """Return the names and types of what is kept of a task: its own and those of the work.
 
-    Raises ValueError where the work names a column as one of ours, or a type that there is not.
+    Raises ValueError if the work names a column as one of ours, or a type that there is not.
     """
     for name, kind in work.columns.items():
         if name in OWN or kind not in KINDS:
@@ -202,9 +204,7 @@ def joined(kinds: Mapping[str, str], pieces: Sequence[Columns]) -> Columns:
 
 
 def in_order(columns: Columns, count: int) -> Columns:
-    """Return the rows of the first ``count`` tasks by their numbers, each once: what a circumstance
-    ended gives way to what was computed later.
-    """
+    """Return one row of each of the first ``count`` tasks; later results replace interruptions."""
     numbers = columns["number"].astype(np.int64)
     order = np.lexsort((columns["passing"].astype(bool), numbers))
     first = np.ones(len(order), dtype=bool)
@@ -252,7 +252,7 @@ def _wrong(work: Work, each: Ended) -> str:
     return ""
 
 
-# ---- What a folder of rows belongs to, and whether it is what is asked now
+# ---- The study to which a folder of rows belongs
 
 MANIFEST = "manifest.json"
 SCHEMA = "flightid/tasks/1"
@@ -276,7 +276,7 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder; None where there is none. Raises FlightidError where it
+    """Return the manifest of a folder; None if there is none. Raises FlightidError if it
     cannot be read.
     """
     path = folder / MANIFEST
@@ -299,9 +299,7 @@ def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Names of files down to the disk, which a power cut else may take. Windows opens no folder,
-    and keeps a journal of names.
-    """
+    """Flush a folder's file names to disk, against a power cut. Not needed on Windows."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -312,9 +310,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Path) -> None:
-    """Raise FlightidError, which tells the first difference, where rows that are kept are not those
-    of what is asked.
-    """
+    """Raise FlightidError with the first difference if stored rows belong to another request."""
     versions_kept, versions_asked = kept.get("versions", {}), asked["versions"]
     pairs = [
         (key, kept.get(key), asked[key]) for key in ("name", "root", "identity", "columns", "block")
@@ -334,7 +330,7 @@ def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Pa
 
 
 def _difference(place: str, old: Any, new: Any) -> str:
-    """Return the first difference of two JSON values in words; empty where they are equal."""
+    """Return the first difference of two JSON values in words; empty if they are equal."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted({*old, *new}):
             found = _difference(
@@ -366,17 +362,17 @@ def _shown(value: Any) -> str:
 
 # ---- Rows kept in a folder as they come
 
-# s between shards: what a power cut costs at most, beside the blocks under way
+# s between shards, at most lost in a power cut
 SHARD_INTERVAL = 5.0
 MOST_SHARD_ROWS = 50_000
-MOST_SHARDS = 16  # shards, from which they are made one when the study ends
+MOST_SHARDS = 16  # number of shards above which they are merged at the end
 LOCK = ".lock"
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process a folder; the lock ends with its process, however that ends. Raises FlightidError
-    where another has it.
+    """One process a folder; the lock ends with its process, however that ends. Raises
+    FlightidError if another has it.
     """
     with open(folder / LOCK, "ab") as handle:
         try:
@@ -390,7 +386,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock an open file for this process until it is closed. Raises OSError where another process
+    """Lock an open file for this process until it is closed. Raises OSError if another process
     has locked it.
     """
     try:
@@ -404,10 +400,9 @@ def _lock(descriptor: int) -> None:
 
 
 class Shards:
-    """The rows of one study in its folder, which is this process's alone.
+    """The rows of one study in its folder, locked by this process.
 
-    What was half written when a process ended is taken away, and what cannot be read is told in
-    ``damaged`` and computed again.
+    Half-written files are removed; unreadable ones are listed in ``damaged`` and recomputed.
     """
 
     def __init__(self, folder: Path, work: Work) -> None:

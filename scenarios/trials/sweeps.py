@@ -57,7 +57,7 @@ from sim.record import Channel, Hold, Record
 if TYPE_CHECKING:
     from rich.console import Console
 
-MOST_SAMPLES = 200_000  # of all flights together
+MOST_SAMPLES = 200_000  # over all flights
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,10 @@ class RollLoop:
 
     Attributes
     ----------
-    gain : rad/s2 of a full command. inv_T_roll : 1/s. delay : s, of servo and computer.
-    proportional, integral : command per rad/s, per rad. rate : frames a second.
+    gain : rad/s2 of a full command. inv_T_roll : 1/s.
+    delay : s, of servo and computer.
+    proportional, integral : command per rad/s, per rad.
+    rate : frames a second.
     """
 
     gain: float
@@ -87,11 +89,15 @@ class SweepScenario:
 
     Attributes
     ----------
-    loop : the roll axis of a small aircraft; None where ``airframe`` of the X-29-like aircraft
-    flies. amplitude : of the excitation, in the unit of the command. low, high : Hz. duration : s.
-    flights :
-        how many are pooled. gyro : rad/s, rough_air : rad/s2, standard deviations.
-    form : of the transfer function that is fitted, empty for none. band : Hz, of the estimate.
+    loop : the roll axis of a small aircraft; None if ``airframe`` of the X-29-like aircraft
+        flies.
+    amplitude : of the excitation, in the unit of the command.
+    low, high : Hz.
+    duration : s.
+    flights : how many are pooled.
+    gyro : rad/s, rough_air : rad/s2, standard deviations.
+    form : of the transfer function that is fitted, empty for none.
+    band : Hz, of the estimate.
     """
 
     name: str
@@ -231,9 +237,9 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     )
 
 
-TAPER_SHARE = 0.02  # of the duration, at both ends of the sweep
+TAPER_SHARE = 0.02  # tapered share at both ends of the sweep
 AIR_TIME = 0.5  # s, time constant of rough air
-UNSTABLE_ROLL_RATE = 1e6  # of a roll rate, rad/s, from which the loop is unstable
+UNSTABLE_ROLL_RATE = 1e6  # rad/s; a larger roll rate means instability
 FINE_FREQUENCIES = 20_000  # frequencies of the true distance from -1
 SPLINE_FREQUENCIES = 1_000  # frequencies between which splines give the true margins, to 1e-7
 
@@ -368,9 +374,9 @@ class SweepStudy:
 
     Attributes
     ----------
-    records : of the flights. response : of the rate to the command, with the fitted form; None
-    where
-        none is fitted. loop : of the returned signal to the command, with its margins.
+    records : of the flights.
+    response : of the rate to the command, with the fitted form; None if none is fitted.
+    loop : of the returned signal to the command, with its margins.
     rows : what was estimated, with the truth.
     """
 

@@ -44,10 +44,10 @@ from sim.errors import DeclarationError, RecordError
 LOWEST_FREQUENCY = 0.2  # Hz
 HIGHEST_FREQUENCY = 10.0  # Hz
 FEWEST_SAMPLES_PER_PERIOD = 5.0  # samples in a period of the highest frequency
-STARTING_TIME = 2.0  # s that are collected before the rate is known
-# of ln(omega), by which a crossing lies inside the band before its margin is shown
+STARTING_TIME = 2.0  # s of rows that determine the rate
+# least distance of a crossing from the band's end, in ln(omega), for a margin to be shown
 CROSSING_DISTANCE = 0.1
-# of a period of the highest frequency, one sample at least: joined by a line
+# longest interpolated gap, share of the shortest period
 LARGEST_BRIDGED_GAP = 0.1
 SCHEMA = "flightid/margins/1"
 MAIN, HISTORY = "margins.json", "history.csv"
@@ -56,7 +56,7 @@ MAIN, HISTORY = "margins.json", "history.csv"
 @dataclass(frozen=True)
 class LoopNames:
     """The signals of a loop: ``command`` behind the sum, ``returned`` into it with ``sign``, and
-    the ``excitation`` that is added; None where it is not recorded."""
+    the ``excitation`` that is added; None if it is not recorded."""
 
     sign: str
     command: str
@@ -90,7 +90,7 @@ def loop_names(
 
 @dataclass(frozen=True, eq=False)
 class MarginPoint:
-    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None where no
+    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None if no
     frequency is."""
 
     time: float
@@ -100,12 +100,17 @@ class MarginPoint:
 
 @dataclass
 class MarginSession:
-    """A loop on its way; ``take`` changes it.
+    """State of an on-line estimate of loop margins; ``take`` changes it.
 
-    ``band`` : Hz, as asked for. ``stream`` : the recursive transforms, once the rate is known;
-    ``step`` s. ``waiting`` : rows ``(1 + S, N)`` of a second that is not over. ``last`` : the last
-    row that was taken. ``gaps`` : that were too long to be joined. ``points`` : one a second.
-    ``moments`` : sums of products of one, excitation, command and returned signal.
+    Attributes
+    ----------
+    band : Hz, as requested.
+    stream, step : the recursive transforms and sample interval (s), once the rate is known.
+    waiting : rows ``(1 + S, N)`` of an incomplete second.
+    last : the last row.
+    gaps : number of gaps that were too long to interpolate.
+    points : margins, one per second.
+    moments : sums of products of one, excitation, command and returned signal.
     """
 
     names: LoopNames
@@ -124,7 +129,7 @@ class MarginSession:
 
 
 def take(session: MarginSession, rows: np.ndarray) -> list[MarginPoint]:
-    """Take rows ``(1 + S, N)``: time, command, excitation where there is one, returned; the margins
+    """Take rows ``(1 + S, N)``: time, command, excitation if there is one, returned; the margins
     of the seconds that are over, whatever pieces the rows came in."""
     if not rows.shape[1]:
         return []
@@ -226,7 +231,7 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
 
 
 def _target(session: MarginSession) -> ResponseTarget | None:
-    """The broken-loop response along its usable band; None where that has less than three points.
+    """The broken-loop response along its usable band; None if that has less than three points.
 
     A stream has few windows of a frequency at first. Deviations are widened to Student's
     distribution, and besides its coherence a frequency needs a random error of at most 20 %
@@ -254,7 +259,7 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     band = float(target.omega[0]), float(target.omega[-1])
     margins = _inside(stability_margins(target), *band)
     if margins.gain_increase is None and margins.phase is None:
-        # The band has not reached a crossing yet, and the least distance lies beyond it.
+        # No crossing in the band yet; the least distance lies beyond it.
         margins = replace(margins, distance=None)
     return MarginPoint(time, margins, band)
 
@@ -286,7 +291,7 @@ def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMarg
 
 
 def margins_of(session: MarginSession) -> LoopMargins | None:
-    """Return the margins after the last row; None where no frequency is usable."""
+    """Return the margins after the last row; None if no frequency is usable."""
     last = session.points[-1] if session.points else None
     target = _target(session)
     if last is None or last.margins is None or target is None:
@@ -338,13 +343,13 @@ def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
         if margin.kind != "distance"
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    said = "; ".join(texts) or "no margin is determined"
-    return f"{session.name}, {point.time:.2f} s{lost}: {said}"
+    text = "; ".join(texts) or "no margin is determined"
+    return f"{session.name}, {point.time:.2f} s{lost}: {text}"
 
 
 def history_csv(session: MarginSession) -> str:
     """A line for each second: ``time``, the usable band, and of each margin its value, the ends of
-    its 95 % interval and its frequency; empty where it is not determined."""
+    its 95 % interval and its frequency; empty if it is not determined."""
     head = ["time", "band_low", "band_high"]
     head += [f"{name}{part}" for name in WORDS for part in ("", "_low", "_high", "_frequency")]
     lines = [",".join(head)]
@@ -392,7 +397,7 @@ def margin_content(session: MarginSession) -> dict[str, Any]:
 
 
 def refuse_short(session: MarginSession) -> None:
-    """Raise RecordError where the rate was never known."""
+    """Raise RecordError if the rate was never known."""
     if session.stream is None:
         what = f"less than {STARTING_TIME:g} s of rows that can be used"
         raise RecordError(what, where=session.name, remedy="stream a longer maneuver")

@@ -153,10 +153,10 @@ class Feed:
 
 ADDRESS = "127.0.0.1"
 USUAL_PORT = 8040
-MOST_READERS = 12  # at once; a browser has six connections to a host
-HEARTBEAT_INTERVAL = 1.0  # s: an event or a sign of life
-RECONNECT_DELAY = 500  # ms after which a browser comes back
-READER_TIMEOUT = 10.0  # s after which a reader that takes nothing is let go
+MOST_READERS = 12  # simultaneous readers; a browser opens up to six connections
+HEARTBEAT_INTERVAL = 1.0  # s between keep-alive messages
+RECONNECT_DELAY = 500  # ms after which a browser reconnects
+READER_TIMEOUT = 10.0  # s after which an inactive reader is dropped
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -285,7 +285,7 @@ class RequestHandler(BaseHTTPRequestHandler):
             else:
                 self._stream(_number_of(last_id, self.server.feed.token))
         except OSError:
-            pass  # it went away, or takes nothing
+            pass  # disconnected or inactive
         finally:
             with self.server.lock:
                 self.server.readers -= 1
@@ -302,8 +302,7 @@ class RequestHandler(BaseHTTPRequestHandler):
             batch = feed.since(last, HEARTBEAT_INTERVAL)
             lines = ["event: anew\ndata: {}\n\n"] if batch.complete else []
             lines += [f"event: {event.name}\ndata: {event.data}\n\n" for event in batch.events]
-            # The number stands with the last event alone: who loses the line within a batch gets
-            # all of it again.
+            # Only the last event has a number, so that an interrupted batch is sent again in full.
             end = f"id: {feed.token}-{batch.last}\nevent: beat\ndata: {{}}\n\n"
             self.wfile.write(("".join(lines) + end).encode())
             last = batch.last
@@ -323,7 +322,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing, since the terminal shows the watch."""
+        """Log nothing; the terminal is in use."""
 
 
 def page() -> str:
@@ -553,7 +552,7 @@ class Follow:
 
 @contextmanager
 def served(watch: Watch, port: int | None) -> Iterator[Follow]:
-    """Context manager that serves the page and gives the callable that feeds it.
+    """Context manager that serves the page and gives a function that feeds it.
 
     Raises DeclarationError if the port is taken.
     """

@@ -32,9 +32,11 @@ SCHEMA = "flightid/comparison/1"
 
 @dataclass(frozen=True)
 class Reference:
-    """``values``: name -> (estimate, standard deviation) of parameters and derived quantities;
-    ``fixed``: name -> value held there; ``plain``: what one pass of the bank found, where the study
-    says so: the paper's own result."""
+    """Reference values from an earlier study.
+
+    ``values``: (estimate, sigma) of parameters and derived quantities, by name. ``fixed``: fixed
+    values. ``plain``: estimates of a single pass of the bank, as in the paper, if stored.
+    """
 
     name: str
     values: Mapping[str, tuple[float, float]]
@@ -43,8 +45,9 @@ class Reference:
 
 
 def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
-    """Return a study that has the ``needed`` parameters: its folder, or the comparison.json in it.
-    Those of the low-order equivalent system are what a watch of it starts from.
+    """Read the reference values from a study's folder or its comparison.json.
+
+    ``needed``: required parameters, such as those of the low-order equivalent system.
 
     Raises
     ------
@@ -84,11 +87,9 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
 
 
 def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> VehicleFile:
-    """Constants and starting values: the vehicle file's, else the reference's, else those of the
-    paper and its aircraft.
+    """Return constants and starting values: of the vehicle file, the reference, or the paper.
 
-    A reference gives what its plain bank found, as the paper started its flight filter, where it
-    says that; else its estimate.
+    From a reference, the estimates of the plain bank are used if stored, as in the paper.
     """
     if vehicle is not None:
         vehicle_file = read_vehicle(vehicle, "loes")
@@ -134,7 +135,7 @@ def usual_command(name: str, model: str, vehicle: InputFile | None) -> list[str]
 def rows_and_vehicle(
     name: str, digest: str, vehicle: InputFile | None
 ) -> list[tuple[str, str, str]]:
-    """Use, name and SHA-256 of the rows that were taken and of a vehicle file that was read."""
+    """Return use, name and SHA-256 of the rows and of the vehicle file, if any."""
     files = [("vehicle", vehicle.name, vehicle.sha256)] if vehicle is not None else []
     return [("rows", name, digest), *files]
 
@@ -206,9 +207,7 @@ class CrossValidation:
 
     @property
     def beyond(self) -> bool:
-        """Whether it lies outside the reference's bounds: more than two standard deviations of the
-        difference.
-        """
+        """Return whether an estimate differs from the reference by more than two sigmas."""
         return self.z is not None and abs(self.z) > BOUND_SIGMAS
 
 
@@ -239,7 +238,7 @@ def comparisons(
     reference: Reference | None,
     hanging: Collection[str] = (),
 ) -> tuple[CrossValidation, ...]:
-    """Derived quantities, then parameters, each against the reference where there is one;
+    """Derived quantities, then parameters, each against the reference if there is one;
     ``hanging`` are those that depend on the start.
     """
     reference_values = {} if reference is None else reference.values

@@ -36,10 +36,10 @@ from sim.errors import RecordError
 
 # ---- Complete lines as they arrive, from a file that grows or from standard input
 
-POLL_INTERVAL = 0.1  # s between two looks at a source that has nothing new
+POLL_INTERVAL = 0.1  # s between reads of a source without new data
 LARGEST_PIECE = 1 << 16
 STANDARD_INPUT = 0  # file descriptor
-MOST_WAITING_PIECES = 16  # pieces of standard input that wait to be taken
+MOST_WAITING_PIECES = 16  # queued pieces of standard input
 LONGEST_LINE = 1 << 20
 _NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
 
@@ -89,10 +89,9 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
 
 @contextmanager
 def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
-    """A source that reads a file from its beginning and goes on as it grows; with ``until_end`` it
-    ends where the file does.
+    """Yield pieces of a file from its beginning, and continue while it grows.
 
-    A file that is cut short while it is read ends too.
+    With ``until_end``, stop at the end of the file. Also stops if the file is truncated.
 
     Raises
     ------
@@ -173,9 +172,9 @@ def standard_input() -> Read:
 # ---- From lines to rows in SI units and in the order of time
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-ROWS_AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
+ROWS_AHEAD = 1.0  # s; a larger jump of the time stamps must be confirmed by the next one
 UNWRAP = re.compile(r"\bunwrap\s*\(")
-LONGEST_BRIDGED_GAP = 600.0  # s: after a gap this long nothing of the motion before is known
+LONGEST_BRIDGED_GAP = 600.0  # s; after a longer gap the filter cannot continue
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ class Header:
 
     Attributes
     ----------
-    columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
+    columns : of the channels in the order time, stick, alpha, q, nz; None if an output is
         absent, or the clock.
     width : number of cells in a row.
     name : of the stream.
@@ -242,11 +241,10 @@ class Fault(NamedTuple):
 
 
 class Order(NamedTuple):
-    """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be
-    borne out by the next.
+    """State of the ordering of rows: time (s) and inputs of the last row, and a waiting row.
 
-    ``lost`` is the time at which the stream jumped by more than ``LONGEST_BRIDGED_GAP``; nothing is
-    taken after it.
+    A waiting row has a late time stamp, which the next row must confirm. ``lost``: time of a jump
+    by more than ``LONGEST_BRIDGED_GAP``, after which rows are ignored.
     """
 
     time: float = -math.inf
@@ -325,14 +323,12 @@ def read_header(
 
 
 def is_row(line: bytes, name: str) -> bool:
-    """Whether a line holds numbers alone, so that it is no header. Raises RecordError where it is
-    no comma-separated text."""
+    """Return whether a line has only numbers, so that it is not a header. Raises RecordError."""
     return all(is_number(cell) or not cell.strip() for cell in header_cells(line, name))
 
 
 def header_cells(line: bytes, name: str) -> list[str]:
-    """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in
-    UTF-8."""
+    """Return the cells of a stream's first line. Raises RecordError if it is not CSV in UTF-8."""
     try:
         cells = [
             header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])
@@ -357,7 +353,7 @@ def header_cells(line: bytes, name: str) -> list[str]:
 
 
 def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
-    """The header with the names that are given. Raises RecordError where they are not as many."""
+    """The header with the names that are given. Raises RecordError if they are not as many."""
     if names and len(names) != len(cells):
         what = f"{len(names)} names for {len(cells)} columns of {name}"
         raise RecordError(
@@ -408,7 +404,7 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
 def _table(
     name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
 ) -> CellTable:
-    """Return the rows of a stream as a table, NaN where a column is not read."""
+    """Return the rows of a stream as a table, NaN if a column is not read."""
     blank = np.full(rows, np.nan)
     return CellTable(
         name,
@@ -421,10 +417,9 @@ def _table(
 def read_lines(
     header: Header, lines: Sequence[bytes], first: int
 ) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Return the numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each,
-    and the lines that are no rows.
+    """Return numbers ``(signals, N)`` in SI (NaN: empty cell), row numbers, and invalid lines.
 
-    ``first`` is the number of the first line. Empty lines are no fault.
+    ``first``: number of the first line. Empty lines are skipped.
     """
     places, signals = header.sources, header.signals
     values: list[list[float]] = []
@@ -476,11 +471,11 @@ def read_lines(
 def in_order(
     table: np.ndarray, numbers: Sequence[int], order: Order
 ) -> tuple[np.ndarray, list[Fault], Order]:
-    """Return the rows that go on from ``order``, ``(signals, N)``, with their faults.
+    """Return the valid rows that follow ``order``, ``(signals, N)``, and the faults of the others.
 
-    A row whose time is missing, repeated or goes back is left out. One that is more than
-    ``MOST_WAITING_PIECES`` later than the last waits until the next is later still, else it is left
-    out. A missing input holds its last value; before there is one, the row is left out.
+    A row with a missing, repeated or decreasing time is dropped. A row after a jump of the time
+    waits until the next row confirms it. A missing input keeps its last value; if there is none,
+    the row is dropped.
     """
     if _goes_on(table, order):
         return (
@@ -537,9 +532,7 @@ def in_order(
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """Order, as ``in_order`` does, a row that still waits when the stream ends: nothing speaks
-    against it, but a jump that loses the motion.
-    """
+    """Accept a row that still waits at the end of the stream, unless its gap is too long."""
     rows: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:

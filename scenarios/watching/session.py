@@ -75,7 +75,7 @@ from sim.record import Channel, Hold, Record
 STARTING_TIME = 2.0  # s that are collected before the filter starts
 FEWEST_STARTING_ROWS = 40
 SPIKE_SIGMAS = 30.0  # standard deviations of the innovation
-# what a vehicle file gives a start of
+# parameters that a vehicle file gives
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
 RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
 # of the rows at the last attempt: all of them together then cost five times the last one
@@ -89,7 +89,7 @@ UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 class WatchStep(NamedTuple):
     """A row of the stream, the bank's state after it, how many spikes were left out by then, what
     other starts add to its deviations ``spread (n,)`` and to the delay's (s), their differences
-    ``(K, n)``, and the bank that was linearised anew, where there is one."""
+    ``(K, n)``, and the bank that was linearised anew, if there is one."""
 
     row: np.ndarray
     state: BankState
@@ -102,14 +102,17 @@ class WatchStep(NamedTuple):
 
 @dataclass
 class Session:
-    """What a watch knows so far; ``take`` and ``start`` change it.
+    """State of an on-line estimate with a bank of filters; ``take`` and ``start`` change it.
 
-    ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came,
-    spikes NaN once the filter left them out. ``system``, ``bank``, ``state`` and ``offsets`` are
-    there once the filter has started; ``others`` is the bank of other starts with its state,
-    ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``:
-    the rows at the last attempt, which began with the row ``first``. ``spectral``: the regression
-    in the frequency domain of the same rows, spikes left out.
+    Attributes
+    ----------
+    taken : blocks of rows ``(5, n)``: time, stick, alpha, q, nz; spikes are NaN.
+    system, bank, state, offsets : of the filters, once they have started.
+    others : bank with other starts, and its state.
+    last : the last step.
+    refine : whether the bank is relinearised from time to time.
+    tried, first : number of rows at the last relinearisation, and its first row.
+    spectral : regression in the frequency domain of the same rows, without spikes.
     """
 
     vehicle: VehicleFile
@@ -133,12 +136,12 @@ class Session:
 
     @property
     def rows(self) -> int:
-        """Rows so far."""
+        """Number of rows so far."""
         return sum(block.shape[1] for block in self.taken)
 
 
 def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
-    """Filter rows ``(5, N)``; while they are still being collected there are no steps."""
+    """Filter rows ``(5, N)`` and return the steps; none before the filter starts."""
     if rows.shape[1] == 0:
         return []
     session.taken.append(np.array(rows))
@@ -177,7 +180,7 @@ def start(session: Session) -> list[WatchStep]:
 
 
 def record_of(session: Session) -> Record:
-    """Return the rows so far as a record, spikes that the filter left out missing.
+    """Return the rows so far as a record, with rejected spikes as missing samples.
 
     Raises
     ------
@@ -248,9 +251,7 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
 def _refined(
     session: Session, states: list[BankState], ends: FinalStates, given: Rows
 ) -> list[Relinearised | None]:
-    """Return the bank linearised anew after each row. Whether it is time for that is asked at the
-    first row of each second, however rows come.
-    """
+    """Filter rows and relinearise the bank when due, checked at the first row of each second."""
     seconds = np.floor(given.time)
     new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
     session.second = float(seconds[-1])
@@ -348,9 +349,7 @@ def steadiest(record: Record, first: int, last: int) -> int:
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """Return the states after each of the rows, from the first row of all on where there is no
-    state yet.
-    """
+    """Return the states after each row; without a state, from the first row of the stream."""
     if state is not None:
         return advance(bank, state, rows)
     first = begin(bank, Rows(*(part[..., :1] for part in rows)))
@@ -366,7 +365,7 @@ def _rows_of(session: Session, block: np.ndarray) -> Rows:
     return Rows(given[0], given[1:2], given[2:])
 
 
-# ---- A stream on its way through the filter: its header, its session, and what was left out
+# ---- A watched stream: header, session, and dropped rows
 
 STOPPED = "stopped by the user"
 # rows that are filtered before they are written and shown: a few hundredths of a second
@@ -375,14 +374,16 @@ ROWS_PER_BATCH = 200
 
 @dataclass
 class Watch:
-    """What the loop changes: the header once it came, how far the stream is, and what was left out.
+    """State of a watched stream.
 
-    ``beside``: name of the JSON file that was read because it is beside the record, empty without
-    one. ``columns``: names of the columns,
-    where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
-    ``signals``: what the stream is read for; of others than the low-order equivalent's there is no
-    ``session``. ``omega``: rad/s, of the regression in the frequency domain. ``hold``: how inputs
-    move between rows there, None where the rows decide.
+    Attributes
+    ----------
+    beside : name of the record's JSON file, empty without one.
+    columns : names of the columns, if the header is missing or not used.
+    rate : Hz, for a stream without a clock.
+    signals : that are read; ``session`` exists only for those of the low-order equivalent.
+    omega : rad/s, of the regression in the frequency domain.
+    hold : inputs between rows in this regression; None: decided by the rows.
     """
 
     name: str
@@ -413,7 +414,7 @@ class Watch:
 
 
 def rows_in(watch: Watch, came: Lines) -> np.ndarray:
-    """Return the rows that lines hold."""
+    """Return the rows of CSV lines."""
     lines = came.whole
     if lines:
         watch.heard = time.monotonic()
@@ -462,9 +463,9 @@ def _session(watch: Watch, header: Header) -> Session:
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the rows cut where a second of the stream begins, so that what is shown does not hang
-    on how they came: one second at a time until the filter has started, later as many as
-    ``ROWS_PER_BATCH`` holds.
+    """Yield rows in pieces of whole seconds, so that results do not depend on the input's chunks.
+
+    One second at a time until the filter has started, then up to ``ROWS_PER_BATCH`` rows.
     """
     if session is None or not rows.size:
         return
@@ -483,7 +484,7 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def session_of(watch: Watch) -> Session:
-    """Return the session, which begins with the header. Raises RecordError where none came."""
+    """Return the session, which begins with the header. Raises RecordError if none came."""
     if watch.session is None:
         raise RecordError(
             "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
@@ -544,7 +545,7 @@ def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
     """Return the times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``,
-    NaN where a cell is empty; refined estimates where the history has them.
+    NaN if a cell is empty; refined estimates where the history has them.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:

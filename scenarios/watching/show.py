@@ -117,7 +117,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """Return the last estimate against the reference where there is one."""
+    """Return the last estimate against the reference if there is one."""
     return (
         ()
         if estimate is None
@@ -158,15 +158,15 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
             ),
         ]
     print_table(out, "", columns)
-    told = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
-    for sentence in told:
+    sentences = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
+    for sentence in sentences:
         out.print(sentence, highlight=False)
     if watch.reference is not None:
         out.print(against_items(items, watch.reference.name), highlight=False)
 
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
-    """The estimate in the frequency domain against that of the bank, whose data it shares."""
+    """Return lines that compare the frequency-domain estimate with that of the bank."""
     estimate = None if session is None else last_estimate(session)
     if estimate is None:
         return []
@@ -353,7 +353,7 @@ class Show:
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Context manager that gives the display; on a terminal a live table."""
+    """Context manager that gives the display: a live table on a terminal, else lines."""
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
@@ -578,7 +578,7 @@ class FollowLoop:
 
 @contextmanager
 def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Iterator[FollowLoop]:
-    """Context manager that serves the live page of a loop and gives the callable that feeds it."""
+    """Context manager that serves the live page of a loop and gives a function that feeds it."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
 

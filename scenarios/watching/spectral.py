@@ -1,6 +1,7 @@
 """On-line identification in the frequency domain, with an estimate every second.
 
-For models whose states are measured, and beside the filter bank of the low-order equivalent system.
+For models whose states are measured, and in addition to the filter bank of the low-order equivalent
+system.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from sim.vehicles.factory import model_from_constants
 
 METHOD = "frequency-domain"
 UNKNOWN = "not determined"
-SECOND_TOLERANCE = 1e-9  # s, by which a row may lie before a second and still begin it
+SECOND_TOLERANCE = 1e-9  # s, tolerance of the first row of a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +67,19 @@ class Point:
 
 @dataclass
 class SpectralSession:
-    """A stream on its way through the regression; ``take`` changes it.
+    """State of an on-line regression in the frequency domain; ``take`` changes it.
 
-    ``signals`` : inputs and outputs, the rows of a block behind the time. ``system`` : of the
-    outputs that the stream has. Either ``readings``, the equations with their sums for each way in
-    which inputs may move between rows, or ``lag`` of the low-order equivalent. ``hold`` : the
-    reading of the last estimate, ``gain`` twice the log likelihood by which linear inputs explain
-    the rows better than held ones. ``flow`` : airspeed and pressure of the stream that the
-    equations use, ``level`` the pressure at its beginning. ``waiting`` : rows of a second that is
-    not over. ``points`` : estimates, one a second.
+    Attributes
+    ----------
+    signals : inputs and outputs, in the order of the rows after time.
+    system : for the outputs that the stream has.
+    readings : sums of the regression, for held and for linear inputs.
+    lag : regression of the low-order equivalent, instead of ``readings``.
+    hold : of the inputs in the last estimate.
+    gain : twice the log likelihood ratio of linear to held inputs.
+    flow, level : measured airspeed and pressure, and the initial pressure.
+    waiting : rows of an incomplete second.
+    points : estimates, one per second.
     """
 
     vehicle: VehicleFile
@@ -128,8 +133,9 @@ def spectral_session(
     omega: np.ndarray,
     hold: Hold | None = None,
 ) -> SpectralSession:
-    """A session for the outputs that a stream has, frequencies ``omega`` rad/s; ``hold``: of the
-    inputs between rows, None where the rows decide.
+    """Return a session for the outputs of a stream.
+
+    ``omega``: frequencies, rad/s. ``hold``: inputs between rows; None: decided by the rows.
 
     Raises
     ------
@@ -207,8 +213,9 @@ def regress(session: SpectralSession) -> list[Point]:
 
 
 def _flow_rows(session: SpectralSession) -> np.ndarray:
-    """Changes of airspeed and pressure in the rows of the last second, ``(k, N)``: smoothed with
-    those of the second before.
+    """Return changes of airspeed and pressure in the last second, ``(k, N)``.
+
+    Smoothed together with the second before.
     """
     recent = session.blocks[-2:]
     table = np.concatenate(recent, axis=1)
@@ -255,30 +262,30 @@ def _likelier(
 
 
 def stream_notes(session: SpectralSession) -> list[str]:
-    """How inputs were taken to move between rows, and whether a measured airspeed was used."""
+    """Return notes on the hold of the inputs and on the use of a measured airspeed."""
     if session.lag is not None or session.last is None:
         return []
-    told = [flow_sentence(record_of(session), session.declared)] if session.flow else []
+    sentences = [flow_sentence(record_of(session), session.declared)] if session.flow else []
     if session.system.inputs and len(session.readings) == 1:
         word = "held" if session.hold is Hold.PREVIOUS else "linear"
-        told.append(f"inputs {word} between samples: {BY_HAND}")
+        sentences.append(f"inputs {word} between samples: {BY_HAND}")
     elif session.hold is Hold.LINEAR:
-        told.append(
+        sentences.append(
             "inputs linear between samples: they explain the stream better than held ones (twice "
             f"the log likelihood {session.gain:.1f}); --hold previous holds them"
         )
-    return told
+    return sentences
 
 
 def stream_warnings(session: SpectralSession) -> list[str]:
     """Parameters that the stream does not determine; a measured airspeed far from the declared."""
     unknown = undetermined(session)
-    told = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
-    return told + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
+    sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    return sentences + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
 
 def record_of(session: SpectralSession) -> Record:
-    """Return the rows so far as a record. Raises RecordError where there are fewer than two."""
+    """Return the rows so far as a record. Raises RecordError if there are fewer than two."""
     blocks = [*session.blocks, *session.waiting]
     table = np.concatenate(blocks, axis=1) if blocks else np.zeros((len(session.signals.names), 0))
     if table.shape[1] < 2:
@@ -346,7 +353,7 @@ def derived_quantities(
 
 
 def history_csv(session: SpectralSession) -> str:
-    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty where
+    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty if
     it is not determined."""
     lines = [
         ",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])

@@ -56,7 +56,7 @@ from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spec
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
-# ---- What a stream has told so far
+# ---- Results of a stream so far
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class SoFar:
 
 
 def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """Return the estimate after a step, the last when None: the one that was linearised anew where
+    """Return the estimate after a step, the last when None: the one that was linearised anew if
     there is one.
     """
     step = session.last if step is None else step
@@ -117,7 +117,7 @@ def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     }
     hanging |= {name for name, far in ended.items() if far >= began.get(name, np.inf)}
     spans = {**ended, "delay": step.delay_spread}
-    # Between the first and the last delay of the grid, any of which might have been.
+    # A spread as wide as a uniform distribution over the grid: the delay is undetermined.
     hanging |= {"delay"} if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5 else set()
     wide = {
         name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
@@ -180,7 +180,7 @@ def _derived_spread(
     differences: np.ndarray,
 ) -> dict[str, float]:
     """Typical differences of natural frequency and damping between estimates that differ by ``apart
-    (K, n)``; infinite where half have none.
+    (K, n)``; infinite if half have none.
     """
     each = [
         derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
@@ -194,7 +194,7 @@ def _derived_spread(
     return out
 
 
-# ---- The history of a watch: a line a row, appended and flushed while the stream goes on
+# ---- The history of a watch: one line per row, written while the stream continues
 
 NAME = "history.csv"
 PART = "history.csv.part"
@@ -341,9 +341,10 @@ def watch_page(
     first: tuple[Section, ...] = (),
     vehicle: InputFile | None = None,
 ) -> Page:
-    """Return the page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the
-    rows that were taken, ``first`` the sections with which the page begins, ``vehicle`` the vehicle
-    file that was read.
+    """Return the page of a watch.
+
+    ``content``: of ``comparison.json``. ``digest``: hash of the rows. ``first``: first sections.
+    ``vehicle``: the vehicle file.
     """
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
@@ -469,9 +470,11 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 
 @dataclass(frozen=True, eq=False)
 class WatchOutcome:
-    """The end of a watch: ``record`` the rows taken, ``refinement`` the identification from the
-    whole record, None where it was not made; ``online`` the last estimate on line, ``delays``
-    those of its bank (s); ``standings`` of what counts."""
+    """Final results of a watch.
+
+    ``record``: all rows. ``refinement``: identification from the whole record, or None.
+    ``online``: last on-line estimate. ``delays``: of its bank, s. ``standings``: main results.
+    """
 
     record: Record
     refinement: IdentificationResult | None
@@ -501,10 +504,7 @@ class WatchOutcome:
 
 
 def refuse_overwriting(stream: Path, out: Path) -> None:
-    """Refuse a folder in which our files would take the place of the one that is watched.
-
-    Raises DeclarationError.
-    """
+    """Raise DeclarationError if the output would overwrite the watched file."""
     if resolved(stream).parent == resolved(out) and stream.name in FILES:
         what = "the study's files would take the place of what is watched"
         raise DeclarationError(what, where=str(stream), remedy="name another folder with --out")

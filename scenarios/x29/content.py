@@ -42,9 +42,9 @@ from scenarios.x29.study import LoopResult, LoopStudy
 from sim.closed_loop.linear import Margins
 from sim.vehicles.factory import LOES_DERIVATIVES
 
-# ---- What the paper prints beside what was found here
+# ---- Published values next to ours
 
-# in whose row R stands, as in the paper's tables by column
+# row with R, as in the paper's tables
 _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
@@ -56,9 +56,7 @@ def units_of(study: LoopStudy) -> dict[str, str]:
 
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
-    """Entries of ``comparison.json``: the paper's tables beside its procedure, checks, methods and
-    restarts.
-    """
+    """Return entries of ``comparison.json`` on the paper: tables, procedure, checks, methods."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: dict[str, Any] = {}
     if column:
@@ -140,8 +138,9 @@ def procedure_and_printed(
 
 
 def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Return the pairs whose published correlation is above ``LARGE_CORRELATION``: published, of
-    the paper's procedure here, of the refined filter.
+    """Return pairs with a published correlation above ``LARGE_CORRELATION``.
+
+    Three values each: published, by the paper's procedure here, by the refined filter.
     """
     names, C = printed_correlation(column)
     bank, history = study.single_pass.bank, study.result.estimate.history
@@ -203,10 +202,12 @@ def _method(method: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any
 
 
 def loop_comparison(study: LoopStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``. There is no ``true``: the loop is of higher order than the
-    model; ``loop_equivalent`` is the low-order fit to the linear loop's own frequency response with
-    the paper's L_q; what differs beyond sigma from the one with the flown L_q is the model's
-    bias."""
+    """Return the content of ``comparison.json``.
+
+    There are no true values, since the loop is of higher order than the model. ``loop_equivalent``
+    is a low-order fit to the frequency response of the linear loop with the paper's L_q. Its
+    differences from the fit with the flown L_q, beyond sigma, are the bias of the model.
+    """
     result, scenario = study.result, study.scenario
     estimate, bank = result.estimate, result.bank
     content: dict[str, Any] = {
@@ -316,7 +317,7 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """Return the other scenario that the study is compared with, where there is one."""
+    """Return the other scenario that the study is compared with, if there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}

@@ -1,8 +1,7 @@
-"""Declaration of a closed-loop scenario, published low-order equivalents, and its flight to a
-record.
+"""Declaration of a closed-loop scenario, published low-order equivalents, and simulated flight.
 
-Estimates are only shown beside ours, never used to form them; start, P0 and R are what a scenario
-may run with as the paper did.
+Published estimates are only compared with ours, never used for them. A scenario may use the
+published start, P0 and R.
 """
 
 from __future__ import annotations
@@ -41,8 +40,7 @@ from sim.vehicles.factory import model_from_constants
 # ---- What a scenario of the closed loop declares
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-# Ways to estimate one record that a scenario may have beside its own: what each is called in a
-# table.
+# Further methods of a scenario -> their names in tables.
 METHODS: Mapping[str, str] = MappingProxyType(
     {
         "paper": "plain bank, published P0",
@@ -59,11 +57,10 @@ METHODS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class StickPlan:
-    """The pilot's input: ``kind`` 3-2-1-1, doublet, levels or hand-flown, and its numbers (s, in,
-    rad/s).
+    """The pilot's input: ``kind`` and its numbers (s, in, rad/s).
 
-    ``times`` and ``levels`` are those of ``levels``; ``pilot_seed`` draws the hand-flown history,
-    apart from the noise.
+    ``kind``: 3-2-1-1, doublet, levels or hand-flown. ``times``, ``levels``: for kind levels.
+    ``pilot_seed``: for kind hand-flown, independent of the noise.
     """
 
     kind: str
@@ -93,14 +90,12 @@ class LoopFlight:
     airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``.
     duration : s.
     noise : whether the telemetry is noisy.
-    dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
-    rate_limits : whether the rams have their rate limits.
-    low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's
-        order does.
-    gust : spectral density of white vertical-gust forcing of the low-order truth's pitch rate,
-        (rad/s2)^2 s; 0 without.
-    spike : in the recorded stick; the control computer did not see it.
-    noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
+    dead_band, curvature : of the stick, in and 1/in; None: the aircraft's.
+    rate_limits : whether the actuators have rate limits.
+    low_order : simulate the loop's low-order equivalent, to isolate the effect of model order.
+    gust : spectral density of white forcing of the pitch rate, (rad/s2)^2 s; low order only.
+    spike : in the recorded stick only, not in the control computer.
+    noise_std : of the telemetry by output, rad, rad/s and g; empty: the aircraft's.
     """
 
     airframe: str
@@ -122,19 +117,17 @@ class LoopEstimation:
 
     Attributes
     ----------
-    start : starting values by name; of ``start_from`` where that names another scenario, whose
-        plain bank then runs first.
-    noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"`` reads it off the record;
-        times ``noise_share``.
+    start : starting values by name.
+    start_from : scenario whose plain bank gives the starting values instead, or empty.
+    noise_from : measurement noise from the ``"sensors"``, or from the record (``"envelope"``).
+    noise_share : factor on this noise.
     process_noise : spectral densities by state, (unit/s)^2 s.
-    initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not
-        given, as in the paper.
+    initial_std : initial sigmas of alpha, q and delta; default for alpha and q, as in the paper:
+        those of the noise.
     window_start, window_stop : part of the record that is used, s.
-    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's
-        Tables 1 and 2.
-    restarts : start the refined filter again from its own result until it settles, at most so
-        often.
-    engine : who runs the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
+    restarts : largest number of restarts of the refined filter from its own result.
+    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` in Tables 1 and 2.
+    engine : of the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -152,9 +145,7 @@ class LoopEstimation:
 
 @dataclass(frozen=True)
 class Against:
-    """Another scenario, with changes as ``--set`` makes them, whose result this one is compared
-    with.
-    """
+    """Another scenario to compare with; ``changes``: as texts of ``--set``."""
 
     scenario: str
     label: str
@@ -163,8 +154,10 @@ class Against:
 
 @dataclass(frozen=True)
 class MarginPlan:
-    """Variation of unpublished values for the margins: ``samples`` points of a Latin hypercube (0:
-    none), their ``seed``, and an airframe to show ``beside`` the two.
+    """Variation of unpublished values in the study of margins.
+
+    ``samples``: points of a Latin hypercube, may be 0. ``seed``: of the points. ``beside``:
+    a third airframe to show.
     """
 
     samples: int
@@ -191,15 +184,14 @@ class LoopScenario:
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with.
     together : scenarios printed side by side as the paper's Table 3.
-    methods : names of ``METHODS`` whose results stand beside the scenario's own.
-    margins : what is varied of the loop's margins.
-    variants : see ``Variant``.
-    stretch : an interval (s) whose misfit is told apart from the rest.
-    peak : an interval with a final peak.
+    methods : further methods, names of ``METHODS``.
+    margins : variation of unpublished values, for the loop's margins.
+    variants : the same scenario with another flight or estimation.
+    stretch : interval (s) whose misfit is reported separately.
+    peak : interval (s) with a final peak.
     choices : values that no source gives.
-    seeds : flights with the seeds 1 to this one that the paper's bank estimates, too; 0 for none.
-    findings : what holds or stays open whatever the numbers are, in words, to be read with what is
-        computed from them.
+    seeds : number of further flights (seeds 1, 2, ...) for the paper's bank.
+    findings : text on conclusions that do not depend on the numbers.
     """
 
     name: str
@@ -222,17 +214,15 @@ class LoopScenario:
     seeds: int = 0
 
 
-# ---- What NASA TM-101722 prints of its low-order equivalents
+# ---- Low-order equivalents published in NASA TM-101722
 
 FILE = "short_period_dynamics.toml"
-TURNED = ("delta", "L_delta", "M_delta", "delta_0")  # the paper's pseudo-control is minus ours
+TURNED = ("delta", "L_delta", "M_delta", "delta_0")  # opposite sign in the paper
 
 
 @dataclass(frozen=True)
 class Printed:
-    """A printed value and the standard deviation from its printed variance, None where none is
-    printed.
-    """
+    """A published value with the standard deviation from its published variance, if any."""
 
     value: float
     std: float | None
@@ -240,9 +230,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Range:
-    """Published values in the text: range of the EKF's estimates, and value from the frequency
-    response.
-    """
+    """Published in the text: range of the EKF's estimates, value from the frequency response."""
 
     low: float
     high: float
@@ -305,7 +293,7 @@ def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def has_table(name: str) -> bool:
-    """Return whether a column is one of the two with start, P0, R, Q and correlations."""
+    """Return whether start, P0, R, Q and correlations of a column are published."""
     return name in _document()["initial"]
 
 
@@ -384,7 +372,7 @@ def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndar
 
 
 def fly_loop(flight: LoopFlight, seed: int) -> SimulatedLoop:
-    """Fly and record; the same seed gives the same bytes.
+    """Simulate a flight and its record; the same seed gives the same bytes.
 
     Raises
     ------
@@ -432,9 +420,7 @@ def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
 def _low_order_record(
     x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
 ) -> Record:
-    """Return the same stick flown by the loop's low-order equivalent, with the stick held between
-    samples.
-    """
+    """Return the record of the loop's low-order equivalent, with the recorded stick, held."""
     t = x29.telemetry
     std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
     model = low_order_model(x29, equivalent_values(equivalent_system(x29)))

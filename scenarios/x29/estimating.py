@@ -41,7 +41,7 @@ from sim.record import Record
 
 # ---- The low-order filter of a closed-loop scenario
 
-SETTLED_SIGMAS = 0.1  # sigmas: a restart that moves nothing further has settled
+SETTLED_SIGMAS = 0.1  # a restart that moves all values by less, in sigmas, has converged
 ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 
@@ -102,9 +102,7 @@ def set_up(
 
 
 def _printed_prior(system: System) -> System:
-    """Return the System with P0 of the paper's Tables 1 and 2, which are alike: it carries the
-    simulation's over to the flight.
-    """
+    """Return the System with P0 of the paper's Tables 1 and 2, which agree."""
     printed = {
         name: cell.std for name, cell in printed_start("simulation").items() if cell.std is not None
     }
@@ -159,8 +157,9 @@ def started_again(
 
 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
-    """Return a quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the
-    likeliest filter and its delay (s).
+    """Return the most likely filter of a coarse bank and its delay (s), for variants.
+
+    Seven delays, 12.5 ms apart, relinearised once.
     """
     delays = np.array(ROUGH_DELAYS)
     bank, trajectories = setting.engine.iterated(
@@ -195,7 +194,7 @@ def _at(system: System, delay: float) -> System:
     return replace(system, parameters=system.parameters.with_values({"delay": delay}))
 
 
-# ---- What a study of the low-order filter measures of its own misfit
+# ---- Misfit of the low-order filter
 
 LARGE_CORRELATION = 0.9  # size of a correlation that is worth a mark
 
@@ -207,10 +206,10 @@ class Misfit:
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
-    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where
-        it has none.
+    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero if
+    it has none.
     peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s;
-        zero where it has none.
+        zero if it has none.
     lag_one : lag-one correlation of the normalised q innovations.
     q_box : Ljung-Box statistic over 25 lags.
     low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white
@@ -296,7 +295,7 @@ def misfit(
 
 # ---- The same record estimated in other ways than the scenario's own
 
-RESTART_PASSES = 5  # of plain filters that start again from their own result
+RESTART_PASSES = 5  # restarts of plain filters from their own result
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +313,7 @@ class LoopMethodResult:
 
     @property
     def frequency(self) -> float:
-        """Undamped natural frequency of its short period, rad/s; NaN where that does not
+        """Undamped natural frequency of its short period, rad/s; NaN if that does not
         oscillate.
         """
         v = self.values
@@ -358,9 +357,7 @@ def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodRes
 
 
 def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
-    """Return the index of the filter whose delay is on the other side of the refined delay than the
-    most likely one.
-    """
+    """Return the filter next to the refined delay, on the side opposite to the most likely one."""
     best = int(np.argmax(first_estimate.bank.log_likelihood))
     step = 1 if first_estimate.delays[best] < refined_delay else -1
     return min(max(best + step, 0), len(first_estimate.delays) - 1)
@@ -474,7 +471,7 @@ _RUN: Mapping[str, Callable[[str, MethodInputs], LoopMethodResult]] = {
 }
 
 
-# ---- The same scenario flown or estimated with one thing changed
+# ---- Variants of a scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -540,7 +537,7 @@ def run_over_seeds(
     scenario: LoopScenario, start: Mapping[str, float], prior: str
 ) -> OverSeeds | None:
     """Return the paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0.
-    None where no seeds are asked for.
+    None if no seeds are requested.
     """
     if not scenario.seeds:
         return None

@@ -116,7 +116,7 @@ def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Sectio
     )
 
 
-# ---- Which figures a closed-loop study gets: as the paper's 3 to 10
+# ---- Figures of a closed-loop study, as figs. 3 to 10 of the paper
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 
@@ -268,7 +268,7 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
 def _parameter_histories(
     history: FilterHistory, constant: Sequence[Parameter], title: str
 ) -> Figure:
-    """Return the histories with fewer numbers at their axes: a flight is long."""
+    """Return the figure of parameter histories with fewer tick labels."""
     from matplotlib.ticker import MaxNLocator
 
     from scenarios.plots.estimates import figure_parameter_histories
@@ -282,7 +282,7 @@ def _parameter_histories(
 
 
 def _printed(study: LoopStudy) -> list[dict[str, float]]:
-    """Printed values of the other scenario's column and of this one's, as far as there are any."""
+    """Return published values of the other and of this scenario; empty if there are none."""
     scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
     columns = [
         scenario.published[0] if scenario is not None and scenario.published else ""
@@ -295,9 +295,7 @@ def _printed(study: LoopStudy) -> list[dict[str, float]]:
 
 
 def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
-    """Return the margins at every point that has the paper's equivalents, of the declared
-    airframes, and the effect of each unpublished value.
-    """
+    """Return the figure of margins over unpublished values, with those of declared airframes."""
     from scenarios.plots.low_order import figure_open_margins
 
     clouds = [

@@ -26,7 +26,7 @@ from scenarios.x29.open_margins import margins_sentence
 from scenarios.x29.study import HALF_FRAME, LoopStudy, verdicts
 from sim.closed_loop.airframe import load_x29
 
-# ---- What NASA TM-101722's own numbers say
+# ---- Conclusions from the numbers of NASA TM-101722
 
 # what starts far enough from zero for the paper's rule
 QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
@@ -35,7 +35,7 @@ COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")
 MISSED_SIGMAS = 3.0  # combined sigmas from the printed value that count as missed
 SHORT_PERIOD = ("L_alpha", "M_alpha", "L_q", "M_q")
 FREE_SHIFT = ("M_0", "delta_0")
-RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
+RULE_HOLDS = 0.05  # share of a sigma, more than the rounding of three digits
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
@@ -113,9 +113,7 @@ def density_sentence(study: LoopStudy) -> str:
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
-    """Yield the sentence on the bias of the pseudo-control, which is not observable beside M_0 and
-    delta_0.
-    """
+    """Yield the sentence on the bias of the pseudo-control, confounded with M_0 and delta_0."""
     printed, estimate = printed_column(column), study.result.estimate
     first = study.single_pass.estimate
     texts = [
@@ -286,7 +284,7 @@ def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
-    """Direction in which repeated passes move, for each fixed delay."""
+    """Return sentences on the direction in which repeated passes move, for each fixed delay."""
     if not study.restarts:
         return
     before, after = printed_column("flight"), printed_column("convergence")
@@ -344,7 +342,7 @@ def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
     return bool((pair[1] - pair[0]) * (after - before) > 0)
 
 
-# ---- What a study of the closed loop says beyond its tables
+# ---- Sentences on a study of the closed loop
 
 NOTABLE_SIGMAS = 2.0
 DISAGREEING_FREQUENCY_SHARE = 0.1
@@ -363,9 +361,11 @@ class BiasRow:
 
 
 def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
-    """Differences beyond two sigmas. Sigmas are those of white innovations: the rest is the bias of
-    a model of low order. The equivalent holds L_q at what flies, which the filter finds: held
-    elsewhere it has another L_alpha. L_q itself is left out."""
+    """Return the differences from the loop's equivalent beyond two sigmas.
+
+    They are the bias of a low-order model, since the sigmas assume white innovations. The
+    equivalent has the flown L_q, because L_alpha depends on L_q. L_q itself is left out.
+    """
     estimate, rows = study.result.estimate, []
     for name, value, std in zip(
         estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True

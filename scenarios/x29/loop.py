@@ -1,11 +1,11 @@
 """The closed loop compared with its linear form, and airframes matched to printed equivalents.
 
-The flown loop has a break-out, a gearing that steepens, and surfaces that meet limits; the linear
-one has a gain and none of these.
+The nonlinear loop has a break-out, a progressive gearing, and surface limits; the linear loop has
+a constant gain instead.
 
-Found are L_alpha, M_alpha, the pitching moment of the surfaces (one factor) and the stick's lag.
-Not held against the paper are L_delta, which the model's order decides, and the delay: the stick's
-path, which is outside the loop, can make it anything, and no margin depends on it.
+Matched are L_alpha, M_alpha, the pitching moment of the surfaces (one factor) and the stick's lag.
+Not matched are L_delta, which depends on the model's order, and the delay, which depends on the
+stick's path outside the loop and affects no margin.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, respond
 from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
 
-# ---- The flown loop against its linear one
+# ---- The nonlinear loop against the linear one
 
 OUTPUTS = ("alpha", "q", "nz")
 # in, the largest of each scaled stick; the last asks for some 6 g
 STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
-RESPONSE_TOLERANCE = 1e-9  # of the response: what two writings of one loop may differ by
+RESPONSE_TOLERANCE = 1e-9  # relative error between two forms of the same loop
 NO_LIMIT = 1e6  # deg and deg/s
 Change = Callable[[X29], X29]
 
 
 @dataclass(frozen=True, eq=False)
 class LinearCheck:
-    """Relative misfits of the nonlinear from the linear response, as ratios of root mean squares.
+    """Relative misfits between nonlinear and linear response, as ratios of root mean squares.
 
     Attributes
     ----------
     time : ``(F,)`` s, frames of the control computer.
     simulated, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
     misfit : by output.
-    apart : of q, with one departure from linearity left in at a time, and with none.
-    stick : largest of the flown stick, in.
-    sticks : largest of the same stick at other sizes, in.
-    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the aircraft
+    apart : misfit of q with a single nonlinearity, by nonlinearity, and with none.
+    stick : largest deflection, in.
+    sticks : largest deflections of the same input at other amplitudes, in.
+    curves : misfit of q at ``sticks``, with all and with some nonlinearities; NaN if the aircraft
         departs.
-    limited : share of the flown frames in which a command, a rate or a travel limit was met.
+    limited : share of frames with an active command, rate or travel limit.
     """
 
     time: np.ndarray
@@ -207,8 +207,10 @@ class PrintedTarget:
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A fitted aircraft, its computing delay (s), what was found ``(4,)``, its equivalent, the sum
-    of squared deviations from the targets, its margins, and whether its loop is stable."""
+    """A matched aircraft: computing delay (s), matched values ``(4,)``, equivalent, cost, margins.
+
+    The cost is the sum of squared deviations from the targets.
+    """
 
     x29: X29
     delay: float
@@ -228,9 +230,7 @@ class Matched:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Where a search begins: what is looked for ``(4,)``, its deviations' slopes ``(5, 4)``, and
-    the equivalent there.
-    """
+    """Start of a search: unknowns ``(4,)``, Jacobian of the deviations ``(5, 4)``, equivalent."""
 
     parameters: np.ndarray
     slopes: np.ndarray
@@ -268,8 +268,9 @@ def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29
 
 
 def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Beginning) -> Matched:
-    """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the
-    slopes, which are formed anew where they fail.
+    """Fit an aircraft's loop to an equivalent by Gauss-Newton steps.
+
+    Broyden's method updates the Jacobian; it is recomputed if a step fails.
     """
     from scipy.optimize import lsq_linear
 
@@ -334,8 +335,9 @@ def changed(x29: X29, p: np.ndarray) -> X29:
 
 
 def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """Return the low-order equivalent of a loop with a computing delay of ``delay`` s, begun at
-    that of a loop nearby.
+    """Return the low-order equivalent of a loop with a computing delay of ``delay`` s.
+
+    The search starts from the equivalent of a similar loop.
     """
     response = sampled_loop(x29, delay).response(MATCHED_OMEGA)
     return fit_equivalent(

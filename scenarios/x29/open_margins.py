@@ -1,12 +1,9 @@
 """Phase margins of flight and simulation over values that the paper leaves open.
 
-Everything here is [own]: no number of NASA TM-101722 says any of it. The simulation's loop is
-airframe S, the flight's is F, both under one law; what the paper does say, their low-order
-equivalents, is met anew at every point (`matching.py`).
-
-At each point two aircraft are fitted, the simulation's and the flight's, so that their low-order
-equivalents are the paper's; what the margins then do is what the paper's numbers leave open.
-python-control's margins throughout.
+The varied values are our choices [own]; NASA TM-101722 does not publish them. The loop of the
+simulation is airframe S, that of the flight is F, with the same control law. At each point, both
+aircraft are matched to the published low-order equivalents (`loop.py`). The spread of the margins
+is the uncertainty that the published numbers leave. Margins are computed by python-control.
 """
 
 from __future__ import annotations
@@ -58,9 +55,8 @@ class OpenValue:
         return 0.5 * ((1.0 + place) * self.high + (1.0 - place) * self.low)
 
 
-# Ranges: a quarter up or down is what a specification leaves of a servo or sensor; half a frame
-# what unsynchronised computers add or take; half to double what wind tunnels and estimates of pitch
-# damping differ by.
+# Ranges: servos and sensors 25 % (usual tolerance), delay half a frame (unsynchronised computers),
+# pitch damping half to double (difference of wind tunnels and estimates).
 OPEN = (
     OpenValue("surfaces", "surfaces' bandwidth, both", 0.8, 1.25),
     OpenValue("sensors", "sensors' bandwidth, both", 0.8, 1.25),
@@ -122,7 +118,7 @@ def loop_at_values(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
 
 
 def _systems(x29: X29, surfaces: float, sensors: float) -> X29:
-    """Return the aircraft with servos and rams so many times as fast, and sensors."""
+    """Return the aircraft with the speeds of servos, rams and sensors scaled."""
     canard, flaperon, strake = (
         replace(
             each,
@@ -172,7 +168,7 @@ class MarginDesign:
 
     @property
     def larger(self) -> int:
-        """Plausible points in which the flight's margin is the larger, as in the paper."""
+        """Plausible points in which the flight has the larger margin, as in the paper."""
         return int(np.count_nonzero(self.difference > 0.0))
 
 
@@ -183,7 +179,7 @@ class OpenMargins:
     Attributes
     ----------
     effects : by open value, deg that the difference gains from the middle of its range to the high
-        end; of a straight line through all plausible points, empty where there are too few.
+        end; of a straight line through all plausible points, empty if there are too few.
     middle : deg at the middle of all ranges.
     explained : share of the variance.
     declared : flight less simulation of the airframes as they are declared, deg.
@@ -216,7 +212,7 @@ def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, M
 
 
 def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
-    """Return the study of the first two airframes of ``found``, flight and simulation; None where
+    """Return the study of the first two airframes of ``found``, flight and simulation; None if
     there is no plan, no sample or no second airframe.
     """
     if plan is None or not plan.samples or len(found) < 2:

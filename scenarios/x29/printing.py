@@ -47,7 +47,7 @@ from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
-SQUARED = "unit²"  # of a variance whose row names the quantity
+SQUARED = "unit²"  # heading of a variance; the row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
@@ -578,7 +578,7 @@ def _mean_cell(values: np.ndarray) -> Cell:
     return Number(float(values.mean()), float(values.std(ddof=1)))
 
 
-# The blocks of a study by the heading under which they stand on a page, the estimate first.
+# Heading on a page -> blocks of a study, the estimate first.
 BLOCKS: Mapping[str, Callable[[LoopStudy], list[Block]]] = {
     "Estimate": _estimate,
     "States of the filter": _filter_states,

@@ -1,6 +1,4 @@
-"""The schema of closed-loop scenarios (pydantic), and the way from a checked file to a
-LoopScenario; imported only when one is read.
-"""
+"""Schema of closed-loop scenario files (pydantic), and conversion to a LoopScenario."""
 
 from __future__ import annotations
 

@@ -81,9 +81,11 @@ class LoopResult:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCheck:
-    """Without a filter: of the loop's own frequency response, with the paper's L_q (``loop``) and
-    with the ``flown`` one, on which L_alpha hangs; of the record's spectral estimate (None where
-    the record cannot give one)."""
+    """Low-order equivalents found without a filter.
+
+    From the loop's frequency response: with the paper's L_q (``loop``), and with the ``flown``
+    one, since L_alpha depends on L_q. From the record's spectral estimate; None if not possible.
+    """
 
     loop: EquivalentSystem
     flown: EquivalentSystem
@@ -95,15 +97,23 @@ class ResponseCheck:
 class LoopStudy:
     """A closed-loop scenario that has been run.
 
-    ``paper`` is the filter set up by the paper's rules, ``single_pass`` the paper's procedure;
-    ``first`` the refined bank before any restart, ``passes`` the estimates from restart to restart,
-    ``restarts`` those of plain filters by label; ``methods`` as the scenario names them; ``other``
-    the result compared with; ``together`` plain results of several scenarios by name; ``margins``
-    by airframe; ``engines`` how far another engine's filters are from the batched ones; ``second``
-    how far filterpy is from the likeliest filter of the batched plain bank, None under another
-    engine; ``linear`` the flown loop against the linear one; ``open_margins`` what the paper leaves
-    open of the margins, None where the scenario varies nothing; ``over_seeds`` the paper's bank on
-    flights with other seeds, None where the scenario asks for none.
+    Attributes
+    ----------
+    paper : filter with the paper's settings.
+    single_pass : the paper's procedure.
+    first : refined bank before any restart.
+    passes : estimates after each restart.
+    restarts : estimates of restarted plain filters, by label.
+    methods : further methods, as named in the scenario.
+    other : result to compare with.
+    together : plain results of several scenarios, by name.
+    margins : by airframe.
+    engines : differences between another engine's filters and the batched ones.
+    second : difference between filterpy and the most likely filter of the batched plain bank; None
+        under another engine.
+    linear : nonlinear loop against the linear one.
+    open_margins : margins over unpublished values; None if none is varied.
+    over_seeds : the paper's bank on flights with other seeds; None if not requested.
     """
 
     scenario: LoopScenario
@@ -153,9 +163,10 @@ def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
 
 
 def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
-    """Fly, estimate and compare; the same seed gives the same numbers. What it is compared with
-    flies with the same seed, so that the noise is no difference; scenarios that it starts from, or
-    that stand beside it, with their own.
+    """Simulate, estimate and compare; the same seed gives the same numbers.
+
+    The scenario to compare with uses the same seed, hence the same noise. Scenarios for starting
+    values, or shown together, use their own seeds.
 
     Raises
     ------
@@ -355,8 +366,7 @@ def _against(
     for item in result.qualities:
         before = other.quality(item.name)
         if before is not None:
-            # Results that share data are not independent: the larger sigma is the cautious measure
-            # of what a change matters.
+            # Results from the same data are correlated: compare with the larger sigma.
             derived.append(
                 (item.name, (item.value - before.value) / max(item.std, before.std, 1e-300))
             )
@@ -368,14 +378,13 @@ def _against(
     )
 
 
-# s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz
-# samples
+# s: offset between the loop's frames and the recorded stick, held between samples of 40 Hz
 HALF_FRAME = 0.00625
 FREQUENCY = 0.05  # tolerance, share of the frequency
 DAMPING = 0.05  # tolerance of the damping ratio
 DELAY = 0.015  # tolerance, s
 DERIVATIVES = ("L_alpha", "M_alpha", "M_delta", "M_q")
-SHARE = {False: 0.10, True: 0.20}  # of a derivative, without and with measurement noise
+SHARE = {False: 0.10, True: 0.20}  # tolerance of a derivative, without and with noise
 MOVED = 3.0  # sigmas that an accident of the record may move frequency and damping
 STANDS_OUT = 1.5  # misfit inside a stretch over that elsewhere
 PEAK_SAMPLES = 5  # samples that a peak is averaged over

@@ -140,7 +140,7 @@ def bare_airframe(flown: SimulatedLoop) -> np.ndarray:
 
 
 def doubling_time(flown: SimulatedLoop) -> float:
-    """Time in which the airframe without its control law doubles a disturbance, s."""
+    """Return the doubling time of the airframe without its control law, s."""
     return math.log(2.0) / float(bare_airframe(flown)[-1])
 
 

@@ -64,7 +64,7 @@ def numbers(
 
 
 def nearer(factor: float = 1.0, name: str = "Cm_alpha") -> str:
-    """Whether an estimate lies nearer to the rigid or to the condensed value."""
+    """Return whether an estimate is nearer to the rigid or to the condensed value."""
     row = row_of(study(changes(factor)).main, name)
     assert row.true is not None and row.condensed is not None
     return (
@@ -78,7 +78,7 @@ def worst(factor: float = 1.0) -> str:
 
 
 def first_seen(factors: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5, 1.0)) -> float:
-    """The first of these structures, from stiff to soft, whose residual a test refuses."""
+    """Return the first structure, from stiff to soft, whose residual test fails."""
     return next(factor for factor in factors if numbers(factor)["tests failed"] > 0)
 
 

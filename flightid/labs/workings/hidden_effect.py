@@ -1,6 +1,4 @@
-"""Lab 5: a record with something hidden, drawn from a seed; what a student sees of it, what the
-loop says, and the truth, which is opened last.
-"""
+"""Lab 5: a record with a hidden effect, drawn from a seed; result of the loop, and the truth."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
     import flightid
     from sim.record import Record
 
-# what is hidden is replaced; the scenario of nothing declares so
+# replaces the hidden effect of the scenario
 BASE = {True: "trace-delay", False: "trace-nothing"}
 # Twenty samples a second and short records, so that the loop answers while a class waits; every
 # maneuver still switches at a sample.
@@ -89,16 +87,14 @@ SUSPECTS: Mapping[str, Suspect] = {
         "a coloured residual in α and nz **all the time**, also between the maneuvers",
     ),
 }
-# of the seed that the lab begins with, so that all of a class begin with one they can find
+# Hidden effect of the first seed: the same for a whole class, and possible to find.
 FIRST = "the α vane sits ahead of the centre of gravity"
 FIRST_SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """Both records, the vehicle file and the sensors' noise, in a folder that lives as long as
-    this; nothing in it tells what is hidden.
-    """
+    """Both records, vehicle file and sensor noise, in a temporary folder without the truth."""
 
     folder: Scratch
     train: Record
@@ -122,7 +118,7 @@ def drawn(seed: int) -> tuple[str, dict[str, float]]:
 
 
 def changes(seed: int) -> tuple[str, tuple[str, ...]]:
-    """The scenario and its changes that hide what the seed draws."""
+    """Return the scenario and its changes for the effect that the seed selects."""
     words, values = drawn(seed)
     suspect = SUSPECTS[words]
     if not suspect.name:
@@ -178,7 +174,7 @@ def residuals(seed: int) -> dict[str, np.ndarray]:
 
 @lru_cache(16)
 def diagnosed(seed: int) -> flightid.Diagnosis:
-    """What the tracing loop makes of the same files; it is told nothing else."""
+    """Return the diagnosis of the same files."""
     import flightid
 
     given = flown(seed)
@@ -196,7 +192,7 @@ def names_of_loop(seed: int) -> tuple[str, ...]:
 
 
 def found_by_loop(seed: int) -> bool:
-    """Whether the loop claims what is hidden, or claims nothing where nothing is."""
+    """Return whether the loop claims exactly the hidden effect, or nothing if there is none."""
     words, _ = drawn(seed)
     name = SUSPECTS[words].name
     return names_of_loop(seed) == ((name,) if name else ())

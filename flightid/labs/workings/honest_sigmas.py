@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 SCENARIO = "rigid"
-VARIANCE = 0.016  # of alpha in deg^2 and of q in (deg/s)^2: the scenario's own
+VARIANCE = 0.016  # noise variance of alpha, deg^2, and of q, (deg/s)^2, in the scenario
 METHODS = {"extended Kalman filter": "ekf", "output error": "output-error"}
 DENSITIES = (0.0, 0.003, 0.01, 0.03, 0.1)  # (deg/s)^2/s on pitch rate
 
@@ -31,9 +31,11 @@ def changes(
     told: float = 0.0,
     method: str = "extended Kalman filter",
 ) -> tuple[str, ...]:
-    """Changes of the scenario: sensors' noise that the estimator believes in over the true one,
-    process noise on pitch rate that acts and that the filter is told ((deg/s)^2/s), and the
-    estimator."""
+    """Return changes of the scenario.
+
+    Assumed over true sensor noise, true and assumed process noise on pitch rate ((deg/s)^2/s), and
+    the estimator.
+    """
     variance = VARIANCE * believed**2
     of_filter = {"ekf": f'{{q = "{told:g} (deg/s)^2/s"}}' if told else "{}"}.get(
         METHODS[method], "{}"

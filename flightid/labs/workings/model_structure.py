@@ -32,10 +32,10 @@ NOISE = {
     **dict.fromkeys(("ax", "ay", "az"), 0.02),
 }
 AXES = ("Cm", "Cn", "Cl", "CL", "CY", "CD")
-HIDDEN = {"Cm": {"alpha*elevator": 5.0}, "Cl": {"alpha*beta": -0.9}}  # of no real aircraft
+HIDDEN = {"Cm": {"alpha*elevator": 5.0}, "Cl": {"alpha*beta": -0.9}}  # invented terms
 FOLLOWS, OWN = 0.6, 0.02  # shares of aileron and of its own movement in a rudder that is linked
-_SIZES = (1.0, -0.75, 1.2, -1.1, 0.85, -0.9, 1.0)  # of the pulses of each maneuver
-_STRETCH = (1.0, 1.25, 0.85, 1.1, 0.75, 1.35, 1.0)  # of their durations
+_SIZES = (1.0, -0.75, 1.2, -1.1, 0.85, -0.9, 1.0)  # relative sizes of the pulses of each maneuver
+_STRETCH = (1.0, 1.25, 0.85, 1.1, 0.75, 1.35, 1.0)  # relative durations
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,9 @@ class Studied:
     Attributes
     ----------
     found : terms, steps and collinearity of each coefficient.
-    true : the aircraft. records : the maneuvers fitted. held_out : the one that never is.
+    true : the aircraft.
+    records : the maneuvers fitted.
+    held_out : the one that never is.
     """
 
     found: FoundStructure
@@ -180,8 +182,11 @@ def study(
 
     Parameters
     ----------
-    maneuvers : 1 to ``MOST``. kind : of ``KINDS``. linked : the rudder follows the aileron.
-    noise : of all sensors, times the usual. degree : of the products of signals offered.
+    maneuvers : 1 to ``MOST``.
+    kind : of ``KINDS``.
+    linked : the rudder follows the aileron.
+    noise : of all sensors, times the usual.
+    degree : of the products of signals offered.
     """
     from scenarios.structure.study import StructureOptions, predicted_r2, structure_of
 
@@ -254,7 +259,7 @@ def held_out(studied: Studied, axis: str) -> str:
 
 
 def told(studied: Studied, axis: str) -> list[str]:
-    """What the command would say of a coefficient, and of surfaces that move together."""
+    """Return the command's sentences on a coefficient and on surfaces that move together."""
     from scenarios.structure.report import findings
 
     lines = findings(studied.found)
@@ -278,7 +283,7 @@ def numbers(
 ) -> dict[str, float]:
     """What the key expects of a coefficient: number of terms, those of them that are true, R2 on
     maneuvers left out in turn and on the one that is never fitted, residual over noise, the largest
-    variance inflation and condition index; zero where nothing is left out."""
+    variance inflation and condition index; zero if nothing is left out."""
     studied = study(maneuvers, kind, linked, noise, degree)
     each, together = studied.found.selections[axis], studied.found.collinearity[axis]
     true = true_terms(axis)

@@ -52,7 +52,7 @@ SUFFIXES = [
     ".parquet",
 ]
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
-EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
+EXAMPLE = "trace-vane"  # two records of an aircraft with a vane far ahead
 HEADERS = {
     "elevator": ("Elev pos", "deg"),
     "alpha": ("AoA1", "deg"),
@@ -137,7 +137,7 @@ def map_of(source: str) -> str:
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:
     """Files as they came (name and content), the text of the vehicle file, and that of a channel
-    map, where there is one.
+    map, if there is one.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "")
 
 
 def tried(what: Callable[[], Found]) -> tuple[Found | None, str]:
-    """What a function returns, and the one line of its error, of which one is empty."""
+    """Return the result of a function and an empty text, or None and its error in one line."""
     from sim.errors import FlightidError
 
     try:
@@ -182,7 +182,7 @@ def _plain(text: str) -> str:
 
 
 def check_remarks(found: flightid.Check) -> list[str]:
-    """What the check found and what speaks against the records, in the words of the command."""
+    """Return findings and warnings of the check, in the words of the command."""
     look = found.details.look
     return [_plain(each) for each in (*found.sentences, *look.doubts, *look.set_aside)]
 
@@ -211,7 +211,7 @@ def read(given: Kept) -> list[flightid.Record]:
 
 
 def checked(given: Kept) -> flightid.Check:
-    """What the kinematics say of the sensors."""
+    """Return the kinematic check of the sensors."""
     import flightid
 
     return flightid.check(given.records, given.vehicle, channels=given.channels)
@@ -275,7 +275,7 @@ def example() -> tuple[tuple[str, bytes], ...]:
 
 
 def exported(record: Record, missing: Mapping[str, int] | None = None) -> bytes:
-    """A record as such a CSV file; every so many samples of a channel are left empty."""
+    """Return a record as such a CSV file, with some samples left empty at regular intervals."""
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 

@@ -1,8 +1,7 @@
-"""The example of lab 7 that is a flight computer's log: a small flying wing with an angle of attack
-vane, two flights, as ArduPilot's binary log (DataFlash) holds them.
+"""Example of lab 7: two flights of a small flying wing with an angle-of-attack vane, as a log.
 
-The format is that of ArduPilot's documentation: messages of a head (two bytes 0xA395 and the number
-of their kind) and packed fields, each kind declared by a message FMT.
+ArduPilot's binary format (DataFlash), by its documentation: each message has a head (bytes 0xA395
+and the number of its kind) and packed fields; FMT messages declare the kinds.
 """
 
 from __future__ import annotations

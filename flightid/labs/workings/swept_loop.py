@@ -47,9 +47,7 @@ def study(asked: tuple[str, ...]) -> SweepStudy:
 
 @lru_cache(KEPT)
 def without_excitation(asked: tuple[str, ...]) -> ResponseEstimates:
-    """The broken-loop response of the same flights by the direct estimate, which does not know the
-    sweep.
-    """
+    """Return the broken-loop response by the direct estimate, which does not use the sweep."""
     from scenarios.files.writing import write_record
     from scenarios.preparation.plan import Request
     from scenarios.responses.analysis import ResponseOptions, responses_of

@@ -1,6 +1,4 @@
-"""A scenario tried with other values, remembered so that a slider moved back answers at once; and
-the command line that does the same.
-"""
+"""Cached runs of a scenario with changed values, for sliders, and the equivalent command line."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from scenarios.studies.study import MethodResult, StudyResult
 
 KEPT = 64  # studies that are remembered: some hundred kB each
-PREFIX = "flightid-"  # of folders for what is computed on files
+PREFIX = "flightid-"  # prefix of temporary folders
 ALONE = "methods=[]"  # a change of a scenario: its main method alone
 
 
@@ -58,9 +56,7 @@ def repeated(
 
 
 def command(verb: str, name: str, changes: Sequence[str] = (), *options: str) -> str:
-    """The command line that does what the lab shows, quoted for a shell, each ``--set`` on a line
-    of its own.
-    """
+    """Return the equivalent command line for a shell, each ``--set`` on its own line."""
     return " \\\n  ".join(
         [
             shlex.join(["flightid", verb, name, *options]),
@@ -88,5 +84,5 @@ def sigmas_off(row: Row) -> float:
 
 
 def close(value: float | None, to: float, within: float) -> bool:
-    """Whether an answer is near a number: ``within`` is a share of it."""
+    """Return whether an answer is within a share (``within``) of a number."""
     return value is not None and abs(value - to) <= within * abs(to)

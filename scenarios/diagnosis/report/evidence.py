@@ -22,22 +22,20 @@ from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
 
-LARGE_RESIDUAL_WINDOW = 2.0  # s, in which a residual is called large: about one short period
-LARGEST_RESIDUAL_SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
+LARGE_RESIDUAL_WINDOW = 2.0  # s, window of a large residual: about one short period
+LARGEST_RESIDUAL_SHIFT = 0.5  # s, largest lag of a correlation
 WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
 CORRELATE_SIGMAS = (
-    4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+    4.0  # sigmas of chance correlation (Bartlett); the best of a few dozen signals is reported
 )
 
 
 @dataclass(frozen=True)
 class Company:
-    """What a residual goes with: a signal's ``name``, its ``form``, the correlation.
+    """Signal that a residual correlates with most.
 
     ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first
-    input.
-
-    ``later``: by how many s the residual is behind it.
+    input. ``later``: lag of the residual, s.
     """
 
     name: str
@@ -48,12 +46,17 @@ class Company:
 
 @dataclass(frozen=True)
 class Leftover:
-    """What is left in one channel over all fitted records.
+    """Residual of one channel over all fitted records.
 
-    ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
-    power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
-    ``begin``, ``end`` (s): the ``LARGE_RESIDUAL_WINDOW`` with the largest mean square, ``times``
-    its root over ``rms``. ``company``: None where it goes with nothing that was looked at.
+    Attributes
+    ----------
+    rms : in the channel's unit.
+    correlation : of neighbouring samples.
+    peak : frequency of the largest power density, Hz.
+    below : frequency below which 80 % of the power lies, Hz.
+    record, begin, end : record (from 0) and time (s) of the window with the largest mean square.
+    times : root mean square in this window over ``rms``.
+    company : correlated signal, or None.
     """
 
     channel: str
@@ -70,7 +73,7 @@ class Leftover:
 
 
 def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
-    """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it
+    """Describe the residuals of one channel after the fit; None if fewer than 20 samples of it
     were used.
 
     It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and
@@ -183,7 +186,7 @@ def _company(parts: Sequence[ResidualPart]) -> Company | None:
                     Company(name, form, float(r[at]), float(shifts[at] * interval)),
                 )
             )
-    # Of what is about as certain, the plainer: a signal before its rate, that before a square.
+    # Of nearly equal correlations, the simplest: signal, then rate, then square.
     best = max((sure for sure, _ in found), default=0.0)
     return next((company for sure, company in found if sure >= 0.9 * best), None)
 
@@ -207,9 +210,7 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
 
 
 def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
-    """Return an input, or an output as the fit has it, away from its mean; its rate, square, or
-    product with the first input; mean taken off.
-    """
+    """Return a form of an input or fitted output (see `Company`), minus its mean."""
     item = part.item
     if name in item.record.input_names:
         values = item.record[name].values
@@ -246,9 +247,7 @@ def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> 
 
 
 def _chance(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the variance of the sum of products of two series that have nothing to do with each
-    other (Bartlett, 1946).
-    """
+    """Return the variance of the sum of products of two independent series (Bartlett, 1946)."""
     lags = max(10, len(a) // 5)
     return len(a) * max(
         float(
@@ -259,17 +258,17 @@ def _chance(a: np.ndarray, b: np.ndarray) -> float:
     )
 
 
-FEW_PARAMETERS = 2  # parameters whose values are worth comparing between records
+FEW_PARAMETERS = 2  # parameters that are compared between records
 FORMS = {
     "itself": "{}",
     "rate": "the rate of {}",
     "square": "the square of {}",
     "product": "the product of {} and the {control}",
 }
-# of both spreads together, from which a joint value and the mean of the records do not agree
+# combined sigmas between the joint value and the mean of the records
 DISAGREEING_SIGMAS = 2.0
 LARGEST_SHOWN = 1e30
-LARGEST_EVEN_PEAK = 1.6  # times the rms, up to which no moment stands out
+LARGEST_EVEN_PEAK = 1.6  # multiple of the rms below which no window is reported
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
@@ -278,7 +277,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
     """
     if claim.spread is None:
         return []
-    told = (
+    sentence = (
         f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
         "second"
         if math.isfinite(claim.spread)
@@ -286,7 +285,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
     )
     values, apart = by_record_text(claim.by_record), apart_text(claim)
     each = f"from each of {len(claim.by_record)} records: {values}" if values else ""
-    return [part for part in (told, f"{each}, but {apart}" if each and apart else each) if part]
+    return [part for part in (sentence, f"{each}, but {apart}" if each and apart else each) if part]
 
 
 def apart_text(claim: Claim) -> str:
@@ -334,11 +333,9 @@ def overflow_sentence(count: int) -> str:
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """Return the warnings with a description of what is left in each channel, in place of long
-    lists of tests that failed.
+    """Return the warnings, with a description of each channel's residual instead of failed tests.
 
-    Where nothing stands, what the declared model leaves is described: what hints would leave is no
-    result.
+    Without an accepted effect, the residuals are those of the declared model.
     """
     d = tracing.diagnosis
     if nothing_stands(d):
@@ -416,7 +413,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:
-    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty where it is not known."""
+    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty if it is not known."""
     return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
 
 

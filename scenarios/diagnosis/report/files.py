@@ -113,7 +113,7 @@ def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
 
 
 def bounded_series(values: np.ndarray) -> np.ndarray:
-    """Finite numbers: a simulation that ran away is written as large as it needs to be seen."""
+    """Return finite numbers; those of a diverged simulation are limited."""
     return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
 
 
@@ -145,7 +145,7 @@ DECLARED_CAPTIONS = {
         "the residuals"
     ),
     "residuals": "Residuals of the fitted data with the declared model",
-}  # where no effect stands beside it
+}  # without an accepted effect
 
 
 def draw_diagnosis(
@@ -163,7 +163,7 @@ def draw_diagnosis(
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
-    """File stems of all figures, and what makes each."""
+    """Return file stems and drawing functions of all figures."""
     from scenarios.plots.residuals import figure_held_out, figure_residuals, figure_spectra
     from scenarios.plots.tracing import figure_derivatives, figure_evidence
 
@@ -243,7 +243,7 @@ TONES = {
     Verdict.AMBIGUOUS: "fair",
     Verdict.UNEXPLAINED: "open",
 }
-PRINTED_CANDIDATES = 10  # candidates that stand on paper
+PRINTED_CANDIDATES = 10  # printed candidates
 CANDIDATES_NOTE = (
     "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
@@ -265,9 +265,7 @@ GUARD_NOTE = (
 def diagnosis_page(
     tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
 ) -> Page:
-    """Return the page of a diagnosis with the figures ``drawn``; that of the replication stands in
-    its section.
-    """
+    """Return the page of a diagnosis with the figures ``drawn``."""
     d = tracing.diagnosis
     pictures = {each.name: each for each in figures(drawn)}
     replication = pictures.pop("figure-replication", None)
@@ -574,8 +572,8 @@ def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
 
 
 def _cell(name: str, q: Quantity) -> str:
-    told = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
-    return f"{name} = {told}"
+    text = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
+    return f"{name} = {text}"
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -60,8 +60,9 @@ SHOWN_CANDIDATES = 6  # candidates of a round
 def candidates_table(
     d: Diagnosis, caption: str, count: int = SHOWN_CANDIDATES, printed: int | None = None
 ) -> Table:
-    """Return the best candidates of each round at each set, by gain; of several forms of one effect
-    the best. ``printed``: rows that stand on paper.
+    """Return the best candidates of each round, by gain, with the best form of each effect.
+
+    ``printed``: number of rows on paper.
     """
     some: list[Candidate] = []
     nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
@@ -173,7 +174,7 @@ def _moves(
 
 
 def move_cell(sigmas: float) -> Cell:
-    """Return a move in sigmas, marked beyond two; a dash where there is none."""
+    """Return a move in sigmas, marked beyond two; a dash if there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
     mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
@@ -218,9 +219,7 @@ def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
 
 
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
-    """Return the quantities that follow from the derivatives, before and after; a delay of the
-    model itself is among them.
-    """
+    """Return derived quantities before and after, including a delay of the model."""
     pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
     before, after = (
         {**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs
@@ -233,9 +232,7 @@ def _hertz(q: Quantity) -> Quantity:
 
 
 def sigma_note(d: Diagnosis) -> str:
-    """Return a note that sigmas are widened, if they are; the scatter is that of fits with the
-    effects, so the note is empty without an accepted effect.
-    """
+    """Return a note if sigmas are widened by scatter; empty without an accepted effect."""
     return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
 
 
@@ -259,13 +256,13 @@ def moved_title(d: Diagnosis) -> str:
 
 
 def moved(old: Quantity, new: Quantity) -> float:
-    """Return the change in standard deviations of both together; zero where neither is known."""
+    """Return the change in standard deviations of both together; zero if neither is known."""
     spread = math.hypot(old.std, new.std)
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
 
 
 def short(value: float) -> str:
-    """Three digits, no exponent below ten millions; a dash where there is no number."""
+    """Three digits, no exponent below ten millions; a dash if there is no number."""
     return (
         "-"
         if not math.isfinite(value)
@@ -278,7 +275,7 @@ def short(value: float) -> str:
 
 
 def level_cell(value: float) -> Cell:
-    """Return a root mean square with three digits; a dash where there is no number."""
+    """Return a root mean square with three digits; a dash if there is no number."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
 
 
@@ -286,9 +283,7 @@ Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Return the levels under the declared model and under the one with the effects; empty where a
-    model has no mode that the standard speaks of.
-    """
+    """Return levels of the declared model and of the one with the effects; empty without modes."""
     d = tracing.diagnosis
     before, after = (
         mode_levels(some, tracing.flown) if some is not None else ()
@@ -323,7 +318,7 @@ def levels_table(tracing: Tracing, caption: str) -> Table:
 
 
 def level_changes(tracing: Tracing) -> list[str]:
-    """A sentence for each mode whose level the effects change, where these data tell both."""
+    """Return a sentence for each mode whose level the effects change, if both are known."""
     return changes(*levels_of(tracing))
 
 

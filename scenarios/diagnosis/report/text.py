@@ -81,9 +81,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -
 
 
 def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
-    """Vehicle and records; the verdict and its effects; their parameters and the derivative that
-    moved most; what the fit leaves.
-    """
+    """Return the summary: vehicle, records, verdict, effects, largest change, residual."""
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
@@ -192,11 +190,11 @@ def headline(tracing: Tracing) -> str:
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
-    told = " and ".join(group_sentence(claim, wording) for claim in claimed)
+    text = " and ".join(group_sentence(claim, wording) for claim in claimed)
     if not claimed:
         return _untouched(tracing)
     proven = [claim for claim in claimed if claim.spread is not None]
-    parts = [told if d.verdict is not Verdict.AMBIGUOUS else most_likely(told, claimed)]
+    parts = [text if d.verdict is not Verdict.AMBIGUOUS else most_likely(text, claimed)]
     if proven:
         parts = [
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
@@ -207,8 +205,7 @@ def headline(tracing: Tracing) -> str:
         ] + parts
     error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
     if rough:
-        # The history of gusts is not known: no free simulation can tell of them, and none has
-        # judged.
+        # Gusts are unknown, so no free simulation has tested them.
         parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
     elif error:
         parts.append(f"with this effect, {error}")
@@ -226,9 +223,7 @@ def headline(tracing: Tracing) -> str:
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
-    """Return the effects that could not be told apart, and the maneuver that would, one line
-    each.
-    """
+    """Return lines on effects that cannot be separated, and on the maneuver that would do it."""
     lines = []
     for claim in tracing.diagnosis.effects:
         for names, maneuver in separating_maneuvers(
@@ -293,13 +288,11 @@ def _effect_lines(tracing: Tracing, width: int) -> list[str]:
 
 
 def unclaimed_reasons(d: Diagnosis) -> list[str]:
-    """Why nothing is claimed where something is missing and no hint bears the reasons: the
-    requirements with their numbers.
-    """
+    """Return why nothing is claimed although the model is incomplete: requirements and numbers."""
     if d.verdict is not Verdict.UNEXPLAINED:
         return []
-    told = {reason for claim in d.effects for reason in claim.reasons}
-    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in told]
+    given = {reason for claim in d.effects for reason in claim.reasons}
+    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in given]
 
 
 def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:
@@ -350,10 +343,10 @@ def _most_moved(d: Diagnosis) -> str:
     return name if name and moves[name] > MOVED_SIGMAS else ""
 
 
-# what a number that has run away is written as: it reads back everywhere, and its square is finite
+# Written instead of infinite numbers; its square is finite.
 LARGEST = 1e30
 SCHEMA = "flightid/diagnosis/2"
-DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
+DECIDES = "decides.csv"  # the input to fly, in the folder of the diagnosis
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
@@ -427,7 +420,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
 
 
 def _decides(found: DesignResult) -> dict[str, Any]:
-    """Return the maneuver that would decide, as ``design.json`` has it, and where it stands."""
+    """Return the deciding maneuver, as in ``design.json``, and its file."""
     from scenarios.maneuver_design.report import maneuver_content
 
     names = [each.effect.name for each in found.acting]
@@ -462,9 +455,7 @@ def positive(std: float) -> float:
 
 
 def _not_met(requirement: Requirement) -> dict[str, Any]:
-    """Return a requirement on a claim that was not met: what was asked, the number found, the
-    number required.
-    """
+    """Return an unmet requirement on a claim: text, number found, number required."""
     return {
         "asked": requirement.asked,
         "value": bounded(requirement.value),

@@ -1,6 +1,4 @@
-"""Sentences of a diagnosis: effects with their numbers, data, noise, probabilities of a name, and
-what is shown where no cause can be named.
-"""
+"""Sentences of a diagnosis: effects with numbers, data, noise, and probabilities of causes."""
 
 from __future__ import annotations
 
@@ -44,9 +42,7 @@ EQUAL_NOISE_TOLERANCE = 1e-9  # relative, to which a residual is its noise
 
 
 def noise_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Return the headings of what stands beside an error: the noise, and the residual of the fit
-    where that is another number in any channel.
-    """
+    """Return the headings next to an error: the noise, and the residual of the fit if different."""
     return (RESIDUAL, SENSOR_NOISE) if is_coloured(d) else (SENSOR_NOISE,)
 
 
@@ -57,9 +53,7 @@ def is_coloured(d: Diagnosis) -> bool:
 
 
 def residual_levels(d: Diagnosis) -> dict[str, float]:
-    """Return the root mean square of what the fit leaves, by channel; of the declared model where
-    no effect stands.
-    """
+    """Return the rms residual of the fit by channel; of the declared model without an effect."""
     if d.verdict is Verdict.UNEXPLAINED:
         return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
     return {name: d.residual_std.get(name, floor) for name, floor in d.noise_floor.items()}
@@ -91,14 +85,14 @@ def _declared(d: Diagnosis, channel: str) -> float:
     return float(np.sqrt(np.mean(np.clip(values, -1e30, 1e30) ** 2))) if values.size else 0.0
 
 
-# heading of the one column that stands where before and after do otherwise
+# heading of a single column instead of before and after
 DECLARED = "declared model"
 AFTER, MOVED = "after", "moved by"
 NO_AFTER = (AFTER, MOVED, "run-to-run")
 
 
 def nothing_stands(d: Diagnosis) -> bool:
-    """Whether no effect stands as the cause, so that there is no model after the declared one."""
+    """Return whether no effect is accepted, so that only the declared model exists."""
     return d.verdict is Verdict.UNEXPLAINED
 
 
@@ -133,16 +127,16 @@ def as_declared(d: Diagnosis) -> Diagnosis:
     )
 
 
-_MOST_NAMED_PARAMETERS = 2  # parameters that are not determined, up to which each is told
+_MOST_NAMED_PARAMETERS = 2  # undetermined parameters that are listed one by one
 _TIMES = ("time", "start", "begin", "duration")
 
 
 @dataclass(frozen=True)
 class Wording:
-    """What the sentences need to know of the study: the name of the control, the stick's unit where
-    there is one, and the traits of the effects that were candidates, by name; those of all others
-    stand with the library's. ``controls``: all inputs, of which the part of an effect's name behind
-    the colon says on which it acts. ``channels`` in words, those that have some.
+    """Names and units of a study for its sentences.
+
+    Control, unit of the stick, and traits of candidate effects. ``controls``: all inputs, named
+    after the colon of an effect. ``channels``: their words.
     """
 
     control: str = "elevator"
@@ -163,9 +157,7 @@ class Wording:
         return self.candidates[known] if known is not None else traits_of(name)
 
     def control_of(self, name: str) -> str:
-        """Return the input that an effect acts on, ``"input-delay:rudder"``; the first of all where
-        its name does not say.
-        """
+        """Return the input of an effect, as in ``"input-delay:rudder"``; default: the first."""
         acted_on = name.partition(":")[2].partition("#")[0]
         return acted_on if acted_on in self.controls else self.control
 
@@ -199,9 +191,7 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
 
 
 def most_likely(told: str, claimed: Sequence[Claim]) -> str:
-    """Return the effects ``told`` of an ambiguous verdict, with those that are more likely than
-    the ones they stand for.
-    """
+    """Return ``"most likely ..."``, or the effects ``told`` with more likely alternatives."""
     likelier = []
     for claim in claimed:
         leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
@@ -291,8 +281,8 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
 
 
 def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
-    """Return the units of those parameters that are counted in the stick's unit, by name; none
-    where another control flies.
+    """Return the units of those parameters that are counted in the stick's unit, by name; none if
+    another control flies.
     """
     if wording.control != "stick":
         return {}
@@ -310,9 +300,7 @@ _ANY = "a record with inputs of other sizes and other frequencies"
 
 
 def separating_maneuver(name: str, other: str, wording: Wording | None = None) -> str:
-    """Return the maneuver that tells two effects apart: the one that either declares, else one that
-    may help with any.
-    """
+    """Return the maneuver that separates two effects, declared by one of them or generic."""
     wording = wording or Wording()
     for one, two in ((name, other), (other, name)):
         base = two.partition(":")[0].partition("#")[0]
@@ -336,10 +324,9 @@ LEAST_PRINTED_SHARE = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
-    """Return the claimed name first, then what could take its place, the likeliest first; three
-    digits, without what is below ``LEAST_PRINTED_SHARE``.
+    """Return probabilities of the claim, then of its alternatives in descending order.
 
-    Empty of hints.
+    Without those below ``LEAST_PRINTED_SHARE``; empty for hints.
     """
     found = {
         name: p
@@ -365,17 +352,17 @@ def probability_sentence(claim: Claim) -> str:
         for name, p in shown_probability(claim).items()
         if name != claim.name
     )
-    told = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    sentence = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
     equal = [
         name
         for name in claim.alternatives
         if claim.probability.get(name, 1.0) < LEAST_PRINTED_SHARE
     ]
     if not equal:
-        return told
+        return sentence
     many = " and ".join(equal)
     fits = f"{many} {'fits' if len(equal) == 1 else 'fit'} these data equally well"
-    return f"{told}, by the priors alone: {fits}"
+    return f"{sentence}, by the priors alone: {fits}"
 
 
 def _percent(p: float) -> str:

@@ -36,9 +36,9 @@ MAGIC = (BINARY_START, *TEXT)
 EXTRA = "drones"
 HEADER_BYTES = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
-FIXED_POINT = "cCeEL"  # format letters whose integers are scaled
+FIXED_POINT = "cCeEL"  # format letters of scaled integers
 ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "EV", "ERR", "VER")
-# messages that describe the others, in the order in which they build on each other
+# messages that describe the others, in order of dependence
 DECLARED = ("FMT", "UNIT", "MULT", "FMTU")
 
 
@@ -151,8 +151,7 @@ def _layouts(declared: dict[str, list[list[str]]]) -> dict[str, Any]:
 
 
 def _numbers(layout: Any, rows: list[list[str]]) -> dict[str, np.ndarray]:
-    """Column -> numbers of the lines of one message; texts, arrays and columns that hold words are
-    left out."""
+    """Return the numbers of one message by column, without texts and arrays."""
     columns: dict[str, np.ndarray] = {}
     every = zip(layout.columns, layout.msg_fmts, zip(*rows, strict=True), strict=True)
     for name, letter, cells in every:
@@ -247,7 +246,7 @@ def _dtype(letter: str) -> str:
 
 
 def _unit(layout: Any, column: str) -> str:
-    """The unit that the log states for a column, in our spelling; empty where it states none."""
+    """The unit that the log states for a column, in our spelling; empty if it states none."""
     return _OURS.get(text, text) if (text := layout.get_unit(column)) else ""
 
 

@@ -43,18 +43,16 @@ class CellTable:
     Attributes
     ----------
     file : the path as the user gave it, for messages.
-    header : one cell a column, on one line.
-    columns : one sequence a column: texts, or an array of whatever the file holds.
-    rows : number of each row as the user sees it; the first line of a text file is row 1.
-    ragged : cells found in the rows (by position) that have more or fewer than the header.
-    units : the row of units under the header, empty where a cell says nothing; none at all where
-        there is no such row.
-    separator : what stands between the cells of a text file, else empty.
-    stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly,
-        and no row that somebody wrote.
-    decimal_comma : whether the numbers are written with a comma where others write a point.
-    unreadable : why a column (by position) is no sequence of numbers, ``"an array of 801x2"``. Its
-        cells are empty; whoever asks for its numbers is refused.
+    header : one cell per column.
+    columns : one sequence per column: texts, or an array.
+    rows : row numbers for messages; the first line of a text file is row 1.
+    ragged : number of cells in rows (by position) that differ from the header's.
+    units : row of units under the header; empty without one.
+    separator : between the cells of a text file, else empty.
+    stated_apart : whether ``units`` are metadata, which recorders often fill in carelessly.
+    decimal_comma : whether numbers have a decimal comma.
+    unreadable : reason why a column (by position) is no sequence of numbers, ``"an array of
+        801x2"``; its cells are empty.
     """
 
     file: str
@@ -130,7 +128,7 @@ def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
 
 
 def certain_comma(text: str) -> bool:
-    """Return whether a cell is a number whose one comma cannot part thousands."""
+    """Return whether a cell is a number with a comma that cannot separate thousands."""
     return (
         text.count(",") == 1
         and "." not in text
@@ -166,9 +164,7 @@ def first_line(error: Exception) -> str:
 
 
 def header_cell(cell: str, file: str) -> str:
-    """Return a header cell on one line. Raises RecordError where it holds characters that cannot be
-    seen, with which no channel would be found.
-    """
+    """Return a header cell on one line. Raises RecordError for invisible characters."""
     if any(
         character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
         for character in cell
@@ -211,8 +207,9 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
 
 
 def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
-    """Return the row under the header as units: no cell of it is a number but a ``1``, and at least
-    one is a known unit. Else nothing.
+    """Return the row under the header if it has units, else nothing.
+
+    At least one cell must be a known unit, and no cell a number except ``1``.
     """
     if len(under) != len(header):
         return ()
@@ -263,9 +260,7 @@ def without_brackets(cell: str) -> str:
 
 
 def has_number(cells: Sequence[str]) -> bool:
-    """Return whether a cell of the row is a number other than a lone ``1``, which a row of units
-    may hold.
-    """
+    """Return whether a cell of the row is a number other than ``1``."""
     return any(is_number(cell) and cell.strip() != "1" for cell in cells)
 
 
@@ -293,7 +288,7 @@ class Topic:
 
     Attributes
     ----------
-    name : name of the message, sheet or group in the file; empty where the file has one table only.
+    name : name of the message, sheet or group in the file; empty if the file has one table only.
     table : the columns, the clock among them.
     notes : sentences on how the reader understood the file.
     """
@@ -310,10 +305,9 @@ class Reader(Protocol):
     """A module of this package: the suffixes and first bytes of its format, and its reading
     function.
 
-    A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
-    lines, below what a program wrote above.
+    A mark of ``MAGIC`` that begins with a line break may be at the start of any of the first lines.
     ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library,
-    empty where none is needed.
+    empty if none is needed.
     """
 
     FORMAT: str
@@ -322,7 +316,7 @@ class Reader(Protocol):
     EXTRA: str
 
     def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
-        """Return the topics of a file. Raises RecordError where it is damaged or holds no table."""
+        """Return the topics of a file. Raises RecordError if it is damaged or holds no table."""
 
 
 def table_of_columns(
@@ -382,9 +376,9 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     """Return the error for a file that the format's library cannot read."""
     text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
-    said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
+    reason = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
     return RecordError(
-        f"not a readable {format_name} file ({said})",
+        f"not a readable {format_name} file ({reason})",
         where=str(path),
         remedy="export it again, or save the record as CSV",
     )

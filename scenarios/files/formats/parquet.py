@@ -57,8 +57,7 @@ def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray],
     """Return the names and columns as the DataFrame in the file would have them, a named index
     first; and the number of rows.
 
-    A DataFrame of the whole file would stand in memory beside the columns; batches are converted
-    one after the other.
+    Batches are converted one after the other, to save memory.
     """
     schema, count, batches = _batches(raw, feather=feather)
     described = _described(schema)
@@ -90,7 +89,7 @@ def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
         table = feather_format.read_table(io.BytesIO(raw))
         return table.schema, table.num_rows, iter(table.to_batches())
     opened = ipc.open_file(pyarrow.BufferReader(raw))
-    # Counting decodes what the batches hold; a second pass is cheaper than keeping them all.
+    # Two passes, since storing all batches would need more memory.
     count = sum(opened.get_batch(at).num_rows for at in range(opened.num_record_batches))
     return opened.schema, count, (opened.get_batch(at) for at in range(opened.num_record_batches))
 
@@ -158,7 +157,7 @@ class _Collected:
         self.filled += len(values)
 
     def whole(self) -> np.ndarray:
-        """The column: numbers, times without a zone, or cells with None where one is empty."""
+        """The column: numbers, times without a zone, or cells with None if one is empty."""
         import pandas
         import pyarrow
 

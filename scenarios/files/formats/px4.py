@@ -26,9 +26,7 @@ CLOCK = "timestamp"  # microseconds since the autopilot started
 
 
 class _Forward(io.BytesIO):
-    """The bytes of a log, read within bounds: the library goes back and forth for ever in some
-    damaged logs.
-    """
+    """The bytes of a log with limited reading: the library loops forever in some damaged logs."""
 
     furthest, idle = 0, 0
 

@@ -1,4 +1,4 @@
-"""Readers by file format. A new format is a new module in this package, found by itself."""
+"""Readers by file format. A new module in this package is found automatically."""
 
 from __future__ import annotations
 
@@ -62,10 +62,9 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """Return the reader whose first bytes the file has, else the one of its suffix, else the reader
-    of text.
+    """Return the reader of a file by its first bytes, else by its suffix, else for text.
 
-    Several formats are ZIP archives inside, so that of these the suffix decides first.
+    For ZIP archives, which several formats use, the suffix decides first.
     """
     if raw.startswith(ZIP):
         named = next(
@@ -138,9 +137,7 @@ def _silent() -> Iterator[None]:
 
 
 def without_empty_tail(table: CellTable) -> CellTable:
-    """Return the table without the rows at its end in which no cell holds anything, as spreadsheets
-    export them.
-    """
+    """Return the table without empty rows at its end, as in exported spreadsheets."""
     count = table.rows.size
     while count and all(
         len(column) < count or _is_empty(column[count - 1]) for column in table.columns
@@ -162,8 +159,10 @@ def _is_empty(cell: object) -> bool:
 
 
 def _without_footer(topic: Topic) -> Topic:
-    """The topic without remarks and sums below its numbers: last rows whose first cell is a text
-    where the rows above have a number; and a sentence on them."""
+    """Return the topic without remarks and sums below its numbers, and a note on them.
+
+    These are last rows with a text in the first cell instead of a number.
+    """
     table = topic.table
     first, count = table.columns[0] if table.columns else np.zeros(0), table.rows.size
     if (isinstance(first, np.ndarray) and first.dtype != object) or len(first) != count:
@@ -200,8 +199,9 @@ def _is_remark(cell: object) -> bool:
 
 
 def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
-    """Names and contents of the files in a ZIP archive. Raises RecordError where it holds none, too
-    many or too large ones, or is damaged.
+    """Return names and contents of the files in a ZIP archive.
+
+    Raises RecordError if it is empty, too large or damaged.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -238,10 +238,9 @@ def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
 
 
 def _one_log(path: Path, parts: Sequence[tuple[Path, tuple[Topic, ...]]]) -> tuple[Topic, ...]:
-    """The files of an archive, one for each channel or instrument, as topics of one log.
+    """Return the files of an archive (channels or instruments) as topics of one log.
 
-    Raises RecordError where a file is no table, or two have the same columns: those are records of
-    their own.
+    Raises RecordError if a file is no table, or two have the same columns, as separate records do.
     """
     shown = ", ".join(str(each) for each, _ in parts[:6]) + (", ..." if len(parts) > 6 else "")
     what = f"the archive holds {len(parts)} files ({shown})"

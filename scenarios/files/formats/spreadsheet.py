@@ -57,7 +57,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
-    """Return the table of a sheet, None where no row of numbers follows a header."""
+    """Return the table of a sheet, None if no row of numbers follows a header."""
     texts = [["" if cell is None else str(cell) for cell in row] for row in rows]
     first = header_row(texts)
     if first is None or first + 1 >= len(rows):

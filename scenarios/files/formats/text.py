@@ -221,9 +221,10 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str,
 def _of_one_width(
     header: tuple[str, ...], units: tuple[str, ...], body: Rows
 ) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
-    """Header, units and rows without the empty cell that a separator at the end of each row makes,
-    and with a column for the numbers of the rows where only the header lacks it, as R writes
-    them."""
+    """Return header, units and rows with equal numbers of cells.
+
+    Removes the empty cell after a final separator, and adds a header for row numbers (R).
+    """
     wider = bool(body) and all(len(cells) == len(header) + 1 for _, cells in body)
     if (
         len(header) > 1
@@ -256,8 +257,10 @@ def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tu
 
 
 def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
-    """The cells of the last comment above the numbers where it has as many as they, none of which
-    is a number and one of which names a clock or a channel; else nothing."""
+    """Return the cells of the last comment above the numbers if it is a header, else nothing.
+
+    A header has as many cells as the rows, no number, and the name of a clock or channel.
+    """
     if not layout.above or not _is_comment(layout.above[-1]):
         return ()
     cells = [
@@ -325,11 +328,9 @@ def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
 
 
 def _detected(text: str) -> tuple[str, int, bool] | None:
-    """Separator, lines above the header, and whether there is a header, where the first line alone
-    cannot say; None where it can.
+    """Return separator, lines above the header, and whether there is a header.
 
-    The first line can where one of commas, semicolons and tabs parts it and the next line into as
-    many cells.
+    None if the first two lines have equal numbers of cells by comma, semicolon or tab.
     """
     lines = []
     for line in io.StringIO(text, newline=""):
@@ -428,11 +429,10 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
-    """Return the columns of the rows from a byte on, block by block, so that memory holds the file
-    and its numbers once; None where a cell is unusual.
+    """Return the columns of the rows from a byte on, block by block to save memory.
 
-    A column is one of numbers where all cells of its first block are; a cell further on that is
-    none makes the careful reading necessary.
+    A column has numbers if its first block has. None if a later cell is no number: then the careful
+    reader is needed.
     """
     import pyarrow
     from pyarrow import csv as arrow_csv
@@ -517,9 +517,7 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
 
 
 def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
-    """Return the columns of rows that are parted by blanks; None where a cell is no number or a row
-    has another width.
-    """
+    """Return the columns of rows separated by blanks; None for a text or a ragged row."""
     try:
         values = np.loadtxt(io.BytesIO(raw[at:]), dtype=float, comments=None, ndmin=2)
     except ValueError:

@@ -52,12 +52,11 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
 
 
 def _simplified(value: Any) -> Any:
-    """Return a variable in a form that the rules know, at any depth: what programs write for a
-    struct of vectors as a struct of vectors, a cell array of vectors as a matrix.
+    """Return a variable, at any depth, as a struct of vectors or a matrix.
 
-    Known are an array of structs with one number each, one struct a sample; a cell array with a row
-    of names and rows of numbers; Simulink's structure with time, whose ``signals`` have ``values``
-    and a ``label``; a cell array of vectors of one length.
+    Converted are arrays of structs (one per sample), cell arrays with a row of names, Simulink's
+    structure with time (``signals`` with ``values`` and ``label``), and cell arrays of vectors of
+    one length.
     """
     value = value if hasattr(value, "toarray") else _dense(value)
     if isinstance(value, Mapping):
@@ -263,7 +262,7 @@ def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[str, Any]:
-    """Return the level with the clock of the level above where it has none, and vectors as long as
+    """Return the level with the clock of the level above if it has none, and vectors as long as
     that one.
     """
     if clock is None or clock.ndim != 1 or any(word in level for word in CLOCKS):
@@ -344,9 +343,7 @@ def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool)
 
 
 def _rows(numeric: Mapping[str, np.ndarray]) -> int:
-    """Return the rows of the table: those of the clock, else the most frequent number, the larger
-    of two as frequent.
-    """
+    """Return the number of rows: that of the clock, else the most frequent (largest) one."""
     clock = next(
         (
             value
@@ -366,7 +363,7 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
 
 
 def _upright(value: np.ndarray) -> np.ndarray:
-    """Return an array with one row a sample: vectors as one column, wide matrices turned."""
+    """Return an array with one row per sample: vectors as one column, wide matrices turned."""
     if value.ndim == 1:
         return value.reshape(-1, 1)
     return (

@@ -15,27 +15,26 @@ from sim.errors import RecordError
 
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
+USUAL_RATE = 50.0  # Hz; an unlabelled counter has the unit with the rate nearest to this
 # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
 LOWEST_COUNTER_RATE = 0.1
-FEWEST_STEPS = 20  # steps from which the rate of a counter says its unit
+FEWEST_STEPS = 20  # least number of steps that determine the unit of a counter
 # Hz: an unlabelled clock that would be faster in seconds is in a longer unit
 HIGHEST_CLOCK_RATE = 50_000.0
 # Hz, from which a note says that an unlabelled clock is read in seconds
 DOUBTFUL_CLOCK_RATE = 1000.0
-LEAST_DATE_STAMP = 1e8  # s: larger stamps are dates, and time counts from the first sample
+LEAST_DATE_STAMP = 1e8  # s; larger stamps are dates
 LATEST_EPOCH_STAMP = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
-# of a day or a week, by which the first stamp after its end may be late
+# Largest delay of the first stamp after the end of a day or week, share of it.
 ROLLOVER_DELAY_SHARE = 1e-3
 HOUR = 3600.0  # s
 DAY = 86400.0  # s
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
-# Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500
-# records at 10 to 400 Hz with stamps of 2 to 4 digits every one that rounding makes uneven gets its
-# grid; with 0.05 those of 33 Hz in 0.01 s did not.
+# Least share of uneven steps that is attributed to rounding of the stamps. Measured: correct for
+# all of 1500 records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s.
 ROUNDED_STEP_SHARE = 0.01
-COARSE_STAMP_SHARE = 0.01  # of the step, from which the digits of the stamps limit it
+COARSE_STAMP_SHARE = 0.01  # rounding of the stamps over the step that counts as coarse
 # share of the rows that may stand in the wrong place; in order, a record has none and this decides
 # nothing
 MOST_DISPLACED_SHARE = 0.02
@@ -53,9 +52,9 @@ class Clock:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, NaN where a row has no readable time.
-    notes : what was decided on the way, one sentence each.
-    origin : s, what was taken off, so that clocks of one log can be brought together.
+    time : ``(N,)``, s, NaN for rows without a readable time.
+    notes : sentences on the decisions.
+    origin : s, subtracted from the stamps; relates the clocks of one log.
     """
 
     time: np.ndarray
@@ -80,7 +79,7 @@ class Sorted:
 
 
 def counter_unit(name: str) -> str | None:
-    """Unit that a clock's name alone states, as ``TimeUS`` does; None where it states none."""
+    """Unit that a clock's name alone states, as ``TimeUS`` does; None if it states none."""
     return COUNTERS.get(name.strip().lower())
 
 
@@ -160,7 +159,7 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN where missing.
+    values : shape ``(N,)``, NaN if missing.
     unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
     where : the column, for a message.
 
@@ -209,7 +208,7 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
     """
     steps = np.diff(values)
     moves = steps > 0.0
-    # Stamps that repeat, as those of few digits do, come more often than they move.
+    # Stamps with few digits repeat more often than they change.
     step = float(np.median(steps[moves]) * np.mean(moves)) if np.any(moves) else 0.0
     if not step > 0.0 or steps.size < FEWEST_STEPS:
         return "s", ""
@@ -242,7 +241,7 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """Return the even grid that was rounded to the stamps, and a sentence; None where the stamps
+    """Return the even grid that was rounded to the stamps, and a sentence; None if the stamps
     are exact enough or no even grid explains them.
 
     Parameters
@@ -267,7 +266,7 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
         return None
     usual = float(np.median(np.diff(time)))
     uneven = np.abs(np.diff(time) - usual) > COARSE_STAMP_SHARE * step
-    # Where most stamps repeat the one before, the few that move are no faults.
+    # If most stamps repeat, the few changes are no faults.
     if usual > 0.0 and np.mean(uneven) < ROUNDED_STEP_SHARE:
         return None
     unit = _last_digits(time)
@@ -350,7 +349,7 @@ def _dates(texts: Sequence[str]) -> Clock | None:
             break
     if not result:
         return None
-    # A record covers hours, not months: the order of day and month in which it is shorter is right.
+    # Records are short: use the order of day and month with the shorter duration.
     _, stamps, words = min(result, key=lambda each: each[0])
     first = stamps[stamps.first_valid_index()]
     seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
@@ -362,8 +361,7 @@ def _dates(texts: Sequence[str]) -> Clock | None:
 
 
 def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], str]]:
-    """The dates as they stand where the year comes first; else with the day first and with the
-    month first, each as year, month, day."""
+    """Return the dates as year, month, day; without the year first, for both orders."""
     parted = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
     if not any(parted):
         return [(texts, "")]

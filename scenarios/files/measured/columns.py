@@ -40,7 +40,7 @@ class SourceColumn:
     header : the cell in the file.
     index : position in the table.
     unit : unit of the column's numbers; for the stick a label.
-    inside : the unit that they are converted to, empty where the unit is a label.
+    inside : the unit that they are converted to, empty if the unit is a label.
     """
 
     channel: str
@@ -141,8 +141,8 @@ def find_column(
     chosen = result or suffixed[:1]
     if not chosen:
         return None
-    said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
-    return _sound(_with_unit_under(chosen[0], under, file, said=said, lenient=lenient), file)
+    stated = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
+    return _sound(_with_unit_under(chosen[0], under, file, said=stated, lenient=lenient), file)
 
 
 def _in_our_case(
@@ -168,18 +168,14 @@ def _in_our_case(
 
 
 def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
-    """Return the unit that a channel is converted to; empty for a stick without one, whose unit is
-    a label.
-    """
+    """Return the unit that a channel is converted to; empty for a stick without a unit."""
     return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
 
 def named_otherwise(
     channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
 ) -> bool:
-    """Return whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last
-    words are no unit of it.
-    """
+    """Return whether the only similar headers are such as ``airspeed_raw``, without a unit."""
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
@@ -310,12 +306,12 @@ class Sidecar:
 
     Attributes
     ----------
-    name : the record's name, None if it says none.
-    hold : how the inputs behave between samples.
-    says_hold : whether the file says so, or ``hold`` is only the default.
-    simulated : whether a program made the data; figures say so.
-    units : channel -> unit of a column whose header carries none.
-    file : name of the JSON file; empty where there is none.
+    name : of the record, or None.
+    hold : inputs between samples.
+    says_hold : whether the file states the hold; else it is the default.
+    simulated : whether the data are simulated.
+    units : channel -> unit of a column without a unit in its header.
+    file : name of the JSON file; empty if there is none.
     """
 
     name: str | None = None
@@ -333,7 +329,7 @@ def sidecar_path(record: Path) -> Path:
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """Return the sidecar of a record file; the default one where there is none, or where that JSON
+    """Return the sidecar of a record file; the default one if there is none, or where that JSON
     is of another program.
 
     Raises
@@ -409,9 +405,7 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
 def refuse_unknown_units(
     sidecar: Sidecar, header: Sequence[str], record: Path, allowed: Collection[str]
 ) -> None:
-    """Raise RecordError for a unit of what is neither a channel of ``allowed`` nor a column under
-    ``header``.
-    """
+    """Raise RecordError for the unit of a name that is no ``allowed`` channel and no column."""
     for name in sidecar.units:
         if name in allowed or any(
             split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header
@@ -427,14 +421,11 @@ def refuse_unknown_units(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordFile:
-    """A record file's path, its cells as they stand, what the JSON beside it says, and its name
-    with the hash of what was read.
+    """A record file: path, cells, JSON file, and identity (name and hash).
 
-    ``identity.name`` is what the file is called wherever it is spoken of: its bare name, with
-    folders where another is called the same. ``choices``: a channel map of its own. ``in_memory``:
-    it never was a file, and ``path`` is its name alone. ``topics``: those of a log with several
-    clocks, of which ``table`` then has the headers alone, as ``topic.field``. ``notes``: how the
-    file was understood.
+    ``identity.name``: name in outputs, with folders if two files have the same name. ``choices``:
+    its channel map. ``in_memory``: not a file; ``path`` is only a name. ``topics``: of a log with
+    several clocks; ``table`` then has only the headers, ``topic.field``. ``notes``: on reading it.
     """
 
     path: Path
@@ -576,7 +567,7 @@ def path_of(record: Path | RecordFile) -> Path | None:
 def refuse_twice(
     records: Sequence[Path | RecordFile], remedy: str = "name each record once"
 ) -> None:
-    """Raise RecordError where two paths lead to the same file, or a record in memory is given
+    """Raise RecordError if two paths lead to the same file, or a record in memory is given
     twice.
     """
     seen: set[Path | int] = set()

@@ -42,10 +42,11 @@ def with_derived(
     ----------
     file : the file as it was read.
     choices : channel map, None for none.
-    inputs, outputs : channels that are asked for.
+    inputs, outputs : channels that are requested.
     rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
     hold : how inputs go on between their own samples; None: by the channel map, else by their
-        values. known : all channels and their units inside.
+        values.
+    known : all channels and their units inside.
 
     Raises
     ------

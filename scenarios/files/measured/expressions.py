@@ -1,9 +1,9 @@
 """Small expressions over the columns of a record: ``0.5*(elevon_left + elevon_right)``, ``pitch(q0,
 q1, q2, q3)``.
 
-An expression is parsed into Python's syntax tree, and only arithmetic, column names, numbers, lists
-of numbers and the functions below are computed from it. Nothing is executed. A column whose name is
-no plain word stands in backquotes: ``rad(`AoA left`)``.
+An expression is parsed into Python's syntax tree, of which only arithmetic, column names, numbers,
+lists of numbers and the functions below are evaluated. Other column names are written in
+backquotes: ``rad(`AoA left`)``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Columns of topics with clocks of their own, on one grid of times.
+"""Merge columns of topics with different clocks on one time grid.
 
-Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output
-comes from, over the time that all topics share; a faster column passes a zero-phase low-pass first;
-an output that is slower has samples only at the grid times nearest to its own, so that the fit
-knows its rate; an input is continued between its own samples, held or linear.
+The grid is the clock of the fastest topic with an output, over the time common to all topics.
+Faster columns are low-pass filtered (zero phase). Slower outputs have samples only at the grid
+times nearest to their own. Inputs are held or linear between their samples. Notes report this.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ FILTER_ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
 FIRST_CELLS = 5  # cells that say whether a column holds dates
-UNEVEN_CLOCK_SHARE = 0.1  # of the step, from which an uneven clock is said
+UNEVEN_CLOCK_SHARE = 0.1  # relative deviation that is reported as an uneven clock
 Place = tuple[int, int]  # topic and column
 
 
@@ -62,9 +61,10 @@ class Wanted:
 
 
 def clock_place(table: CellTable) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks, before a
-    first column without a name that holds dates, as pandas writes an index; None where there is
-    none."""
+    """Return the column with the clock of a table, or None.
+
+    In this order: ``time``, other names of clocks, an unnamed first column with dates (pandas).
+    """
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [
         index for index in named if split_header(table.header[index])[0].strip().lower() == TIME
@@ -117,12 +117,12 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
             clock = times_of_texts(list(column))
             if clock is not None:
                 return clock
-    said = unit if unit is not None else stated_unit(table, index)
+    stated = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
-    if said in SECONDS or said is None:
-        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
+    if stated in SECONDS or stated is None:
+        return seconds_of_counter(values, stated, f"{table.file}, column {table.header[index]!r}")
     return Clock(
-        np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}"))
+        np.asarray(to_si(values, stated, "s", f"{table.file}, column {table.header[index]!r}"))
     )
 
 
@@ -151,11 +151,10 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 def unit_of(
     wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
-    """Return the unit of a channel's numbers, and a sentence on a stated one that is not used;
-    None: columns of stated units are computed with in SI.
+    """Return the unit of a channel's numbers, and a note on an unused stated unit.
 
-    The unit of the choice goes first, then the one that the file states for a column that is taken
-    as it stands.
+    The unit of the choice has precedence over that of the file. None for expressions over columns
+    with units, which are computed in SI.
 
     Raises
     ------
@@ -165,12 +164,12 @@ def unit_of(
         return wanted.choice.unit, ""
     topic, index = next(iter(wanted.places.values()))
     table, inside = topics[topic].table, inside_unit(wanted.channel, channel_units)
-    said = stated_unit(table, index)
-    if not said or not inside or measures(said, inside):
-        return said or inside, ""
+    stated = stated_unit(table, index)
+    if not stated or not inside or measures(stated, inside):
+        return stated or inside, ""
     if not table.stated_apart:
-        to_si(1.0, said, inside, f"{table.file}, column {table.header[index]!r}")
-    return inside, f"the unit {said} that the file states is no unit of it and is not used"
+        to_si(1.0, stated, inside, f"{table.file}, column {table.header[index]!r}")
+    return inside, f"the unit {stated} that the file states is no unit of it and is not used"
 
 
 def measures(unit: str, inside: str) -> bool:
@@ -261,7 +260,7 @@ def merged(
 def topic_clocks(
     file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Topic -> times in order, s, from one origin, and the rows that they belong to."""
+    """Return ordered times (s, common origin) and their rows, by topic."""
     result: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
@@ -310,7 +309,7 @@ def grid_of(
         )
     if rate is not None:
         grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
-        said = f"an even grid of {rate:g} Hz"
+        grid_text = f"an even grid of {rate:g} Hz"
     else:
         fastest = min(dict.fromkeys(leading), key=lambda n: float(np.median(np.diff(clocks[n][0]))))
         time = clocks[fastest][0]
@@ -318,8 +317,8 @@ def grid_of(
         steps = np.diff(time)
         step = float(np.median(steps))
         jitter = float(np.median(np.abs(steps - step)))
-        said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        said += (
+        grid_text = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
+        grid_text += (
             f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > UNEVEN_CLOCK_SHARE * step else ""
         )
     if grid.size < 2:
@@ -329,10 +328,10 @@ def grid_of(
             remedy=f"they cover {spans}",
         )
     if len(used) == 1:
-        return grid, f"the rows are those of {said}"
+        return grid, f"the rows are those of {grid_text}"
     return (
         grid,
-        f"{len(used)} topics are put on one grid, {said}: "
+        f"{len(used)} topics are put on one grid, {grid_text}: "
         f"{', '.join(topics[n].name for n in used)}",
     )
 
@@ -368,7 +367,7 @@ def on_grid(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """Return a channel's values on the grid, NaN where an output has no sample, their unit, and how
+    """Return a channel's values on the grid, NaN if an output has no sample, their unit, and how
     it got there.
     """
     unit, unused = unit_of(wanted, topics, channel_units)
@@ -422,7 +421,7 @@ def _laid(
         )
     if wanted.is_input and own > SAME_RATE * step:
         way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
-        said = (
+        sentence = (
             f"its own samples come every {own:.3g} s and are "
             f"{'held' if way == 'previous' else 'joined by lines'} between them"
         )
@@ -430,16 +429,14 @@ def _laid(
             return (
                 values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)],
                 own,
-                said,
+                sentence,
             )
-        return np.interp(at, time, values), own, said
+        return np.interp(at, time, values), own, sentence
     return np.interp(at, time, values), own, ""
 
 
 def leaps(values: np.ndarray) -> bool:
-    """Return whether a signal rests most of the time, to the last digit, and moves in single steps,
-    as a command that a computer holds.
-    """
+    """Return whether a signal is constant except for single steps, as a computer's command."""
     moves = np.diff(values) != 0.0
     return bool(np.mean(moves) < 0.3) if moves.size else True
 

@@ -54,7 +54,7 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
 def published_remark(choice: PublishedChoice | None) -> str:
     """Return a remark on a published column; empty if there is none, or no column.
 
-    Raises DeclarationError where there is no such file.
+    Raises DeclarationError if there is no such file.
     """
     return (
         ""
@@ -107,7 +107,7 @@ class Row:
 
     @property
     def percent(self) -> float | None:
-        """Error in percent of the reference; None where that is zero."""
+        """Error in percent of the reference; None if that is zero."""
         return (
             None
             if not self.reference

@@ -455,7 +455,7 @@ def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
 
 
 def thrust_arm(signals: JsbsimSignals) -> float:
-    """Moment of the engines over their thrust in trim, m, nose up positive; 0 where there is no
+    """Moment of the engines over their thrust in trim, m, nose up positive; 0 if there is no
     thrust.
     """
     thrust = float(signals["thrust"][0])

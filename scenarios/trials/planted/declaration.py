@@ -276,13 +276,13 @@ class TraceScenario:
     Attributes
     ----------
     name, title, about : for people.
-    distance : how far the truth is from the model, and whether the library has what lies between.
+    distance : how the truth differs from the model, and whether the library has this effect.
     flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
-    wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are
-        values that are given instead.
+    wrong : relative error of the vehicle file's starting values, with alternating sign.
+    start : values that are given instead.
     expect : what should be found.
-    seed : used unless another is asked for.
-    effort : how far the search looks, normal or thorough.
+    seed : used unless another is requested.
+    effort : of the search, normal or thorough.
     """
 
     name: str
@@ -306,7 +306,7 @@ BREAKOUT = "input-deadband"
 
 
 def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
-    """The truth's own terms by name: ``TERMS`` of this file, or those of a package's modules."""
+    """Return additional terms of the truth by name: ``TERMS`` of this file or of a package."""
     if package_name is None:
         return {term.name: term for term in TERMS}
     package = importlib.import_module(package_name)

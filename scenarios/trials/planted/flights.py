@@ -72,11 +72,14 @@ LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau
 class SimulatedTrace:
     """The records of a tracing scenario with their truth.
 
-    ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop
-    those of the equivalent system that its linear frequency response has. ``hidden`` the true
-    parameters of each hidden term in the training record. ``vehicle_file`` is the text of the file
-    that the loop is given. ``test`` is the third record, which the loop never sees. ``noise_free``
-    is the training record without sensor noise.
+    Attributes
+    ----------
+    derivatives : true values (SI) of the declared model's parameters; for a closed loop, of the
+        low-order equivalent of its linear frequency response.
+    hidden : true parameters of each hidden term in the training record.
+    vehicle_file : text of the vehicle file for the tracing loop.
+    test : third record, not used by the loop.
+    noise_free : training record without sensor noise.
     """
 
     train: Record
@@ -91,8 +94,7 @@ class SimulatedTrace:
 
 
 def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
-    """Fly the records of a scenario, each with noise of its own; the same seed gives the same
-    bytes.
+    """Simulate the records of a scenario with independent noise; the same seed, the same bytes.
 
     Raises
     ------
@@ -339,7 +341,7 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a name as a key of TOML, which knows few letters without quotes."""
+    """Return a name as a TOML key, in quotes if necessary."""
     return name if name.isascii() else json.dumps(name)
 
 

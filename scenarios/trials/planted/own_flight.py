@@ -1,7 +1,6 @@
 """Flights of a user model from options of the command line: maneuvers, noise and hidden effects.
 
-What is made is the document of a scenario, as its file would have it, so that everything behind it
-is that of scenarios.
+The options become the document of a scenario file, which is then processed as any scenario.
 """
 
 from __future__ import annotations
@@ -188,8 +187,9 @@ def _value(text: str) -> Any:
 def _usual(
     needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
 ) -> dict[str, Any]:
-    """Return the properties of a maneuver that the roots suggest; inputs one after the other, of
-    multisines each with harmonics of its own.
+    """Return default properties of a maneuver, by the model's roots.
+
+    Inputs move one after the other; multisines have separate harmonics.
     """
     usual = {
         "amplitude": amplitude,
@@ -233,12 +233,12 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
 
 # ---- A flight of a user's own model as a command line asks it
 
-NOISE_SHARE = 0.01  # of an output's largest move under doublets
+NOISE_SHARE = 0.01  # noise over the largest response to doublets
 SAMPLES_PER_HALF_DOUBLET = 20.0
 # steps of the truth between two samples, and halves of the step that resolves the quickest root
 TRUTH_STEPS_PER_SAMPLE = 5.0
 SETTLING_TIME = 6.0  # half doublets behind the last maneuver
-PREDICTED_RECORD_SHARE = 0.8  # of amplitude and length, maneuvers of the record that is predicted
+PREDICTED_RECORD_SHARE = 0.8  # amplitude and length of the predicted record's maneuvers
 STARTING_ERROR_SHARE = 0.3  # share by which starts are off, as in tracing scenarios
 FILTER_PASSES = 5  # passes of a filter, since one pass depends on a start so far off
 FILTER_PRIOR_FACTOR = 20.0

@@ -124,10 +124,9 @@ def _estimates(caption: str, heading: str, rows: Sequence[Scored]) -> Table:
 
 
 def against_truth(study: TraceStudy) -> Table:
-    """Return the derivatives before and after, against what the fitted model should find; without a
-    column that says nothing new.
+    """Return the table of derivatives before and after, against their expected values.
 
-    Of the declared model alone where no effect was added to it.
+    Without redundant columns; if no effect was added, only the declared model.
     """
     alone = nothing_stands(study.tracing.diagnosis)
     rows = [_of_declared(row) if alone else row for row in study.derivatives]
@@ -250,7 +249,7 @@ def _verdict(grade: Grade) -> str:
     return grade.value
 
 
-# ---- What the truth says of a diagnosis, on its page
+# ---- Comparison with the truth on the page of a diagnosis
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
@@ -355,9 +354,7 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Return the content of ``comparison.json``: the fit with the found effects, and under
-    ``methods`` that of the declared model.
-    """
+    """Return the content of ``comparison.json``; the declared model is under ``methods``."""
     d = study.tracing.diagnosis
     derived = {
         when: {

@@ -1,7 +1,7 @@
-"""Runs a tracing scenario: fly, diagnose, compare with the truth that a fit can find.
+"""Run a tracing scenario: simulate, diagnose, compare with the truth that a fit can find.
 
-An estimate of a model that is not the truth's own scatters about its pseudo-true value, the minimum
-of the expected cost (White, Econometrica 50, 1982). It is found here by a fit of the same model,
+Estimates of a simplified model scatter about its pseudo-true value, the minimum of the expected
+cost (White, Econometrica 50, 1982). It is found here by a fit of the same model,
 with the same priors, to two copies of the noise-free training record. One copy has a draw of sensor
 noise added, the other has the same draw subtracted: the sum of squares of both is twice that of the
 noise-free record plus twice the noise, so that every output keeps its weight.
@@ -60,17 +60,17 @@ from sim.maths import complex_step_jacobian
 from sim.record import Record
 from sim.vehicles.flexibility import condense
 
-# ---- Comparable truth: what the fitted model finds in the same flight without sensor noise
+# ---- Reference values: fit of the model to the same flight without sensor noise
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 NOISE_FREE_SETTINGS = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
-# sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
+# prior of undetermined parameters, in sigmas of the estimate
 OPEN_PRIOR_SIGMAS = 100.0
 # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
 UNDETERMINED_SIGMAS = 3.0
 TURBULENCE = "gust-turbulence"
 NOTABLE_SIGMAS = 1.0  # sigma of the estimate, from which a difference is told
-NUMERICAL_SIGMAS = 0.1  # of a sigma: integration and sampling
+NUMERICAL_SIGMAS = 0.1  # error of integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
 
 
@@ -82,9 +82,8 @@ class Comparable:
     ----------
     values : by parameter, SI; those of an effect by its full name.
     derived : frequencies and damping ratios of the fitted model at these values, by name.
-    open : parameters that this flight leaves open, with or without noise: other values fit as well.
-        Of a derivative the condensed value stands for them, of another parameter the value nearest
-        to the estimate.
+    open : parameters that this flight does not determine. Their reference is the condensed value
+        of a derivative, or the best fitting value nearest to the estimate.
     basis : where the values come from, in a sentence.
     """
 
@@ -158,11 +157,10 @@ def _comparable(
     if fit is None:
         return Comparable(truth.values, basis=NO_FIT)
     estimate, layout = estimate_of(fit), fit.layout
-    # Two copies of one record tell twice as much as the record.
+    # Two copies of a record double the information.
     std = dict(zip(estimate.names, math.sqrt(2.0) * estimate.std, strict=True))
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    # Each copy has its own value of what belongs to one record; their noise is opposite, and
-    # cancels in the mean.
+    # Parameters of single records are averaged over the copies, whose noise is opposite.
     own = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
     values |= dict(zip(layout.local, own[: len(layout.local)].tolist(), strict=True))
     true = truth.values
@@ -218,11 +216,10 @@ def refit(
     records: Sequence[Record],
     fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
-    """Return a trained model fitted to records, from what it was trained to; None where there is no
-    finite cost.
+    """Return a trained model fitted to records, started at its values; None without a finite cost.
 
-    Declared priors count once a record. ``fixed`` : estimates to which a prior of
-    ``OPEN_PRIOR_SIGMAS`` sigmas ties what is left open.
+    Declared priors count once per record. ``fixed``: estimates for a weak prior of
+    ``OPEN_PRIOR_SIGMAS`` sigmas on undetermined parameters.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
@@ -379,7 +376,7 @@ def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
 
 
 def slow_states(trained: Trained) -> set[str]:
-    """States of motion that any record may have, slower than the modes asked for."""
+    """Return states of slow motion that any record may have."""
     slow = (
         effect
         for effect in trained.effects
@@ -458,9 +455,9 @@ class Scored:
 
     Attributes
     ----------
-    true : None where the truth has no such number.
+    true : None if the truth has no such number.
     comparable : the value that the fitted model should find.
-    before : None where there is none.
+    before : None if there is none.
     condensed : of a rigid model's derivative on a flexible aircraft, else None.
     open : the flight leaves this parameter open, with or without noise.
     comparable_before : as ``comparable``, of ``before``.
@@ -492,10 +489,10 @@ class TraceStudy:
 
     Attributes
     ----------
-    derivatives, effects, modes : estimates against what the fitted model should find, ``basis``
-        says how that is known.
-    reasons : why a comparable value is not the true one, a sentence each.
-    test : the third record predicted, which took no part in fitting or in choosing.
+    derivatives, effects, modes : estimates with reference values.
+    basis : origin of the reference values.
+    reasons : sentences on reference values that differ from the true ones.
+    test : prediction of the third record, not used for fitting or model selection.
     """
 
     scenario: TraceScenario
@@ -614,9 +611,7 @@ def grade(expect: Expectation, tracing: Tracing) -> Grade:
 
 
 def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
-    """Return whether one exchange of a name for one of its alternatives makes the claims the
-    accepted set.
-    """
+    """Return whether the claims are correct after replacing one by one of its alternatives."""
     names = [claim.name for claim in claims]
     for place, claim in enumerate(claims):
         for other in claim.alternatives:
@@ -672,7 +667,7 @@ def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> 
 def _modes(
     scenario: TraceScenario, tracing: Tracing, truth: DeclaredTruth, comparable: Comparable
 ) -> tuple[Scored, ...]:
-    """Frequencies and damping ratios, those of elastic modes with all couplings of the aircraft."""
+    """Return frequencies and damping ratios; elastic modes with all couplings."""
     d, flight = tracing.diagnosis, scenario.flight
     after = {**d.derived_after, **estimated_modes(tracing, truth.modes)}
     true = _true_modes(scenario)
@@ -692,7 +687,7 @@ def _modes(
 
 def _true_modes(scenario: TraceScenario) -> dict[str, float]:
     """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
-    where it has no rest at zero.
+    if it has no rest at zero.
     """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):
