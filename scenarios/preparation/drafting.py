@@ -4,6 +4,7 @@ reason for each guess.
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
 import tomllib
@@ -45,10 +46,7 @@ EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
-
-
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
-
 # channels that a draft calls missing, by the model that is nearest
 WANTED = {
     "multirotor": (*COMMANDS, "p", "q", "r", "az"),
@@ -263,10 +261,7 @@ def _recorder_names() -> Mapping[str, Any]:
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Return whether a record is of a multirotor.
-
-    A log states it or has only outputs of the rate controller; a table has a command column.
-    """
+    """Whether a log names a multirotor or has its rate controller alone, or a table a command."""
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
         for topic in topics:
@@ -582,9 +577,7 @@ def _letters_and_digits(name: str) -> str:
 
 
 def _suffix(cell: str) -> str | None:
-    """Return a unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
-    ``pitch_deg``.
-    """
+    """Return a unit behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
     return SPELT.get(word)
 
@@ -598,13 +591,9 @@ def _converts(unit: str, inside: str) -> bool:
 
 
 def _numbers(topic: Topic, index: int) -> np.ndarray:
-    from scenarios.files.formats.cells import numbers
-
     values = numbers(topic.table, index).values
     return values[np.isfinite(values)]
 
 
 def quoted(text: str) -> str:
-    import json
-
     return json.dumps(text, ensure_ascii=False)
