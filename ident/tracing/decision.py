@@ -42,14 +42,20 @@ NEGLIGIBLE_RATIO = 1.1  # largest residual, over the noise, of a negligible misf
 LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
 SUPPORTED_Z = 3.0  # Vuong's z below which an effect is weak
-TWO_EVENTS_REASON = "two loads or gusts in passing are likelier one cause that the library lacks"
-ROUGH_AIR_REASON = "its evidence comes from the maneuvers: rough air acts between them as well"
+TWO_EVENTS_REASON = "two passing loads or gusts are less likely than one cause outside the library"
+ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
-    "it is found beside rough air that follows the maneuvers, which is no rough air"
+    "the model needs turbulence that follows the maneuvers: some load is missing, which this "
+    "effect may replace"
 )
-WEAK_REASON = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
-CATCH_ALL_REASON = "it is found beside a term that no effect of the library has"
-LARGE_ERROR_REASON = "with all that was found the error remains {:.1f} times the noise"
+WEAK_REASON = (
+    "its gain in likelihood is only {:.1f} times the scatter of that gain over the record; "
+    "{:.1f} times are required"
+)
+CATCH_ALL_REASON = "the model also needs a term that stands for a cause outside the library"
+LARGE_ERROR_REASON = (
+    "the model with all effects found still has an error of {:.1f} times the sensor noise"
+)
 
 
 @dataclass(frozen=True, eq=False)

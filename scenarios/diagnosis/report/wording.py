@@ -362,7 +362,7 @@ def probability_sentence(claim: Claim) -> str:
         return sentence
     many = " and ".join(equal)
     fits = f"{many} {'fits' if len(equal) == 1 else 'fit'} these data equally well"
-    return f"{sentence}, by the priors alone: {fits}"
+    return f"{sentence}; {fits}, and only the prior probabilities favour {claim.name}"
 
 
 def _percent(p: float) -> str:

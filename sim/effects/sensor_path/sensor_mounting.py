@@ -314,7 +314,9 @@ class TurnedGyro(OfChannel):
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("the {channel} gyro is turned: it shows {share} times the other rate too",),
+            sentences=(
+                f"the {{channel}} gyro is turned: it also reads {{share}} times {self.other}",
+            ),
             short_name="gyro turned towards another axis",
             plausible={"share": (-0.3, 0.3)},
         )

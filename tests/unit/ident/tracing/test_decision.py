@@ -381,7 +381,7 @@ def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() ->
     found = decide(search)
     assert found.verdict is Verdict.CONSISTENT and not found.named
     (hint,) = found.hints
-    assert hint.name == ARM and "it brings little" in hint.reason
+    assert hint.name == ARM and "gain in likelihood" in hint.reason
     search = search_white_noise(short)
     assert not is_noise(search.root.fitted.fit)
     assert [each.name for each in decide(search).named] == [ARM]
@@ -410,7 +410,7 @@ def test_a_second_cause_that_brings_little_is_named_where_kinematics_name_it() -
     alone = decide(search_white_noise(problem))
     assert [each.name for each in alone.named] == ["sensor-scale:q"]
     assert [each.name for each in alone.hints] == [ARM], "it stands for a late vane"
-    assert "it brings little" in alone.hints[0].reason
+    assert "gain in likelihood" in alone.hints[0].reason
     backed = decide(search_white_noise(problem).with_kinematics([(LATE, ARM)]))
     assert {each.name for each in backed.named} == {"sensor-scale:q", ARM}
     assert LATE in {name for each in backed.named for name in each.alternatives}
