@@ -64,7 +64,8 @@ def test_the_line_says_where_the_priors_alone_decide() -> None:
     """An alternative that fits as well stood below a probability of 99 % without a reason."""
     claim = replace(claim_of({LAG: 1.0, DELAY: 1e-40}), alternatives=(DELAY,))
     assert probability_sentence(claim) == (
-        "Probability of this cause: above 99 %; sensor-delay:q fits these data equally well"
+        f"Probability of this cause: above 99 %; {DELAY} fits these data equally well, and only "
+        f"the prior probabilities favour {LAG}"
     )
     other = replace(claim_of(FOUND), alternatives=(DELAY,))
     assert "priors" not in probability_sentence(other)
