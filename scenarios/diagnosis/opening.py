@@ -364,7 +364,6 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     whole, predicted, notes, held_out_from = ready.fitted, ready.validation, ready.notes, None
     model = ready.model.with_biases(_biased(ready.model, whole))
     plausibility.refuse_too_few(whole, model)
-    plausibility.refuse_still(whole, model)
     fitted, files = whole, (opened.records, opened.validation)
     if not opened.validation:
         split = split_off(whole, model)
@@ -377,6 +376,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
     refuse_unfit_records(whole, model)
+    plausibility.refuse_still(whole, model)
     plausibility.refuse_unpredictable(ready.predicted, model)
     return Posed(
         model,
