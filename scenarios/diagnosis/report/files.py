@@ -357,6 +357,8 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
         "No effect is named as the cause, so there is nothing to compare with the declared model."
     )
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
+    random = tables.simulation_note(d)
+    note += f" {_capital(random)}." if random else ""
     told = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
         f"initial states and biases were fitted there. {note}"

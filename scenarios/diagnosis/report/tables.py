@@ -52,6 +52,9 @@ if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
 
 MOVED_SIGMAS = 2.0  # sigmas
+SIMULATION_NOTE = (
+    "a simulation cannot follow random gusts: one-step prediction is the measure in turbulence"
+)
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
 SHOWN_CANDIDATES = 6  # candidates of a round
@@ -234,6 +237,12 @@ def _hertz(q: Quantity) -> Quantity:
 def sigma_note(d: Diagnosis) -> str:
     """Return a note if sigmas are widened by scatter; empty without an accepted effect."""
     return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
+
+
+def simulation_note(d: Diagnosis) -> str:
+    """Return a note on simulation errors if turbulence is claimed, which no simulation follows."""
+    random = any(claim.claimed and claim.one_step_gains for claim in d.effects)
+    return SIMULATION_NOTE if random else ""
 
 
 def moved_title(d: Diagnosis) -> str:

@@ -40,6 +40,7 @@ from scenarios.diagnosis.report.tables import (
     moved_title,
     short,
     sigma_note,
+    simulation_note,
 )
 from scenarios.diagnosis.report.wording import (
     Wording,
@@ -124,6 +125,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
                 channel_units(tracing.model),
             ),
             width,
+            simulation_note(d),
         ),
         _titled(derivatives_table(d, moved_title(d)), width, sigma_note(d)),
         *(_titled(each, width) for each in member_tables(d, MEMBER_TITLE)),
