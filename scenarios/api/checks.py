@@ -26,7 +26,7 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import write_report
+from scenarios.api.shown import path_given, write_report
 from scenarios.api.tables import band_of, in_python_words, names_of, told_in_python
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
@@ -125,7 +125,8 @@ class Check:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.compatibility.report import write_check
 
-        return write_check(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_check(self.details, target, figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -248,7 +249,8 @@ class Maneuvers:
         """
         from scenarios.maneuvers import write_maneuvers
 
-        return write_maneuvers(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_maneuvers(self.details, target, figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figure; returns the path."""
@@ -457,7 +459,8 @@ class FrequencyResponse:
         """
         from scenarios.responses.report import write_responses
 
-        return write_responses(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_responses(self.details, target, figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""

@@ -24,7 +24,7 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import write_report
+from scenarios.api.shown import path_given, texts_given, write_report
 from scenarios.api.tables import told_in_python
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
@@ -129,7 +129,8 @@ class Design:
         """Write the design as the command does with ``--out``; returns the folder."""
         from scenarios.maneuver_design.report import write_design
 
-        return write_design(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_design(self.details, target, figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -191,7 +192,7 @@ def design(
         source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
     )
     text = size if isinstance(size, str) else ",".join(_texts(size))
-    names = (tell,) if isinstance(tell, str) else tuple(tell)
+    names = texts_given(tell, "tell=")
     return Design(
         designing.design(
             DesignRequest(
@@ -283,7 +284,8 @@ class Structure:
         from scenarios.report.figure_formats import formats_wanted
         from scenarios.structure.report import write_structure
 
-        return write_structure(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_structure(self.details, target, figures=formats_wanted(figures))
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{axis} {len(terms)}" for axis, terms in self.terms.items())
@@ -396,4 +398,4 @@ def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None
     """
     from scenarios.export.targets import written_model
 
-    return written_model(Path(study), to, None if path is None else Path(path), None)[0]
+    return written_model(path_given(study), to, None if path is None else path_given(path), None)[0]

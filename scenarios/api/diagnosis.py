@@ -31,6 +31,7 @@ from scenarios.api.shown import (
     Parameter,
     Parameters,
     claimed_effects,
+    path_given,
     prediction_of,
     write_report,
     write_sheets,
@@ -234,7 +235,8 @@ class Diagnosis:
         """
         from scenarios.diagnosis.report.files import write_diagnosis
 
-        return write_diagnosis(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_diagnosis(self.details, target, figures=formats_wanted(figures))
 
     def report(
         self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
@@ -429,7 +431,8 @@ class Survey:
         """Write the survey's own files as the command does with ``--out``; the flights' folders
         stay in ``folder`` of the result.
         """
-        return write_survey(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_survey(self.details, target, figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -489,9 +492,9 @@ def survey(
     >>> fid.survey(folder / "flights.toml", jobs=1)
     <Survey of 2 flights: input-delay>
     """
-    kept = Path(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
+    kept = path_given(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
     found = surveying.survey_flights(
-        Path(flights),
+        path_given(flights),
         kept,
         jobs or available_cores(),
         formats_wanted(figures),

@@ -168,13 +168,16 @@ def smoother(estimate: Estimate) -> SmoothedHistory:
     return smooth(estimate.history)
 
 
-def _estimate(method: str, model: Given, records: Any, vehicle: Numbers) -> Estimate:
+def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estimate:
     from ident.whole_record.layout import FitSettings
     from scenarios.identification.assessment import DEFAULT_OPTIONS
     from scenarios.identification.identify import FIT_STEP
     from scenarios.identification.methods import FILTERS, estimated_by
     from scenarios.preparation.declared_model import outputs_with_bias, step_for
 
+    if not isinstance(model, Model | str | PathLike):
+        what = f"a {type(model).__name__} is no model"
+        raise DeclarationError(what, where=method, remedy="give the model first, then the record")
     declared, priors = _declared(model, vehicle)
     several = isinstance(records, list | tuple)
     given = [_of_model(read_record(each), declared) for each in (records if several else [records])]

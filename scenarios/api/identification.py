@@ -35,6 +35,7 @@ from scenarios.api.shown import (
     Parameter,
     Parameters,
     errors_of,
+    path_given,
     response_of,
     write_report,
     write_sheets,
@@ -247,7 +248,9 @@ class Identification:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.identification.files import write_identification
 
-        return write_identification(self.details, Path(folder), figures=formats_wanted(figures))
+        return write_identification(
+            self.details, path_given(folder), figures=formats_wanted(figures)
+        )
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -437,7 +440,8 @@ class Prediction:
         """Write the prediction as the command does with ``--out``; returns the folder."""
         from scenarios.prediction import write_prediction
 
-        return write_prediction(self.details, Path(folder), figures=formats_wanted(figures))
+        target = path_given(folder)
+        return write_prediction(self.details, target, figures=formats_wanted(figures))
 
     def _rows(self) -> list[tuple[Any, ...]]:
         both = (("declared", self.details.before), ("predicted", self.details.after))
@@ -527,7 +531,7 @@ def predict(
         tolerances,
     )
     if isinstance(study, str | PathLike):
-        return Prediction(predict_record(replace(asked, study=Path(study))))
+        return Prediction(predict_record(replace(asked, study=path_given(study))))
     if not hasattr(study, "save"):
         raise DeclarationError(
             f"a {type(study).__name__} is no study",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from scenarios.api.records import Recorded
+from scenarios.api.shown import file_given
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -289,7 +290,7 @@ class Interactive:
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the document; returns its path."""
-        target = Path(path)
+        target = file_given(path)
         target.write_text(self.html, encoding="utf-8", newline="\n")
         return target
 

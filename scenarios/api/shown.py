@@ -31,6 +31,33 @@ if TYPE_CHECKING:
 # ---- The page of a result alone, one HTML file that holds its figures
 
 
+def path_given(value: Any) -> Path:
+    """Return a path that a caller gave; DeclarationError if it is neither a text nor a path."""
+    if isinstance(value, str | PathLike):
+        return Path(value)
+    what = f"a {type(value).__name__} is no path"
+    raise DeclarationError(what, where=repr(value)[:60], remedy="give a text")
+
+
+def texts_given(value: Any, where: str) -> tuple[str, ...]:
+    """Return texts that a caller gave, one or several; DeclarationError for anything else."""
+    if isinstance(value, str):
+        return (value,)
+    if isinstance(value, Iterable) and all(isinstance(each, str) for each in value):
+        return tuple(value)
+    what = f"a {type(value).__name__} is no text"
+    raise DeclarationError(what, where=where, remedy="give a text, or a list of texts")
+
+
+def file_given(value: Any) -> Path:
+    """Return the path of a file to write; DeclarationError if its folder does not exist."""
+    path = path_given(value)
+    if path.parent.is_dir():
+        return path
+    remedy = "make that folder first, or give another path"
+    raise DeclarationError(f"there is no folder {path.parent}", where=str(path), remedy=remedy)
+
+
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
     """Write the page that ``save`` puts into a study's folder; returns the path. Raises
     DeclarationError if it puts none there.
@@ -45,8 +72,8 @@ def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path
                 remedy="save(FOLDER) writes its files",
             )
         page = (folder / PAGE).read_bytes()
-    Path(path).write_bytes(page)
-    return Path(path)
+    file_given(path).write_bytes(page)
+    return file_given(path)
 
 
 # ---- Estimated numbers by name, each with its sigma and unit
@@ -168,10 +195,12 @@ def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) ->
     """
     from scenarios.report.folder import write_workbook
 
-    if Path(path).suffix.lower() != ".xlsx":
-        what = f"a workbook cannot be named {Path(path).name}"
+    if file_given(path).suffix.lower() != ".xlsx":
+        what = f"a workbook cannot be named {file_given(path).name}"
         raise DeclarationError(what, where=str(path), remedy="name a .xlsx file")
-    return write_workbook([each._table(name) for name, each in sheets.items() if each], Path(path))
+    return write_workbook(
+        [each._table(name) for name, each in sheets.items() if each], file_given(path)
+    )
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:

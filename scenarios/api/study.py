@@ -24,7 +24,15 @@ from scenarios.api.requests import (
     flown,
     no_progress,
 )
-from scenarios.api.shown import Parameter, Parameters, row_of, write_report, write_sheets
+from scenarios.api.shown import (
+    Parameter,
+    Parameters,
+    path_given,
+    row_of,
+    texts_given,
+    write_report,
+    write_sheets,
+)
 from scenarios.api.tables import told_in_python
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
@@ -220,8 +228,8 @@ class Study:
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
-        self._runner.write(self.details, Path(folder), figures=formats_wanted(figures))
-        return Path(folder)
+        self._runner.write(self.details, path_given(folder), figures=formats_wanted(figures))
+        return path_given(folder)
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -339,7 +347,7 @@ def changes_of(settings: Settings) -> list[str]:
         from scenarios.files.aircraft_files import toml_value
 
         return [f"{key}={toml_value(value, key)}" for key, value in settings.items()]
-    return [settings] if isinstance(settings, str) else list(settings)
+    return list(texts_given(settings, "set="))
 
 
 # ---- campaign in Python: the same study with many seeds
@@ -461,7 +469,7 @@ class Campaign:
         """
         from scenarios.studies.campaign_report import write_campaign
 
-        return write_campaign(self.details, self._judgement, Path(folder))
+        return write_campaign(self.details, self._judgement, path_given(folder))
 
     @property
     def _title(self) -> str:
@@ -531,7 +539,7 @@ def campaign(
     if kind != IDENTIFICATION:
         what = f"there is no campaign of a scenario of kind {kind}"
         raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
-    manner = Execution(jobs, None if out is None else Path(out), resume, cluster, time_limit)
+    manner = Execution(jobs, None if out is None else path_given(out), resume, cluster, time_limit)
     document, short, where = load_document(text, changes_of(set))
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
     with named_after(where):

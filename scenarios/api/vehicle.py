@@ -77,8 +77,11 @@ class Vehicle:
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write it as a vehicle file; returns the path."""
-        Path(path).write_text(self.to_toml(), encoding="utf-8", newline="\n")
-        return Path(path)
+        from scenarios.api.shown import file_given
+
+        target = file_given(path)
+        target.write_text(self.to_toml(), encoding="utf-8", newline="\n")
+        return target
 
     def source_for(self, model: str) -> Source:
         """Return the source that a command would read for a model: elastic modes are omitted if the

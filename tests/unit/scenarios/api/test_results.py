@@ -5,7 +5,9 @@ stands, numbers by name.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from html.parser import HTMLParser
+from typing import Any
 
 import pandas
 import pytest
@@ -210,3 +212,27 @@ def test_the_interval_of_a_parameter_is_two_sigmas_to_either_side(
 ) -> None:
     found = Parameter("Cm_q", value, sigma, "1/rad")
     assert found.interval == pytest.approx(ends) and float(found) == value
+
+
+def wrong(value: Any) -> Any:
+    """A value of a type that annotations forbid."""
+    return value
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: fid.simulate("rigid", set=wrong(3)), "set=: a int is no text"),
+        (lambda: fid.design("rigid", "bomber_rigid", tell=wrong(3)), "tell=: a int is no text"),
+        (lambda: fid.survey(wrong(3)), "a int is no path"),
+        (lambda: fid.vehicle("bomber_rigid").save(wrong(3)), "a int is no path"),
+        (lambda: fid.vehicle("bomber_rigid").save("no-folder/v.toml"), "there is no folder"),
+        (lambda: fid.estimators.ekf(wrong({"time": [0.0]}), "rigid"), "a dict is no model"),
+    ],
+)
+def test_wrong_paths_and_texts_are_refused_in_one_line(
+    call: Callable[[], object], said: str
+) -> None:
+    with pytest.raises(fid.InputError, match=said) as raised:
+        call()
+    assert "\n" not in str(raised.value)
