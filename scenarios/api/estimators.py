@@ -5,7 +5,7 @@ written.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api.record import Record, read_record
@@ -178,7 +178,8 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
     if not isinstance(model, Model | str | PathLike):
         what = f"a {type(model).__name__} is no model"
         raise DeclarationError(what, where=method, remedy="give the model first, then the record")
-    declared, priors = _declared(model, vehicle)
+    known = model if isinstance(model, Model) else fspath(model)
+    declared, priors = _declared(known, vehicle)
     several = isinstance(records, list | tuple)
     given = [_of_model(read_record(each), declared) for each in (records if several else [records])]
     if method in FILTERS and len(given) != 1:
