@@ -274,6 +274,7 @@ def simulate(
         record = flown_record(what, seed, changes)
         with files_together(out) as scratch:
             written = write_record(scratch, record, out.stem, simulated=True)
+        print(f"written: {out.name}{_flown_vehicle(what)}")
         return [out.parent / path.name for path in written]
     except OSError as error:
         raise FlightidError(
@@ -281,6 +282,17 @@ def simulate(
             where=str(out),
             remedy="name a file that you may write",
         ) from None
+
+
+def _flown_vehicle(name: str) -> str:
+    """Return words on the vehicle of a scenario of identification; empty for other scenarios."""
+    from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_kind
+
+    if scenario_kind(name) != IDENTIFICATION:
+        return ""
+    vehicle = load_scenario(name).flight.vehicle
+    own = vehicle.endswith(".py")  # a model, whose values are in the scenario
+    return "" if own else f"; --vehicle {vehicle} names its vehicle, with true values"
 
 
 def files_text(files: Sequence[Path]) -> str:

@@ -327,7 +327,8 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(
 def test_simulate_writes_the_record_alone(
     flightid: CommandLine, rigid_folder: Path, tmp_path: Path
 ) -> None:
-    assert flightid.done("simulate", "rigid", "--out", tmp_path / "new" / "flight.csv") == ""
+    said = flightid.done("simulate", "rigid", "--out", tmp_path / "new" / "flight.csv")
+    assert "--vehicle bomber_rigid" in said
     assert sorted(contents(tmp_path)) == ["new/flight.csv", "new/flight.json"]
     assert (tmp_path / "new" / "flight.csv").read_bytes() == (
         rigid_folder / "record.csv"
