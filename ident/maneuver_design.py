@@ -38,7 +38,7 @@ from ident.whole_record.layout import (
     WithoutUnknowns,
     lay_out,
 )
-from ident.whole_record.linearise import Linearisation
+from ident.whole_record.linearise import LARGEST_TRAJECTORY_GAP, Linearisation
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model
@@ -81,7 +81,6 @@ class KnownLevels(WithoutUnknowns):
 
 # ---- A flight that is planned
 
-LARGEST_TRAJECTORY_GAP = 1e-9  # largest gap of a simulated trajectory, relative to the state
 NEWTON_PASSES = 12  # Newton iterations on the trajectory; each doubles the digits
 
 

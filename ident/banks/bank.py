@@ -31,7 +31,7 @@ from ident.banks.equation_kernels import (
     march_of_table,
     values_and_jacobians,
 )
-from ident.banks.row_kernel import pass_side_by_side
+from ident.banks.row_kernel import SAMPLES_PER_CHECK, pass_side_by_side
 from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import FilterProblem, filter_problem, with_free
@@ -44,7 +44,6 @@ from sim.record import Record
 # ---- One pass of many extended Kalman filters over one time base, runs on a batch axis
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_SAMPLES_PER_CHECK = 32  # samples of a block; more gain nothing and cost memory
 
 
 def run_pass(
@@ -81,8 +80,8 @@ def run_pass(
     )
     with np.errstate(all="ignore"):
         march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
-        for first in range(0, N, _SAMPLES_PER_CHECK):
-            last = min(first + _SAMPLES_PER_CHECK, N)
+        for first in range(0, N, SAMPLES_PER_CHECK):
+            last = min(first + SAMPLES_PER_CHECK, N)
             done = march(first, last, x, P, about, trace)
             x, P = done.mean[-1].T, done.covariance[-1]
             gained, squared = worth(done.innovation, problem.valid[:, first:last])

@@ -5,7 +5,7 @@ works on whole rows, element by element, so that the result of a run does not de
 runs; zero entries of the table cost nothing. The filters equal those of
 `ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
-A pass filters as many runs together as fit into a processor's cache. Every ``_SAMPLES_PER_CHECK``
+A pass filters as many runs together as fit into a processor's cache. Every ``SAMPLES_PER_CHECK``
 samples it checks which runs are still finite; where a run has diverged, it repeats these samples
 one by one to find the last finite one.
 
@@ -284,7 +284,7 @@ def updater(
 # ---- One pass of many filters of bilinear equations
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_SAMPLES_PER_CHECK = 32  # samples between two checks for diverged runs
+SAMPLES_PER_CHECK = 32  # samples between two checks for diverged runs
 _MOST_COVARIANCE_ENTRIES = 64_000  # covariance entries of the runs that are filtered together
 
 
@@ -329,13 +329,13 @@ def _filtered(
         else None
     )
     workspace = _StretchBuffers(
-        np.empty((_SAMPLES_PER_CHECK, n, B)),
-        np.empty((_SAMPLES_PER_CHECK, n, B)),
-        UpdateBuffers(*(np.empty((_SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
+        np.empty((SAMPLES_PER_CHECK, n, B)),
+        np.empty((SAMPLES_PER_CHECK, n, B)),
+        UpdateBuffers(*(np.empty((SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
     )
     channels = np.count_nonzero(problem.valid, axis=0)
-    for first in range(0, N, _SAMPLES_PER_CHECK):
-        last = min(first + _SAMPLES_PER_CHECK, N)
+    for first in range(0, N, SAMPLES_PER_CHECK):
+        last = min(first + SAMPLES_PER_CHECK, N)
         at, before = slice(first, last), (w.copy(), P.copy())
         filter_samples(first, last, workspace)
         squared = workspace.seen.squared[: last - first].sum(axis=1)

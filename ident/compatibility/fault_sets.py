@@ -15,6 +15,7 @@ from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoothe
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import KinematicSignals, instrumented, weigher
 from ident.compatibility.trials import (
+    LEAST_PROJECTED_GAIN,
     CompatibilitySettings,
     FaultQuantity,
     FaultTrial,
@@ -28,7 +29,6 @@ from ident.compatibility.trials import (
 
 _BEAM_WIDTH = 5  # sets of each size kept, and faults tried with each of them
 TIE_LOG_LIKELIHOOD = 0.5  # difference of log likelihood below which two fits are equal
-_LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
 # channels related within a fraction of a second; speed changes too slowly
 _TIMED = ("alpha", "q", "nz", "theta")
 
@@ -219,7 +219,7 @@ def _extended(
     worth = [
         fault
         for fault, first in quick[:_BEAM_WIDTH]
-        if kinematic_fit.cost - first.cost > _LEAST_PROJECTED_GAIN
+        if kinematic_fit.cost - first.cost > LEAST_PROJECTED_GAIN
     ]
     return [
         fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)

@@ -316,7 +316,7 @@ def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
 
 # ---- Output error and smoother compared
 
-_MOST_PASSES = 4
+MOST_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +368,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     total = len(prior) - len(sizes)
     lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     parts = [part_of_controls(s) for s in kinematic_fit.signals]
-    for turn in range(_MOST_PASSES):
+    for turn in range(MOST_PASSES):
         if turn:
             lines = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)

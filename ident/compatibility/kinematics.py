@@ -410,7 +410,7 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 Key = tuple[str, str]
 # relative uncertainty of an unrecorded airspeed; it acts like a scale of the load
-_AIRSPEED_UNCERTAINTY = 0.015
+AIRSPEED_UNCERTAINTY = 0.015
 
 
 @dataclass(frozen=True)
@@ -435,7 +435,7 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     if "alpha" in s.outputs:
         out.append(Unknown(("nz", BIAS), 1e-3))
         if "airspeed" not in s.channels:
-            out.append(Unknown(("nz", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
+            out.append(Unknown(("nz", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
         if "theta" not in s.channels:
             out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
         if s.jumps.size:

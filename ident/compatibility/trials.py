@@ -170,9 +170,9 @@ class Compatibility:
 
 # ---- Trial of one fault in addition to others
 
-_LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
-_CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
-_LEAST_FAULT_SIGMAS = 3.0
+LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
+CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
+LEAST_FAULT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
         first = _trial(base, fault, quick)
-        worth = first.gain > _LEAST_PROJECTED_GAIN or abs(first.size) > 0.5 * fault.plausible
+        worth = first.gain > LEAST_PROJECTED_GAIN or abs(first.size) > 0.5 * fault.plausible
         out.append(
             _trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first
         )
@@ -314,8 +314,8 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))
-    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _CONTRADICTION_P_VALUE
-    return agree and mean * math.copysign(1.0, trial.size) > _LEAST_FAULT_SIGMAS / math.sqrt(
+    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
+    return agree and mean * math.copysign(1.0, trial.size) > LEAST_FAULT_SIGMAS / math.sqrt(
         float(np.sum(w))
     )
 

@@ -34,6 +34,8 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import LARGEST_NUMBER
+from ident.frequency_domain.transform import NONLINEARITY_TOLERANCE
+from ident.statistics.noise_levels import SIGMA_PER_MEDIAN_DEVIATION
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
@@ -42,12 +44,10 @@ from sim.record import Hold
 LOWEST_FREQUENCY = 0.1  # Hz, as Morelli's: above slow drifts
 HIGHEST_FREQUENCY = 2.0  # Hz, as Morelli's: below structural modes
 FREQUENCY_SPACING = 0.04  # Hz
-NONLINEARITY_TOLERANCE = 1e-7  # largest nonlinearity by rounding, relative to a rate
 # passes of the regression, each with the noise spectrum of the previous one
 NOISE_SPECTRUM_PASSES = 4
 LEAST_INFORMATION_SHARE = 0.5  # smallest share of the information without that of the noise
 _THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of a third difference of white noise of variance one
-_SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,7 +485,7 @@ def _with_noise(
         if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
             noise[k] += (
                 finite.size
-                * _SIGMA_PER_MEDIAN_DEVIATION
+                * SIGMA_PER_MEDIAN_DEVIATION
                 * float(np.median(np.abs(finite)))
                 / math.sqrt(_THIRD_DIFFERENCE_VARIANCE)
             )

@@ -78,7 +78,7 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
 
 
 # largest gap, relative to the state, if the simulated states are linear in themselves
-_LARGEST_TRAJECTORY_GAP = 1e-9
+LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
@@ -129,7 +129,7 @@ def simulated_at_once(
                     X
                     if np.all(
                         np.abs(defects)
-                        <= _LARGEST_TRAJECTORY_GAP * np.max(np.abs(X[free]), axis=1, keepdims=True)
+                        <= LARGEST_TRAJECTORY_GAP * np.max(np.abs(X[free]), axis=1, keepdims=True)
                     )
                     else None
                 )

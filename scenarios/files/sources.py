@@ -367,7 +367,7 @@ def own_version() -> str:
 
 MOST_NUMBERS = MOST_RECORD // 8
 _PIECE_OF_PACKED = 1 << 20
-_COMPRESSED_TYPE = 15  # type of an element of a MAT file that is packed
+COMPRESSED_TYPE = 15  # type of an element of a MAT file that is packed
 _MAT_HEADER = 128
 HDF5 = b"\x89HDF"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
@@ -425,7 +425,7 @@ def _unpacked_by_mat(content: bytes) -> int:
             int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
         )
         body = content[at + 8 : at + 8 + size]
-        total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED_TYPE else len(body)
+        total += _unpacked(body, MOST_RECORD - total) if kind == COMPRESSED_TYPE else len(body)
         at += 8 + size
     return total
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from scenarios.files.measured.grid import BELOW_HALF, FILTER_ORDER
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import RecordError, instant, time_span
@@ -169,8 +170,6 @@ def _rows(record: Record, begin: int, end: int) -> Record:
     return replace(part, name=f"{record.name}[{instant(part.time[0])}-{instant(part.time[-1])} s]")
 
 
-FILTER_ORDER = 4
-BELOW_HALF = 0.8  # anti-alias corner over the new Nyquist frequency
 EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
 # Relative difference of rates below which a record is not resampled.
 SAME_RATE_TOLERANCE = 1e-6

@@ -19,7 +19,13 @@ from ident.flying_qualities.stability_margins import (
     turned,
 )
 from ident.frequency_response import FrequencyResponses
-from ident.frequency_response.estimate import RANDOM_ERROR, frequencies, longest_run, window_lengths
+from ident.frequency_response.estimate import (
+    FEWEST_SAMPLES_PER_PERIOD,
+    RANDOM_ERROR,
+    frequencies,
+    longest_run,
+    window_lengths,
+)
 from ident.frequency_response.online import OnlineResponses, estimated, interrupt, online_responses
 from ident.frequency_response.online import take as take_samples
 from ident.frequency_response.transfer_function import ResponseTarget
@@ -43,7 +49,6 @@ from sim.errors import DeclarationError, RecordError
 
 LOWEST_FREQUENCY = 0.2  # Hz
 HIGHEST_FREQUENCY = 10.0  # Hz
-FEWEST_SAMPLES_PER_PERIOD = 5.0  # samples in a period of the highest frequency
 STARTING_TIME = 2.0  # s of rows that determine the rate
 # least distance of a crossing from the band's end, in ln(omega), for a margin to be shown
 CROSSING_DISTANCE = 0.1

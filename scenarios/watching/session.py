@@ -50,6 +50,7 @@ from scenarios.identification.low_order import filter_system, less, noise_levels
 from scenarios.report.document import Section, section
 from scenarios.report.figure_formats import USUAL
 from scenarios.report.folder import figures
+from scenarios.watching.loop_margins import STARTING_TIME
 from scenarios.watching.reference import Reference, vehicle_to_watch
 from scenarios.watching.rows import (
     LOES,
@@ -72,7 +73,6 @@ from sim.record import Channel, Hold, Record
 
 # ---- A watch in progress
 
-STARTING_TIME = 2.0  # s that are collected before the filter starts
 FEWEST_STARTING_ROWS = 40
 SPIKE_SIGMAS = 30.0  # standard deviations of the innovation
 # parameters that a vehicle file gives

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.x29.declaration import printed_column
+from scenarios.x29.declaration import NO_LIMIT, printed_column
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, respond
@@ -27,7 +27,6 @@ OUTPUTS = ("alpha", "q", "nz")
 # in, the largest of each scaled stick; the last asks for some 6 g
 STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 RESPONSE_TOLERANCE = 1e-9  # relative error between two forms of the same loop
-NO_LIMIT = 1e6  # deg and deg/s
 Change = Callable[[X29], X29]
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.compatibility.fitting import (
+    MOST_PASSES,
     KinematicDescent,
     KinematicFit,
     descended,
@@ -204,7 +205,6 @@ def _spanned(columns: np.ndarray) -> np.ndarray:
 
 # ---- Fits of the kinematics of six degrees of freedom
 
-_MOST_PASSES = 4
 _MOST_STEPS = 4
 _NEGLIGIBLE_GAIN = 2e-3  # smallest gain of a step, times two
 _SETTLED_LOG_VARIANCE = 0.05  # change of the logarithm of a variance
@@ -244,7 +244,7 @@ def fit(
         _MOST_STEPS,
         _NEGLIGIBLE_GAIN,
     )
-    for _ in range(_MOST_PASSES):
+    for _ in range(MOST_PASSES):
         whiteners = [shortened(s, noise) for s in signals]
         own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.compatibility.kinematics import (
+    AIRSPEED_UNCERTAINTY,
     ARM,
     BELOW,
     BIAS,
@@ -517,7 +518,6 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 
 # rad: prior of an unrecorded angle, which is a fitted constant of the record
 _UNRECORDED_ANGLE_STD = 0.15
-_AIRSPEED_UNCERTAINTY = 0.015  # relative uncertainty of an airspeed that is not recorded
 _BIAS_PRIOR_FACTOR = 5.0  # prior standard deviation of a bias, relative to a notable one
 _WITHOUT_BIAS = ("psi", *HEIGHTS)  # here a bias equals another initial state
 
@@ -539,7 +539,7 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     if "alpha" not in s.channels and flows:
         out.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
-        out.append(Unknown(("airspeed", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
+        out.append(Unknown(("airspeed", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
     return tuple(out)
 
 

@@ -29,7 +29,11 @@ from ident.compatibility.six_degrees.fitting import (
     likelihoods,
     linear,
 )
-from ident.compatibility.trials import CompatibilitySettings
+from ident.compatibility.trials import (
+    CONTRADICTION_P_VALUE,
+    LEAST_FAULT_SIGMAS,
+    CompatibilitySettings,
+)
 
 # ---- Sets of faults to first order
 
@@ -238,8 +242,6 @@ _MOST_ROUNDS = 5
 NOTHING_LATE: Mapping[tuple[int, int], float] = MappingProxyType({})
 SECANT_STEP = 0.05  # s, step for a time shift that is not known yet
 _LONGEST_SECANT = 0.3
-_CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
-_LEAST_FAULT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,8 +444,8 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
         0, list(members).index(i)
     ]
-    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _CONTRADICTION_P_VALUE
-    return agree and mean * math.copysign(1.0, joint) > _LEAST_FAULT_SIGMAS / math.sqrt(
+    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
+    return agree and mean * math.copysign(1.0, joint) > LEAST_FAULT_SIGMAS / math.sqrt(
         float(np.sum(w))
     )
 

@@ -11,6 +11,7 @@ from typing import Literal
 from scenarios.files.formats.cells import Topic, damaged
 from scenarios.files.formats.hdf5 import read_matlab
 from scenarios.files.formats.variables import topics_of_variables
+from scenarios.files.sources import COMPRESSED_TYPE
 
 FORMAT = "MAT"
 SUFFIXES = (".mat",)
@@ -18,7 +19,6 @@ MAGIC = (b"MATLAB 5.0", b"MATLAB 7.3")
 EXTRA = ""
 HEADER_BYTES = 128
 MATRIX_TYPE = 14  # type of an element
-COMPRESSED_TYPE = 15  # type of a compressed element
 ARRAY_CLASSES = range(1, 19)
 PLAIN = (4, *range(6, 16))  # classes of texts and numbers
 COMPLEX_FLAG = 0x800  # flag of an imaginary part
