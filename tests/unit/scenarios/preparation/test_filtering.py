@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.whole_record.output_error import fit_output_error
-from scenarios.preparation.filtering import FILTER_ORDER, filtered
+from scenarios.files.measured.grid import FILTER_ORDER
+from scenarios.preparation.filtering import filtered
 from scenarios.preparation.plan import Plan
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
