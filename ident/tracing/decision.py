@@ -512,12 +512,11 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
     interval = search.context.interval
+    effects = {each.name: each for each in best.fitted.effects}
     named = [
         with_shares(name, 1.0, rivals_of(search, best, name) | passing_events(white, best, name), z)
         for name, z in spread.items()
-        if _is_physical_effect(
-            next(e for e in best.fitted.effects if e.name == name), best, interval
-        )
+        if _is_physical_effect(effects[name], best, interval)
     ]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)

@@ -24,8 +24,8 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import path_given, texts_given, write_report
-from scenarios.api.tables import told_in_python
+from scenarios.api.shown import path_given, write_report
+from scenarios.api.tables import names_of, told_in_python
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
 from scenarios.maneuver_design.report import design_text, verdict_of
@@ -192,7 +192,7 @@ def design(
         source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
     )
     text = size if isinstance(size, str) else ",".join(_texts(size))
-    names = texts_given(tell, "tell=")
+    names = names_of(tell, "effect", "tell")
     return Design(
         designing.design(
             DesignRequest(

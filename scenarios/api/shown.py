@@ -39,16 +39,6 @@ def path_given(value: Any) -> Path:
     raise DeclarationError(what, where=repr(value)[:60], remedy="give a text")
 
 
-def texts_given(value: Any, where: str) -> tuple[str, ...]:
-    """Return texts that a caller gave, one or several; DeclarationError for anything else."""
-    if isinstance(value, str):
-        return (value,)
-    if isinstance(value, Iterable) and all(isinstance(each, str) for each in value):
-        return tuple(value)
-    what = f"a {type(value).__name__} is no text"
-    raise DeclarationError(what, where=where, remedy="give a text, or a list of texts")
-
-
 def file_given(value: Any) -> Path:
     """Return the path of a file to write; DeclarationError if its folder does not exist."""
     path = path_given(value)
@@ -62,6 +52,7 @@ def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path
     """Write the page that ``save`` puts into a study's folder; returns the path. Raises
     DeclarationError if it puts none there.
     """
+    target = file_given(path)
     with TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch) / "study"
         save(folder)
@@ -72,8 +63,8 @@ def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path
                 remedy="save(FOLDER) writes its files",
             )
         page = (folder / PAGE).read_bytes()
-    file_given(path).write_bytes(page)
-    return file_given(path)
+    target.write_bytes(page)
+    return target
 
 
 # ---- Estimated numbers by name, each with its sigma and unit
@@ -195,12 +186,11 @@ def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) ->
     """
     from scenarios.report.folder import write_workbook
 
-    if file_given(path).suffix.lower() != ".xlsx":
-        what = f"a workbook cannot be named {file_given(path).name}"
+    target = file_given(path)
+    if target.suffix.lower() != ".xlsx":
+        what = f"a workbook cannot be named {target.name}"
         raise DeclarationError(what, where=str(path), remedy="name a .xlsx file")
-    return write_workbook(
-        [each._table(name) for name, each in sheets.items() if each], file_given(path)
-    )
+    return write_workbook([each._table(name) for name, each in sheets.items() if each], target)
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:

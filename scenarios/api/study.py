@@ -29,11 +29,10 @@ from scenarios.api.shown import (
     Parameters,
     path_given,
     row_of,
-    texts_given,
     write_report,
     write_sheets,
 )
-from scenarios.api.tables import told_in_python
+from scenarios.api.tables import names_of, told_in_python
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.low_order import linearised
@@ -347,7 +346,7 @@ def changes_of(settings: Settings) -> list[str]:
         from scenarios.files.aircraft_files import toml_value
 
         return [f"{key}={toml_value(value, key)}" for key, value in settings.items()]
-    return list(texts_given(settings, "set="))
+    return list(names_of(settings, "setting", "set"))
 
 
 # ---- campaign in Python: the same study with many seeds

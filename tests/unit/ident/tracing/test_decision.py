@@ -121,7 +121,7 @@ def test_beside_a_discrepancy_what_acts_all_along_is_named(
     alone = decide(search, discrepancy)
     assert alone.verdict is Verdict.UNEXPLAINED and alone.named == ()
     (hint,) = [each for each in alone.hints if each.name == ARM]
-    assert "times the noise" in hint.reason
+    assert "times the sensor noise" in hint.reason
     backed = decide(search.with_kinematics([(ARM,)]), discrepancy)
     assert [each.name for each in backed.named] == [ARM]
 

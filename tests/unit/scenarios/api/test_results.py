@@ -222,8 +222,8 @@ def wrong(value: Any) -> Any:
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: fid.simulate("rigid", set=wrong(3)), "set=: a int is no text"),
-        (lambda: fid.design("rigid", "bomber_rigid", tell=wrong(3)), "tell=: a int is no text"),
+        (lambda: fid.simulate("rigid", set=wrong(3)), "set: 3 names no setting"),
+        (lambda: fid.design("rigid", "bomber_rigid", tell=wrong(3)), "tell: 3 names no effect"),
         (lambda: fid.survey(wrong(3)), "a int is no path"),
         (lambda: fid.vehicle("bomber_rigid").save(wrong(3)), "a int is no path"),
         (lambda: fid.vehicle("bomber_rigid").save("no-folder/v.toml"), "there is no folder"),
