@@ -31,6 +31,7 @@ from sim.declaration.effect import (
     SensorEffect,
     SensorMemory,
     Signal,
+    StateJumpEffect,
     Station,
     full_name,
     in_order,
@@ -59,7 +60,7 @@ class EffectStages:
     states of an on-line System, ``slices`` where these stand among ``states``. ``own`` picks an
     effect's parameters off a row of all of them, by effect name, ``vehicle_of`` those of the
     equations, which ``varying`` and ``varying_together`` change. ``bias_index`` by output.
-    ``clocks`` set the pace of ``dynamics``, which are theirs alone.
+    ``jumps`` move the states of the equations; ``clocks`` set the pace of ``dynamics``.
     """
 
     model: Model
@@ -72,6 +73,7 @@ class EffectStages:
     readings: tuple[ReadingEffect, ...]
     sensors: tuple[SensorEffect, ...]
     moved_out: tuple[Any, ...]
+    jumps: tuple[StateJumpEffect, ...]
     clocks: tuple[ClockEffect, ...]
     states: tuple[Signal, ...]
     slices: Mapping[str, slice]
@@ -121,6 +123,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Effec
         tuple(in_order(_following(model, ReadingEffect))),
         tuple(effect for effect in sensors if effect not in moved_out),
         tuple(moved_out),
+        tuple(_following(model, StateJumpEffect)),
         tuple(_following(model, ClockEffect)),
         tuple(states),
         slices,
@@ -329,6 +332,8 @@ def dynamics_of(
         else ()
     )
     clocks = [(effect, own[effect.name]) for effect in parts.clocks]
+    jumps = [(effect, own[effect.name]) for effect in parts.jumps]
+    place = {signal.name: row for row, signal in enumerate(equations.states)}
 
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
@@ -340,6 +345,9 @@ def dynamics_of(
         for clock, gather in clocks:
             pace = clock.pace(gather(p))
             rates = [rate / pace for rate in rates]
+        for jump, gather in jumps:
+            for name, rate in jump.added_rates(s, gather(p)).items():
+                rates[place[name]] = rates[place[name]] + rate
         if moved_in:
             bus = dict(zip(input_names, u, strict=True))
             for effect in moved_in:
@@ -478,7 +486,7 @@ def compile_model(
     """
     parts = parts_of(model, outputs, online)
     signals, measured = signals_of(parts), measured_of(parts)
-    moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.clocks)
+    moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.jumps, *parts.clocks)
     after = [
         effect
         for effect in model.effects

@@ -355,6 +355,19 @@ class ClockEffect(Effect, Protocol):
 
 
 @runtime_checkable
+class StateJumpEffect(Effect, Protocol):
+    """Moves the vehicle's states themselves: ``added_rates(s, p)`` by name of the state is added to
+    the rates that the equations give. Readings and forces know nothing of it.
+
+    ``states_read`` are all states of the equations that it is made for.
+    """
+
+    @property
+    def states_read(self) -> Sequence[str]: ...
+    def added_rates(self, s: Any, p: Any) -> Mapping[str, Any]: ...
+
+
+@runtime_checkable
 class OnlineForm(Protocol):
     """State form of an input or sensor effect, for filters that see one sample at a time.
 

@@ -17,6 +17,7 @@ from sim.declaration.effect import (
     Effect,
     OnChannel,
     OnSignal,
+    StateJumpEffect,
     Station,
     constants_needed,
     outputs_read_by,
@@ -142,6 +143,8 @@ def applies(effect: Effect, equations: Equations) -> bool:
     outputs = {signal.name for signal in equations.outputs}
     ports = {port.name for port in equations.ports}
     states = {signal.name for signal in equations.states}
+    if isinstance(effect, StateJumpEffect) and states != {*effect.states_read}:
+        return False
     # With several inputs each has its own instance, named by its label.
     whose = (
         not isinstance(effect, OnSignal)

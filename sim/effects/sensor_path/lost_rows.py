@@ -1,0 +1,118 @@
+"""Rows that a recorder lost while the time column counts on: all states jump between two rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.model import Containing, Equations
+from sim.declaration.proposal import Probe, SearchContext, Traits
+from sim.effects.loads import USUAL_SUB_STEP, edge_width
+from sim.maths import absolute, maximum, once_for_alike
+
+_USUAL_JUMP = {"rad": 0.05, "rad/s": 0.1, "m/s": 10.0, "m": 300.0, "1": 0.1}
+MOST_STATES = 13  # of a rigid body in three dimensions: quaternion, position, speed, rates
+
+
+@dataclass(frozen=True)
+class LostRows:
+    """At ``start`` (s) each state changes at once, as over the time of the lost rows.
+
+    What the states are behind the gap depends on inputs that were not recorded: the change of each
+    state is a parameter of its name, in its unit.
+
+    Attributes
+    ----------
+    moved : states of the equations, with their units.
+    sizes : usual changes, in these units; half the range of a state where a record shows it.
+    width : s, half the time that the change takes: a sub-step of the fit.
+    """
+
+    moved: tuple[tuple[str, str], ...]
+    sizes: tuple[float, ...]
+    width: float = USUAL_SUB_STEP
+
+    name: ClassVar[str] = "lost-rows"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = (
+        "The recorder lost rows, and the time column does not tell: a logger counted on from the "
+        "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
+        "whole motion jumps, as far as the aircraft flew meanwhile. A force cannot do that: it "
+        "changes rates and not angles at once. A wrong sensor cannot do it either: only its own "
+        "channel would jump, and the motion behind the jump would not follow from the new values. "
+        "Give the parts before and after as two segments, or restore the times."
+    )
+    traits: ClassVar[Traits] = Traits(
+        sentences=(
+            "rows of the record are lost at {start} without a gap in its times: the motion jumps "
+            "({rest})",
+        ),
+        onset="start",
+        per_record=True,
+    )
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        return tuple(name for name, _ in self.moved)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        jumps = (
+            Parameter(name, size, unit)
+            for (name, unit), size in zip(self.moved, self.sizes, strict=True)
+        )
+        return (Parameter("start", 2.0037, "s"), *jumps)
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.states_read, 0.0))
+
+    def added_rates(self, s: Any, p: Any) -> Mapping[str, Any]:
+        """Return what is added to the rate of each state: a triangle of area one in time, which
+        sub-steps of ``width`` integrate exactly, times the jump.
+        """
+        rise = once_for_alike(
+            lambda start: maximum(1.0 - absolute((s.time - start) / self.width), 0.0) / self.width,
+            p.start,
+        )
+        return {name: rise * getattr(p, name) for name in self.states_read}
+
+    def fitted_to(self, context: SearchContext) -> LostRows:
+        """Return the effect with the sub-step of a fit, and jumps of half the range of each state
+        that the record shows.
+        """
+        sizes = []
+        for name, size in zip(self.states_read, self.sizes, strict=True):
+            shown = context.flown_range(name)
+            half = 0.5 * (shown[1] - shown[0]) if shown else 0.0
+            sizes.append(half if half > 0.0 else size)
+        return replace(self, width=edge_width(context.interval), sizes=tuple(sizes))
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Probe all jumps at the begin of the record; later ones only shift the response."""
+        values = {"start": context.begin + self.width, **self.absent}
+        return (Probe(values, self.states_read, shifts=True, sharp=True),)
+
+
+def _lost_rows(states: Sequence[Signal]) -> LostRows:
+    moved = tuple((signal.name, signal.unit) for signal in states)
+    return LostRows(moved, tuple(_USUAL_JUMP.get(unit, 1.0) for _, unit in moved))
+
+
+VARIANTS: tuple[LostRows, ...] = (
+    _lost_rows((Signal("alpha", "rad"), Signal("q", "rad/s"))),
+)
+
+
+def made_for(equations: Equations) -> tuple[LostRows, ...]:
+    """Return the effect on all states of equations; none for a loop with a control law inside, of
+    whose states no record tells.
+    """
+    if isinstance(equations, Containing) or len(equations.states) > MOST_STATES:
+        return ()
+    return (_lost_rows(equations.states),)
