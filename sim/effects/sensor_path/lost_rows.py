@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Probe, SearchContext, Traits
-from sim.effects.loads import USUAL_SUB_STEP, edge_width
+from sim.effects.loads import USUAL_SUB_STEP
 from sim.maths import absolute, maximum, once_for_alike
 
 _USUAL_JUMP = {"rad": 0.05, "rad/s": 0.1, "m/s": 10.0, "m": 300.0, "1": 0.1}
@@ -91,12 +91,19 @@ class LostRows:
             shown = context.flown_range(name)
             half = 0.5 * (shown[1] - shown[0]) if shown else 0.0
             sizes.append(half if half > 0.0 else size)
-        return replace(self, width=edge_width(context.interval), sizes=tuple(sizes))
+        return replace(self, width=0.5 * context.interval or self.width, sizes=tuple(sizes))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all jumps at the begin of the record; later ones only shift the response."""
-        values = {"start": context.begin + self.width, **self.absent}
-        return (Probe(values, self.states_read, shifts=True, sharp=True),)
+        return tuple(
+            Probe(
+                {"start": context.begin + self.width + share * context.duration, **self.absent},
+                self.states_read,
+                shifts=True,
+                sharp=True,
+            )
+            for share in (0.0, 1/6, 2/6, 3/6, 4/6, 5/6)
+        )
 
 
 def _lost_rows(states: Sequence[Signal]) -> LostRows:
