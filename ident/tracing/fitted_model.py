@@ -46,12 +46,6 @@ class Values:
         own = tuple({**mine, **one} for mine, one in zip(self.own, added, strict=True))
         return Values({**shared, **self.shared}, own, self.states)
 
-    def with_moved(self, record: int, name: str, change: float) -> Values:
-        """Return the same with one value of one record changed by ``change``."""
-        own = list(self.own)
-        own[record] = {**own[record], name: own[record][name] + change}
-        return Values(self.shared, tuple(own), self.states)
-
 
 @dataclass(frozen=True, eq=False)
 class FitData:

@@ -34,12 +34,10 @@ from ident.tracing.scan import KEPT_PLACES, starts_at
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
-from sim.declaration.effect import full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-LONGEST_MOVE = 16  # samples, first move of the onset of a jump; halved until it is one
 COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is examined again
 
 
@@ -261,37 +259,10 @@ class _Others:
         """Add an effect of one record to a fit of ``rest``, from the starts that the records
         suggest and from ``further`` starts, and return the best fit.
         """
-        context = search_context(base)
-        places = [start for _, start in starts_at(base, effect, context)[:KEPT_PLACES]]
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
         tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
         tries += [self.fit([*rest, effect], base.values, start) for start in further]
-        best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
-        if best is not None and any(probe.sharp for probe in effect.probes(context)):
-            return self._placed_to_the_sample(best, effect, context.interval)
-        return best
-
-    def _placed_to_the_sample(
-        self, best: FittedModel, effect: Traceable, interval: float
-    ) -> FittedModel:
-        """Move the onset of a jump in each record while that lowers the cost: a fit itself moves it
-        by a sample at most.
-        """
-        onset = full_name(effect, effect.traits.onset)
-        for r in range(len(self.records)):
-            samples = LONGEST_MOVE
-            while samples >= 1:
-                moved = [
-                    self.fit(best.effects, best.values.with_moved(r, onset, sign * samples * interval))
-                    for sign in (1.0, -1.0)
-                ]
-                better = min(
-                    (m for m in moved if m is not None), key=lambda m: m.fit.cost, default=best
-                )
-                if better.fit.cost < best.fit.cost - 0.5:
-                    best = better
-                else:
-                    samples //= 2
-        return best
+        return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
 
 
 # ---- Prior of the shared parameters from training

@@ -95,15 +95,8 @@ class LostRows:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all jumps at the begin of the record; later ones only shift the response."""
-        return tuple(
-            Probe(
-                {"start": context.begin + self.width + share * context.duration, **self.absent},
-                self.states_read,
-                shifts=True,
-                sharp=True,
-            )
-            for share in (0.0, 1/6, 2/6, 3/6, 4/6, 5/6)
-        )
+        values = {"start": context.begin + self.width, **self.absent}
+        return (Probe(values, self.states_read, shifts=True, sharp=True),)
 
 
 def _lost_rows(states: Sequence[Signal]) -> LostRows:
@@ -111,9 +104,7 @@ def _lost_rows(states: Sequence[Signal]) -> LostRows:
     return LostRows(moved, tuple(_USUAL_JUMP.get(unit, 1.0) for _, unit in moved))
 
 
-VARIANTS: tuple[LostRows, ...] = (
-    _lost_rows((Signal("alpha", "rad"), Signal("q", "rad/s"))),
-)
+VARIANTS: tuple[LostRows, ...] = (_lost_rows((Signal("alpha", "rad"), Signal("q", "rad/s"))),)
 
 
 def made_for(equations: Equations) -> tuple[LostRows, ...]:
