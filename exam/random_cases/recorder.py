@@ -108,7 +108,12 @@ RECORDER: Mapping[str, Kind] = {
         _spell(0.3, 1.5), models=ALL, spoils=clock.rows_missing, words=ROWS, apart=True
     ),
     "rows lost": Kind(
-        _spell(0.3, 1.0), models=ALL, spoils=clock.rows_lost, words=(*ROWS, *CLOCK), apart=True
+        _spell(0.3, 1.0),
+        models=ALL,
+        spoils=clock.rows_lost,
+        accepted=("lost-rows",),
+        words=(*ROWS, *CLOCK),
+        apart=True,
     ),
     **{
         name: kind

@@ -37,7 +37,7 @@ FIXED_NAMES = {
     Station.DISTURBANCE: (
         "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid"
     ),
-    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base accelerometer-offset "  # noqa: E501
+    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes lost-rows time-base accelerometer-offset "  # noqa: E501
     "sensor-coupling sensor-curve sensor-step sensor-hold sensor-deadband sensor-backlash",
     Station.NOISE: "",
 }

@@ -54,7 +54,7 @@ class UnmeasuredInput(SizedOnPorts):
 
     station: ClassVar[Station] = Station.DISTURBANCE
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
-    aliases: ClassVar[tuple[str, ...]] = ()
+    aliases: ClassVar[tuple[str, ...]] = ("lost-rows",)
     states: ClassVar[tuple[Signal, ...]] = ()
 
     @property

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
-from sim.declaration.model import Containing, Equations
+from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traits
 from sim.effects.loads import USUAL_SUB_STEP
 from sim.maths import absolute, maximum, once_for_alike
@@ -38,11 +38,13 @@ class LostRows:
     name: ClassVar[str] = "lost-rows"
     station: ClassVar[Station] = Station.SENSOR_PATH
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
-    aliases: ClassVar[tuple[str, ...]] = ()
+    # A load of less than two samples changes lift and moment as a jump of the states does.
+    aliases: ClassVar[tuple[str, ...]] = ("unmeasured-input",)
     explanation: ClassVar[str] = (
         "The recorder lost rows, and the time column does not tell: a logger counted on from the "
         "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
-        "whole motion jumps, as far as the aircraft flew meanwhile. A force cannot do that: it "
+        "whole motion jumps as far as the aircraft flew meanwhile: each state behind start = the "
+        "state before it + its jump. A force cannot do that: it "
         "changes rates and not angles at once. A wrong sensor cannot do it either: only its own "
         "channel would jump, and the motion behind the jump would not follow from the new values. "
         "Give the parts before and after as two segments, or restore the times."
@@ -108,9 +110,9 @@ VARIANTS: tuple[LostRows, ...] = (_lost_rows((Signal("alpha", "rad"), Signal("q"
 
 
 def made_for(equations: Equations) -> tuple[LostRows, ...]:
-    """Return the effect on all states of equations; none for a loop with a control law inside, of
-    whose states no record tells.
+    """Return the effect on all states of equations; none where they are more than any record
+    tells.
     """
-    if isinstance(equations, Containing) or len(equations.states) > MOST_STATES:
+    if len(equations.states) > MOST_STATES:
         return ()
     return (_lost_rows(equations.states),)
