@@ -18,6 +18,7 @@ from sim.declaration.effect import (
     ReadingEffect,
     Regularity,
     SensorEffect,
+    StateJumpEffect,
     Station,
     full_name,
 )
@@ -51,7 +52,13 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
         Station.DYNAMICS: (DynamicsEffect, ParameterEffect),
         Station.DISTURBANCE: (DynamicsEffect,),
         # recorded inputs have sensors, too
-        Station.SENSOR_PATH: (SensorEffect, ReadingEffect, InputEffect, ClockEffect),
+        Station.SENSOR_PATH: (
+            SensorEffect,
+            ReadingEffect,
+            InputEffect,
+            ClockEffect,
+            StateJumpEffect,
+        ),
         Station.NOISE: (NoiseEffect,),
     }[effect.station]
     assert isinstance(effect, form)

@@ -28,7 +28,8 @@ class LostRows:
     ----------
     moved : states of the equations, with their units.
     sizes : usual changes, in these units; half the range of a state where a record shows it.
-    width : s, half the time that the change takes: a sub-step of the fit.
+    width : s, half the time that the change takes, which is one sampling interval. Where a fit
+        makes one sub-step in an interval (100 Hz and more), the sizes are only known to a third.
     """
 
     moved: tuple[tuple[str, str], ...]
@@ -75,8 +76,8 @@ class LostRows:
         return MappingProxyType(dict.fromkeys(self.states_read, 0.0))
 
     def added_rates(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """Return what is added to the rate of each state: a triangle of area one in time, which
-        sub-steps of ``width`` integrate exactly, times the jump.
+        """Return what is added to the rate of each state: the jump times a triangle of area one in
+        time, which sub-steps of ``width`` integrate exactly.
         """
         rise = once_for_alike(
             lambda start: maximum(1.0 - absolute((s.time - start) / self.width), 0.0) / self.width,
@@ -85,8 +86,8 @@ class LostRows:
         return {name: rise * getattr(p, name) for name in self.states_read}
 
     def fitted_to(self, context: SearchContext) -> LostRows:
-        """Return the effect with the sub-step of a fit, and jumps of half the range of each state
-        that the record shows.
+        """Return the effect with a change within one sampling interval, and jumps of half the range
+        of each state that the record shows.
         """
         sizes = []
         for name, size in zip(self.states_read, self.sizes, strict=True):
