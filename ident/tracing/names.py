@@ -12,7 +12,7 @@ from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.search import CLEAR_GAIN, CONFUSABLE_COSINE, Search
 from ident.tracing.steady_search import CONFUSABLE_SETS_Z, vuong
-from sim.declaration.effect import NoiseEffect, Station
+from sim.declaration.effect import NoiseEffect, StateJumpEffect, Station
 from sim.declaration.proposal import Traceable
 
 CLAIM_LEVEL = 0.95  # smallest probability of a claim
@@ -110,8 +110,11 @@ def look_alikes(
 
 
 def is_passing_event(effect: Traceable) -> bool:
-    """Return whether an effect is a passing load or gust; sensor events are not."""
-    return bool(effect.traits.onset) and effect.station is not Station.SENSOR_PATH
+    """Return whether an effect moves the states from some time on, as a passing load, a gust or
+    lost rows do; sensor events do not.
+    """
+    moves = effect.station is not Station.SENSOR_PATH or isinstance(effect, StateJumpEffect)
+    return bool(effect.traits.onset) and moves
 
 
 def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, float]:

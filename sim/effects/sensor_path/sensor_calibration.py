@@ -347,7 +347,6 @@ class SensorDrift(OfChannel):
             separating=dict.fromkeys(
                 ("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT
             ),
-            never_beside=(f"sensor-step:{self.channel}",),
             plausible={"slope": (-self.most, self.most)} if self.sized else {},
             per_record=True,
         )
