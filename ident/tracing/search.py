@@ -236,8 +236,8 @@ class Search:
             top = self.best()
             members = sorted(self.added(top))
             # Pairs are found by scans of single effects; larger sets may have replaced another
-            # pair.
-            if len(members) > 2:
+            # pair, and an event has another place beside another effect.
+            if len(members) > 2 or not is_noise(top.fitted.fit):
                 self._scan_beside_single_effects()
             for name in members if len(members) > 1 else ():
                 smaller = self.fit_without(top, name)
