@@ -346,7 +346,7 @@ def dynamics_of(
             pace = clock.pace(gather(p))
             rates = [rate / pace for rate in rates]
         for jump, gather in jumps:
-            for name, rate in jump.added_rates(s, gather(p)).items():
+            for name, rate in jump.added_rates(s, rates, gather(p)).items():
                 rates[place[name]] = rates[place[name]] + rate
         if moved_in:
             bus = dict(zip(input_names, u, strict=True))

@@ -356,15 +356,15 @@ class ClockEffect(Effect, Protocol):
 
 @runtime_checkable
 class StateJumpEffect(Effect, Protocol):
-    """Moves the vehicle's states themselves: ``added_rates(s, p)`` by name of the state is added to
-    the rates that the equations give. Readings and forces know nothing of it.
+    """Moves the vehicle's states themselves: ``added_rates(s, rates, p)`` by name of the state is
+    added to the ``rates`` that the equations give. Readings and forces know nothing of it.
 
-    ``states_read`` are all states of the equations that it is made for.
+    ``states_read`` are all states of the equations that it is made for, in their order.
     """
 
     @property
     def states_read(self) -> Sequence[str]: ...
-    def added_rates(self, s: Any, p: Any) -> Mapping[str, Any]: ...
+    def added_rates(self, s: Any, rates: Sequence[Any], p: Any) -> Mapping[str, Any]: ...
 
 
 @runtime_checkable

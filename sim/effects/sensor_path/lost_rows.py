@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -22,18 +23,21 @@ class LostRows:
     """At ``start`` (s) each state changes at once, as over the time of the lost rows.
 
     What the states are behind the gap depends on inputs that were not recorded: the change of each
-    state is a parameter of its name, in its unit.
+    state is a parameter of its name, in its unit. Equations without inputs need one parameter,
+    the time ``lost`` (s), since their motion during the gap is known.
 
     Attributes
     ----------
     moved : states of the equations, with their units.
     sizes : usual changes, in these units; half the range of a state where a record shows it.
+    free : True where equations without inputs move through the gap.
     width : s, half the time that the change takes, which is one sampling interval. Where a fit
         makes one sub-step in an interval (100 Hz and more), the sizes are only known to a third.
     """
 
     moved: tuple[tuple[str, str], ...]
     sizes: tuple[float, ...]
+    free: bool = False
     width: float = USUAL_SUB_STEP
 
     name: ClassVar[str] = "lost-rows"
@@ -44,14 +48,15 @@ class LostRows:
     explanation: ClassVar[str] = (
         "The recorder lost rows, and the time column does not tell: a logger counted on from the "
         "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
-        "whole motion jumps as far as the aircraft flew meanwhile: each state behind start = the "
-        "state before it + its jump. A force cannot do that: it "
-        "changes rates and not angles at once. A wrong sensor cannot do it either: only its own "
-        "channel would jump, and the motion behind the jump would not follow from the new values. "
-        "Give the parts before and after as two segments, or restore the times."
+        "whole motion jumps as far as the vehicle flew meanwhile: each state behind start = the "
+        "state before it + its jump. A force cannot do that: it changes rates and not angles at "
+        "once. A wrong sensor cannot do it either: only its own channel would jump, and the motion "
+        "behind the jump would not follow from the new values. A body without inputs shows how "
+        "much time is lost. Give the parts before and after as two segments, or restore the times."
     )
     traits: ClassVar[Traits] = Traits(
         sentences=(
+            "rows of {lost} are lost at {start} without a gap in the times of the record",
             "rows of the record are lost at {start} without a gap in its times: the motion jumps "
             "({rest})",
         ),
@@ -64,18 +69,26 @@ class LostRows:
         return tuple(name for name, _ in self.moved)
 
     @property
+    def sized(self) -> tuple[str, ...]:
+        """Parameters that are zero where no rows are lost."""
+        return ("lost",) if self.free else self.states_read
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
+        start = Parameter("start", 2.0037, "s")
+        if self.free:
+            return (start, Parameter("lost", 0.5, "s", bounds=(0.0, math.inf)))
         jumps = (
             Parameter(name, size, unit)
             for (name, unit), size in zip(self.moved, self.sizes, strict=True)
         )
-        return (Parameter("start", 2.0037, "s"), *jumps)
+        return (start, *jumps)
 
     @property
     def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.states_read, 0.0))
+        return MappingProxyType(dict.fromkeys(self.sized, 0.0))
 
-    def added_rates(self, s: Any, p: Any) -> Mapping[str, Any]:
+    def added_rates(self, s: Any, rates: Sequence[Any], p: Any) -> Mapping[str, Any]:
         """Return what is added to the rate of each state: the jump times a triangle of area one in
         time, which sub-steps of ``width`` integrate exactly.
         """
@@ -83,6 +96,11 @@ class LostRows:
             lambda start: maximum(1.0 - absolute((s.time - start) / self.width), 0.0) / self.width,
             p.start,
         )
+        if self.free:
+            return {
+                name: rise * p.lost * rate
+                for name, rate in zip(self.states_read, rates, strict=False)
+            }
         return {name: rise * getattr(p, name) for name in self.states_read}
 
     def fitted_to(self, context: SearchContext) -> LostRows:
@@ -99,15 +117,17 @@ class LostRows:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all jumps at the begin of the record; later ones only shift the response."""
         values = {"start": context.begin + self.width, **self.absent}
-        return (Probe(values, self.states_read, shifts=True, sharp=True),)
+        return (Probe(values, self.sized, shifts=True, sharp=True),)
 
 
-def _lost_rows(states: Sequence[Signal]) -> LostRows:
+def _lost_rows(states: Sequence[Signal], free: bool) -> LostRows:
     moved = tuple((signal.name, signal.unit) for signal in states)
-    return LostRows(moved, tuple(_USUAL_JUMP.get(unit, 1.0) for _, unit in moved))
+    return LostRows(moved, tuple(_USUAL_JUMP.get(unit, 1.0) for _, unit in moved), free)
 
 
-VARIANTS: tuple[LostRows, ...] = (_lost_rows((Signal("alpha", "rad"), Signal("q", "rad/s"))),)
+VARIANTS: tuple[LostRows, ...] = (
+    _lost_rows((Signal("alpha", "rad"), Signal("q", "rad/s")), free=False),
+)
 
 
 def made_for(equations: Equations) -> tuple[LostRows, ...]:
@@ -116,4 +136,4 @@ def made_for(equations: Equations) -> tuple[LostRows, ...]:
     """
     if len(equations.states) > MOST_STATES:
         return ()
-    return (_lost_rows(equations.states),)
+    return (_lost_rows(equations.states, free=not equations.inputs),)

@@ -16,7 +16,14 @@ from sim.effects.sensor_path.lost_rows import MOST_STATES, LostRows, made_for
 from sim.record import Channel, Record
 from sim.vehicles.other_vehicles import Ballistic
 from sim.vehicles.uncoupled import Loes, ShortPeriod
-from tests.bases import Flight, fly_model, rigid_flight, rigid_model
+from tests.bases import (
+    Flight,
+    ballistic_flight,
+    ballistic_model,
+    fly_model,
+    rigid_flight,
+    rigid_model,
+)
 
 JUMP = {"lost-rows.alpha": 0.03, "lost-rows.q": -0.08}
 
@@ -71,6 +78,28 @@ def test_all_states_jump_and_a_step_of_the_record_is_their_width(
     assert form.width == 0.025
     assert form.sizes[0] == pytest.approx(0.4)
     assert len(equations.states) <= MOST_STATES
+
+
+def test_a_body_without_inputs_is_later_by_the_lost_time() -> None:
+    """The oracle flies through the gap and takes the rows behind it."""
+    model, flight = ballistic_model(), ballistic_flight()
+    (effect,) = made_for(model.equations)
+    assert [item.name for item in effect.parameters] == ["start", "lost"]
+    interval = float(flight.time[1] - flight.time[0])
+    row, rows = 40, 7
+    start = float(flight.time[row]) + 0.5 * interval
+    form = replace(effect, width=0.5 * interval)
+    known = {"lost-rows.start": start, "lost-rows.lost": rows * interval}
+    got = fly_model(
+        model.with_effects(form).with_values(known), replace(flight, max_step=0.125 * interval)
+    )
+    whole = fly_model(model, flight)
+    for row_got, row_whole in zip(got, whole, strict=True):
+        largest = np.max(np.abs(row_whole))
+        np.testing.assert_allclose(
+            row_got[row + 1 : -rows], row_whole[row + 1 + rows :], rtol=0.0, atol=1e-6 * largest
+        )
+        np.testing.assert_allclose(row_got[:row], row_whole[:row], rtol=1e-12)
 
 
 def test_lost_rows_are_traced_to_the_row() -> None:
