@@ -46,6 +46,10 @@ class Values:
         own = tuple({**mine, **one} for mine, one in zip(self.own, added, strict=True))
         return Values({**shared, **self.shared}, own, self.states)
 
+    def with_shared(self, shared: Mapping[str, float]) -> Values:
+        """Return the same with other values of shared parameters."""
+        return Values({**self.shared, **shared}, self.own, self.states)
+
 
 @dataclass(frozen=True, eq=False)
 class FitData:

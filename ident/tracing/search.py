@@ -207,10 +207,16 @@ class Search:
         return None if best is None else self.store(best)
 
     def fit_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """Return the set without one of its effects, fitted from the values of the others."""
+        """Return the set without one of its effects, fitted from the values of the others, and if
+        that loses much also with the derivatives of the first set: the effect may have moved them.
+        """
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
-        fitted = self.fit(effects, parent.fitted)
-        return None if fitted is None else self.store(fitted)
+        tries = [self.fit(effects, parent.fitted)]
+        if tries[0] is None or tries[0].fit.cost > parent.fitted.fit.cost + CLEAR_GAIN:
+            values = parent.fitted.values.with_shared(self.root.fitted.values.shared)
+            tries.append(self.fit(effects, parent.fitted, values=values))
+        best = min((each for each in tries if each), key=lambda each: each.fit.cost, default=None)
+        return None if best is None else self.store(best)
 
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """Return the set without one of its effects, stored or fitted now."""
