@@ -252,7 +252,7 @@ def test_wrong_paths_and_texts_are_refused_in_one_line(
         (lambda: fid.campaign("rigid", 2, jobs=-2), "jobs: -2 is no count"),
         (lambda: fid.campaign("rigid", 2, resume=wrong("no")), "resume: 'no' is neither True"),
         (lambda: fid.campaign("rigid", 2, time_limit=wrong("x")), "time_limit: 'x' is no number"),
-        (lambda: fid.structure({}, degree=wrong("two")), "degree: 'two' is no count"),
+        (lambda: fid.structure({}, "v.toml", degree=wrong("two")), "degree: 'two' is no count"),
         (lambda: fid.design("rigid", "bomber_rigid", size=wrong(3)), "size: 3 is no table"),
         (lambda: fid.design("rigid", "bomber_rigid", noise=wrong("x")), "noise: 'x' is no table"),
         (lambda: fid.design("rigid", "bomber_rigid", band=wrong(3)), "band: 3 is no band"),
