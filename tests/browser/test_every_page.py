@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from scenarios.report.document import Column, Number, Reproduction, section, table
+from scenarios.report.document import Page as Document
+from scenarios.report.folder import write_page
 from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
 from tests.browser.conftest import DESKTOP, PHONE
 from tests.browser.every_page import KINDS, make_pages
-from tests.browser.paper import words_of
+from tests.browser.paper import texts_of, words_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -126,3 +129,25 @@ def test_a_bad_page_is_found(chromium: Browser, axe: str) -> None:
     page.add_script_tag(content=axe)
     assert {"image-alt", "color-contrast"} <= {each["rule"] for each in faults(page)}
     page.close()
+
+
+@pytest.mark.skipif(which("pdftotext") is None, reason="no pdftotext (poppler-utils)")
+def test_the_head_of_a_long_table_is_on_every_sheet(chromium: Browser, tmp_path: Path) -> None:
+    count = 90
+    shown = table(
+        "long table",
+        (Column("measure"), [f"row-{at}" for at in range(count)]),
+        (Column("value", "1"), [Number(float(at)) for at in range(count)]),
+    )
+    document = Document(
+        *("Title", "kind", "converged", "good", "", (), ()),
+        section("Numbers", shown),
+        Reproduction(("flightid run rigid",)),
+    )
+    write_page(tmp_path, document)
+    page = chromium.new_page()
+    page.goto((tmp_path / "report.html").as_uri())
+    page.pdf(path=str(tmp_path / "page.pdf"), format="A4")
+    page.close()
+    sheets = [text for text in texts_of(tmp_path / "page.pdf") if "row-" in text]
+    assert len(sheets) > 1 and all("measure" in text for text in sheets)
