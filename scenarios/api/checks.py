@@ -589,4 +589,7 @@ def _place(name: str | None, names: Sequence[str], kind: str) -> int:
 
 
 def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
-    return tuple(map(float, [given] if isinstance(given, int | float) else given))
+    several: Any = given if isinstance(given, list | tuple) else [given]
+    for each in several:
+        tables.refuse_wrong_type("window", each, "float")
+    return tuple(map(float, several))

@@ -25,7 +25,7 @@ from scenarios.api.requests import (
     with_parts,
 )
 from scenarios.api.shown import path_given, write_report
-from scenarios.api.tables import names_of, told_in_python
+from scenarios.api.tables import band_of, names_of, refuse_wrong_type, told_in_python
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
 from scenarios.maneuver_design.report import design_text, verdict_of
@@ -191,6 +191,10 @@ def design(
     source = (
         source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
     )
+    if not isinstance(size, str):
+        refuse_wrong_type("size", size, "Mapping")
+    if given is not None and not isinstance(given, Path):
+        refuse_wrong_type("limits", given, "Mapping")
     text = size if isinstance(size, str) else ",".join(_texts(size))
     names = names_of(tell, "effect", "tell")
     return Design(
@@ -206,7 +210,7 @@ def design(
                 _texts(amplitude),
                 duration,
                 rate,
-                band,
+                band_of(band),
                 computer,
             )
         )

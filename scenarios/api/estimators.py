@@ -174,6 +174,7 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
     from scenarios.identification.identify import FIT_STEP
     from scenarios.identification.methods import FILTERS, estimated_by
     from scenarios.preparation.declared_model import outputs_with_bias, step_for
+    from scenarios.preparation.plausibility import refuse_too_few
 
     if not isinstance(model, Model | str | PathLike):
         what = f"a {type(model).__name__} is no model"
@@ -194,6 +195,7 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
         if any(signal.name in each.output_names for each in given)
     ]
     biased = declared.with_biases(outputs_with_bias(declared, outputs))
+    refuse_too_few(given, declared)
     settings = FitSettings(step_for(biased, given, FIT_STEP), use_priors=priors)
     return estimated_by(given, biased, outputs, method, settings, DEFAULT_OPTIONS)[1]
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from scenarios.api.tables import refuse_wrong_type
 from scenarios.files.declarations import (
     CHANNEL_UNITS,
     STICK,
@@ -641,6 +642,7 @@ def opened_source(
     Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
     DeclarationError.
     """
+    refuse_wrong_type("units", units, "Mapping | None")
     content, facts = unpacked(source)
     known = {**facts.units, **(units or {})}
     held = plan_of(hold=facts.hold if hold is None else hold).hold

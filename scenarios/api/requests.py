@@ -244,7 +244,7 @@ def plan_from(
     """Return the plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns``
     names with commas or as a list.
     """
-    names = columns if columns is None or isinstance(columns, str) else ",".join(columns)
+    names = None if columns is None else ",".join(tables.names_of(columns, "column", "columns"))
     return plan_of(
         _times(start), _times(stop), hold, rate, lowpass, trusted=trust_record, columns=names
     )
@@ -256,9 +256,11 @@ def with_parts(request: Request, asked: Named, found: Found) -> Request:
     """
     from scenarios.preparation.plan import DeclaredParts, with_maneuvers
 
-    several: list[int | str] = (
-        [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
-    )
+    listed: Any = [] if asked is None else [asked] if isinstance(asked, int | str) else asked
+    if not isinstance(listed, list | tuple) or not all(isinstance(e, int | str) for e in listed):
+        remedy = "give a number or a name, or a list of them"
+        raise DeclarationError(f"{asked!r:.60} is no maneuver", where="maneuver", remedy=remedy)
+    several: list[int | str] = [*listed]
     file = Path(found) if isinstance(found, str | PathLike) else getattr(found, "parts", found)
     if not (file is None or isinstance(file, Path | DeclaredParts)):
         what = f"a {type(found).__name__} holds no maneuvers"

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import numpy as np
 
 from scenarios.report.summary import columns_of, table_lines, wrapped
 from sim.errors import DeclarationError, FlightidError
@@ -86,14 +90,58 @@ def in_python() -> Iterator[None]:
 
 
 def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function whose error messages name keywords instead of options."""
+    """Return a function whose error messages name keywords instead of options.
+
+    Arguments are checked by their annotations before the function is called.
+    """
+    signature = inspect.signature(function)
+    declared = {name: str(each.annotation) for name, each in signature.parameters.items()}
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
         with in_python():
+            # A call that does not suit the function is for Python itself to refuse.
+            named = {**dict(zip(declared, args, strict=False)), **kwargs}
+            for name in named.keys() & declared.keys():
+                refuse_wrong_type(name, named[name], declared[name])
             return function(*args, **kwargs)
 
     return told
+
+
+def refuse_wrong_type(name: str, value: Any, declared: str) -> None:
+    """Raise DeclarationError for a value that is not of the declared kind.
+
+    Parameters
+    ----------
+    name : of the argument.
+    value : as the caller gave it.
+    declared : its annotation: truth values, numbers, counts, seeds, texts, tables and functions are
+        checked, and any other kind is left to the function.
+    """
+    kinds = [each.strip() for each in declared.split("|")]
+    if value is None and "None" in kinds:
+        return
+    what = remedy = ""
+    if kinds == ["bool"] and not isinstance(value, bool | np.bool_):
+        what, remedy = "neither True nor False", "give True or False"
+    elif kinds[0] == "int" and (not _is_number(value, Integral) or value < 0):
+        what = "no seed" if name == "seed" else "no count"
+        remedy = "give a whole number, zero or more"
+    elif kinds in (["float"], ["float", "None"]) and not _is_number(value, Real):
+        what, remedy = "no number", "give a number"
+    elif kinds in (["str"], ["str", "None"]) and not isinstance(value, str):
+        what, remedy = "no text", "give a text"
+    elif kinds[0].startswith("Mapping") and not isinstance(value, Mapping):
+        what, remedy = "no table", "give values by name, in braces"
+    elif kinds[0].startswith("Callable") and not callable(value):
+        what, remedy = "no function", "give a function"
+    if what:
+        raise DeclarationError(f"{value!r:.60} is {what}", where=name, remedy=remedy)
+
+
+def _is_number(value: Any, kind: type) -> bool:
+    return isinstance(value, kind) and not isinstance(value, bool | np.bool_)
 
 
 def names_of(

@@ -4,9 +4,11 @@ files.
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from scenarios.files.aircraft_files import (
     source_of_content,
     toml_text,
 )
-from scenarios.files.declarations import read_toml_source, toml_of
+from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.schemas import is_quantity
 from scenarios.files.sources import Source
 from sim.errors import DeclarationError
@@ -129,7 +131,8 @@ def vehicle(
 
     Raises
     ------
-    InputError : there is no such file or vehicle, or it is no TOML.
+    InputError : there is no such file or vehicle, or it is no TOML; a keyword is no key of a
+        vehicle file, or its value is no number.
 
     Examples
     --------
@@ -141,7 +144,7 @@ def vehicle(
     if isinstance(source, Vehicle) and not numbers:
         return source
     if source is None:
-        return Vehicle(numbers)
+        return Vehicle(_over({}, numbers))
     if isinstance(source, Vehicle | Mapping):
         content = source.content if isinstance(source, Vehicle) else source
         return Vehicle(_over(content, numbers))
@@ -151,6 +154,57 @@ def vehicle(
     read = read_toml_source(path)
     content = toml_of(read)
     return Vehicle(_over(content, numbers)) if numbers else Vehicle(content, read)
+
+
+CLOSE = 0.85  # likeness of a misspelt key; mass_1 of a model of one's own is less like mass
+TEXTS = ("name", "model", "aircraft_class", "flight_phase", "attitude", "wind")
+
+
+@cache
+def _known_keys() -> frozenset[str]:
+    """Keys of the vehicle files of all built-in models."""
+    from scenarios.files.aircraft_files import aircraft_schema
+    from scenarios.files.schemas import SCHEMAS
+
+    schemas = (aircraft_schema(), *SCHEMAS.values())
+    keys = {key for each in schemas for key in each.model_fields}
+    return frozenset({*keys, "aerodynamics", "model", "uncertainty", *CONSTRAINTS})
+
+
+def _refuse_wrong(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
+    """Raise DeclarationError for a keyword that is no key of a vehicle file, or is no number.
+
+    A model of one's own names its constants as it likes: where nothing says that the vehicle is for
+    a built-in model, only a name much like a known one is refused.
+    """
+    known, title = _known_keys(), str(numbers.get("name", content.get("name", "vehicle")))
+    built_in = bool(content) and content.keys() <= known
+    for key, value in numbers.items():
+        where = f"{title}, key {key}"
+        allowed = {*known, *content}
+        near = difflib.get_close_matches(key, allowed, n=1, cutoff=CLOSE)
+        if key not in allowed and (built_in or near):
+            raise DeclarationError(
+                "there is no such key", where=where, remedy=closest(key, sorted(allowed))
+            )
+        if key not in TEXTS and isinstance(value, str | bool):
+            _refuse_no_number(value, where)
+        if key == STARTS:
+            if not isinstance(value, Mapping):
+                remedy = 'give the starts by name: {"Cm_q": -28.0}'
+                raise DeclarationError("this is no table", where=where, remedy=remedy)
+            for name, start in value.items():
+                if isinstance(start, str | bool):
+                    _refuse_no_number(start, f"{title}, key {key}.{name}")
+
+
+def _refuse_no_number(value: str | bool, where: str) -> None:
+    if isinstance(value, bool) or not is_quantity(value):
+        raise DeclarationError(
+            f"{value!r:.60} is not a number with a unit",
+            where=where,
+            remedy='give a number in SI and radians, or a text such as "1.5 m"',
+        )
 
 
 def _path_of(given: Any) -> Path:
@@ -170,7 +224,8 @@ def source_of(given: Any, model: str) -> Source | None:
 
 
 def _over(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content with ``numbers`` replaced; tables key by key."""
+    """Return the content with ``numbers`` replaced; tables key by key. Raises DeclarationError."""
+    _refuse_wrong(content, numbers)
     merged = {
         key: {**content[key], **value}
         if isinstance(value, Mapping) and isinstance(content.get(key), Mapping)

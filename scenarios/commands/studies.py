@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
+from scenarios.files.user_models import AIRCRAFT_SUFFIX
 from scenarios.files.writing import write_text
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
@@ -272,10 +274,21 @@ def simulate(
         if whole is not None:
             return whole(what, out, seed, changes)
         record = flown_record(what, seed, changes)
+        named = _flown_vehicle(what)
+        vehicle = out.parent / f"{out.stem}_vehicle.toml"
+        own = named.endswith(AIRCRAFT_SUFFIX)  # a file, which goes with the record
         with files_together(out) as scratch:
             written = write_record(scratch, record, out.stem, simulated=True)
-        print(f"written: {out.name}{_flown_vehicle(what)}")
-        return [out.parent / path.name for path in written]
+            if own:
+                write_text(scratch / vehicle.name, Path(named).read_text(encoding="utf-8"))
+        if own:
+            command = ["identify", str(out), "--model", "aircraft", "--vehicle", str(vehicle)]
+            print(f"written: {out.name} and {vehicle.name} (for --vehicle), with true values")
+            print(f"next: flightid {shlex.join(command)}")
+        else:
+            words = f"; --vehicle {named} names its vehicle, with true values" if named else ""
+            print(f"written: {out.name}{words}")
+        return [*(out.parent / path.name for path in written), *([vehicle] if own else [])]
     except OSError as error:
         raise FlightidError(
             f"cannot be written ({error.strerror})",
@@ -285,14 +298,16 @@ def simulate(
 
 
 def _flown_vehicle(name: str) -> str:
-    """Return words on the vehicle of a scenario of identification; empty for other scenarios."""
+    """Return the vehicle of a scenario of identification: a name of the library, or the path of an
+    aircraft's file; empty for other scenarios, and for a model of one's own.
+    """
     from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_kind
 
     if scenario_kind(name) != IDENTIFICATION:
         return ""
     vehicle = load_scenario(name).flight.vehicle
     own = vehicle.endswith(".py")  # a model, whose values are in the scenario
-    return "" if own else f"; --vehicle {vehicle} names its vehicle, with true values"
+    return "" if own else vehicle
 
 
 def files_text(files: Sequence[Path]) -> str:

@@ -67,7 +67,7 @@ START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
 
 
 @cache
-def _schema() -> type[BaseModel]:
+def aircraft_schema() -> type[BaseModel]:
     """Return the keys of a file with their units, without its tables of terms."""
     from scenarios.files.schemas import number_of, table_of
 
@@ -131,7 +131,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     content.pop("uncertainty", None)  # read with all other vehicle files
     coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)
     laid_down = {key: content.pop(key) for key in CONSTRAINTS if key in content}
-    vehicle = checked(_schema(), content, path).model_dump(exclude_none=True)
+    vehicle = checked(aircraft_schema(), content, path).model_dump(exclude_none=True)
     _refuse_names(vehicle, path)
     signals_of = _declared(vehicle, {}, path.stem)
     terms = {

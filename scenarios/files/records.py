@@ -20,6 +20,7 @@ from scenarios.files.measured.columns import (
     SourceColumn,
     column_place,
     find_column,
+    map_command,
     missing_column,
     named_otherwise,
     read_record_file,
@@ -129,8 +130,7 @@ def read_with_notes(
     ]
     notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
-        choice = (channel_map or {}).get(name)
-        chosen_hold = (choice.hold if choice is not None else None) or hold_as
+        chosen_hold = getattr((channel_map or {}).get(name), "hold", None) or hold_as
         channel, note = _input(table, _there(columns[name]), window, chosen_hold)
         inputs.append(channel)
         notes += [note] if note else []
@@ -214,7 +214,7 @@ def refuse_without_clock(file: RecordFile) -> None:
     topics without a channel map.
     """
     if file.topics:
-        remedy = "name its channels with a channel map; flightid map drafts one"
+        remedy = f"name its channels with a channel map; {map_command(file.path)} drafts one"
         raise RecordError(
             f"a log of {len(file.topics)} topics", where=str(file.path), remedy=remedy
         )

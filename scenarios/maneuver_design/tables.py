@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -21,7 +22,7 @@ from scenarios.report.document import (
     formatted,
     table,
 )
-from scenarios.report.quantities import shown_in, spaced, span_text
+from scenarios.report.quantities import number_text, shown_in, spaced, span_text
 
 # ---- Phrases
 
@@ -157,7 +158,7 @@ def maneuvers_table(design: DesignResult) -> Table:
     for name in setting.rest:
         peaks = [_level(design, name, peaks_of(design, each)[name]) for each in some]
         columns.append((Column(f"peak {name}", PURE), peaks))
-    shares = [formatted(100.0 * each.criterion, ".3g") for each in some]
+    shares = [_three_digits(100.0 * each.criterion) for each in some]
     columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
     if with_rivals:
         likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
@@ -190,13 +191,20 @@ def contest_table(design: DesignResult, caption: str) -> Table:
     )
 
 
+def _three_digits(value: float) -> Cell:
+    """Return a number with three digits, the zeros at its end among them."""
+    if not math.isfinite(value):
+        return formatted(value, "")
+    return Number(value, shown=number_text(value, 0.1 * abs(value)))
+
+
 def sigmas_table(design: DesignResult, caption: str) -> Table:
     """Expected standard deviations by parameter and maneuver."""
     parameters, names = design.setting.model.parameters, list(design.best.sigmas)
 
     def sigma(name: str, std: float) -> Cell:
         known = std < 1e3 * max(abs(parameters[name].value), 1e-3)
-        return formatted(std, ".2g") if known else UNDETERMINED
+        return Number(std, shown=number_text(std, std)) if known else UNDETERMINED
 
     return table(
         caption,

@@ -101,7 +101,13 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
             [low, high], [y, y], "-", color=BLUE, linewidth=1.2, label="95 % interval of the share"
         )
         share.plot(
-            [row.within_two], [y], "o", color=BLACK, markersize=4.5, label="share of the runs"
+            [row.within_two],
+            [y],
+            "o",
+            color=BLACK,
+            markersize=4.5,
+            label="share of the runs",
+            clip_on=False,
         )
     errors.set_yticks(range(n), labels[::-1])
     share.set_yticks(range(n), [""] * n)
@@ -175,7 +181,15 @@ def figure_coverage(
                 linewidth=1.4,
                 label=said,
             )
-            panel.plot([share], [y], "o", color=BLACK, markersize=4.0, label="share of the runs")
+            panel.plot(
+                [share],
+                [y],
+                "o",
+                color=BLACK,
+                markersize=4.0,
+                label="share of the runs",
+                clip_on=False,
+            )
         panel.set_yticks(range(n), labels[::-1] if at == 0 else [""] * n)
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.set_ylim(-0.6, n - 0.4)

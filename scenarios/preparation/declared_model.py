@@ -400,6 +400,19 @@ def vehicle_text(draft: Draft) -> str:
         return _BALLISTIC.format(name=quoted(draft.file.path.stem))
     if model == "multirotor":
         return _MULTIROTOR.format(name=quoted(draft.file.path.stem))
+    if model == "aircraft":
+        found = {guess.channel for guess in draft.guesses if not guess.fault}
+        return _AIRCRAFT.format(
+            name=quoted(draft.file.path.stem),
+            surfaces="\n".join(
+                f'{name} = "rad"' for name in ("elevator", "aileron", "rudder") if name in found
+            ),
+            thrust="thrust" if "thrust" in found else "none",
+            **{
+                name: f'# "{name}" = ...\n' if name in found else ""
+                for name in ("aileron", "rudder")
+            },
+        )
     speed = next(
         (
             0.5 * (guess.least + guess.most)
@@ -450,6 +463,45 @@ gravity = 9.80665  # m/s2
 [derivatives]  # where the search starts
 # beta = ...  # kg/m2: mass / (drag coefficient * area)
 """  # noqa: E501
+_AIRCRAFT = """# Draft of a vehicle file for --model aircraft. Take the # from each line and give its number.
+model = "aircraft"
+name = {name}
+# mass = ...  # kg, or a text with a unit: mass = "17.6 t"
+# wing_area = ...  # m2
+# chord = ...  # m
+# span = ...  # m
+# roll_inertia = ...  # kg m2
+# pitch_inertia = ...  # kg m2
+# yaw_inertia = ...  # kg m2
+# cross_inertia = ...  # kg m2
+# air_density = ...  # kg/m3 at the height of the flight
+# airspeed = ...  # m/s, a typical one
+[surfaces]
+{surfaces}
+[thrust]
+input = "{thrust}"  # "thrust" where the record has it, in N; else "none"
+[aerodynamics.CD]  # terms and where the search starts; 30 % wrong will do
+# "1" = ...
+# "alpha" = ...
+[aerodynamics.CY]
+# "beta" = ...
+{rudder}[aerodynamics.CL]
+# "1" = ...
+# "alpha" = ...
+# "elevator" = ...
+[aerodynamics.Cl]
+# "beta" = ...
+# "p" = ...
+# "r" = ...
+{aileron}[aerodynamics.Cm]
+# "1" = ...
+# "alpha" = ...
+# "q" = ...
+# "elevator" = ...
+[aerodynamics.Cn]
+# "beta" = ...
+# "r" = ...
+{rudder}"""  # noqa: E501
 _MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
 name = {name}
 [derivatives]  # where the search starts; what is left out is held at zero

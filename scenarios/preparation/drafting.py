@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.recording.missing_samples import fill_value
-from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, is_clock, split_header
 from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import RecordFile, split_at
@@ -44,6 +44,7 @@ MOST_UNUSED = 60  # columns of a log that are listed without a channel
 COMMENT_WIDTH = 100  # characters of a line of a draft
 EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
+ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}  # beside an aileron or a rudder
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
@@ -143,10 +144,11 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     tried = _tried(file, result, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
-    names = [
-        f"{topic.name}.{cell}" if topic.name else cell
+    names = [  # without clocks, which are used although no channel is made of them
+        _path(topic, cell)
         for topic in topics
         for cell in topic.table.header
+        if not is_clock(split_header(cell)[0])
     ]
     return Draft(
         file,
@@ -473,9 +475,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
             {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
         )
         groups.setdefault(frozenset(used), []).append(guess)
-    result: dict[str, Guess] = {
-        channel: guess for guess in guesses if (channel := guess.channel) == TIME
-    }
+    result = {guess.channel: guess for guess in guesses if guess.channel == TIME}
     for some in groups.values():
         result |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
     return [result[guess.channel] for guess in guesses]
@@ -524,15 +524,14 @@ def _summary(topic: Topic) -> TopicSummary:
 def _model_for(channels: set[str]) -> str:
     if {"roll_command", "pitch_command", "yaw_command"} & channels and {"p", "q", "r"} & channels:
         return "multirotor"
+    if channels >= ALL_AXES and {"aileron", "rudder"} & channels:
+        return "aircraft"
     if "elevator" in channels and {"q", "alpha", "nz", "az"} & channels:
         return "longitudinal" if {"airspeed", "theta", "thrust"} <= channels else "rigid"
     if {"aileron", "rudder"} & channels and {"p", "r", "beta"} & channels:
         return "lateral"
-    return (
-        "ballistic"
-        if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"}
-        else ""
-    )
+    falls = channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"}
+    return "ballistic" if falls else ""
 
 
 def _path(topic: Topic, cell: str) -> str:

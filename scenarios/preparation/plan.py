@@ -155,9 +155,9 @@ def _hold_of(word: str) -> Hold:
     from sim.record import Hold
 
     kinds = {kind.value: kind for kind in Hold}
-    if word not in kinds:
+    if not isinstance(word, str) or word not in kinds:
         raise DeclarationError(
-            f"there is no hold {word!r}", where="--hold", remedy=f"use {' or '.join(kinds)}"
+            f"there is no hold {word!r:.60}", where="--hold", remedy=f"use {' or '.join(kinds)}"
         )
     return kinds[word]
 

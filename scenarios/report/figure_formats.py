@@ -29,7 +29,11 @@ def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
     """
     if isinstance(figures, bool):
         return USUAL if figures else ()
-    return formats_of([figures] if isinstance(figures, str) else list(figures) or [NONE])
+    names = [figures] if isinstance(figures, str) else figures
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
+        remedy = f"give True, False, or names of formats: {', '.join(FORMATS)}"
+        raise DeclarationError(f"{figures!r:.60} names no format", where="figures", remedy=remedy)
+    return formats_of([*names] or [NONE])
 
 
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:

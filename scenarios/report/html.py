@@ -36,6 +36,7 @@ from scenarios.report.summary import NEXT
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from markupsafe import Markup
 
 SCHEMA = "flightid/report/1"
 _LARGEST_REQUEST = 1_000_000  # upper limit of digits and rows in a page's document
@@ -416,7 +417,7 @@ def _template() -> Template:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {
-        "signs": signs,
+        "signs": _signs,
         "capital": capital,
         "sentence": as_sentence,
         "kind": _kind,
@@ -431,6 +432,17 @@ def _template() -> Template:
 
 
 _QUOTED = re.compile(r"`([^`\n]+)`")  # words of code in a text
+
+
+# an option of a command, and a maneuver of that name, in a text
+_WHOLE = re.compile(r"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1)")
+
+
+def _signs(text: str) -> Markup:
+    """Return a text with the signs of books, with options and 3-2-1-1 on one line each."""
+    from markupsafe import Markup, escape
+
+    return Markup(_WHOLE.sub(r'<span class="word">\1</span>', str(escape(signs(text)))))
 
 
 def _kind(block: Block) -> str:

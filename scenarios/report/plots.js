@@ -160,6 +160,8 @@
         return { show: !this.off.has(curve.label), stroke, width: curve.kind === "points" ? 0 : Math.max(1, curve.width * 1.1), dash: curve.dash, points, ...(curve.kind === "points" ? { paths: () => null } : curve.kind === "held" ? { paths: uPlot.paths.stepped({ align: 1 }) } : {}) };
       })];
       const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif" };
+      // uPlot itself rounds to three decimals: 0.0025 would be 0.003, and 0.0004 would be 0.
+      const linear = { values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(6)))) };
       const logarithmic = { splits: (u, axis, low, high) => decades(low, high), filter: (u, splits) => named(splits), values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(3)))) };
       const full = () => this.full.get(group);
       return {
@@ -171,8 +173,8 @@
           y: { ...(panel.logY ? { distr: 3 } : {}), range: (u, low, high) => this.heights(panel, low, high) },
         },
         axes: [
-          { ...axis, ...(panel.logX ? logarithmic : {}), size: panel.x ? 44 : 14, label: panel.x || undefined, labelSize: 18, labelFont: "12px system-ui, sans-serif", ...(panel.x ? {} : { values: (u, splits) => splits.map(() => "") }) },
-          { ...axis, ...(panel.logY ? logarithmic : { space: 20 }), size: 62 },
+          { ...axis, ...(panel.logX ? logarithmic : linear), size: panel.x ? 44 : 14, label: panel.x || undefined, labelSize: 18, labelFont: "12px system-ui, sans-serif", ...(panel.x ? {} : { values: (u, splits) => splits.map(() => "") }) },
+          { ...axis, ...(panel.logY ? logarithmic : { ...linear, space: 15 }), size: 62 },
         ],
         hooks: {
           setSelect: [(u) => { if (u.select.width > 3) this.show(group, u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")); u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); }],

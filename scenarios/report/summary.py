@@ -436,6 +436,8 @@ def _content(level: ModeLevel) -> dict[str, Any]:
 # ---- The summary that every study begins with
 
 MOST_NAMED_NUMBERS = 3  # numbers that a summary names
+# of many coefficients those that a reader asks for, not the constant of drag
+NAMED_FIRST = ("CL_alpha", "Cm_alpha", "Cm_q")
 BELOW = "below; --out FOLDER keeps them"
 PAGE = "report.html"  # in the folder of every study
 TEXT = "study.txt"  # terminal output and details
@@ -488,13 +490,15 @@ def value_phrase(name: str, value: float, std: float, unit: str) -> str:
 def result_phrase(
     values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
 ) -> str:
-    """Return the quantities that follow from the parameters, if any, and the first parameters
-    (name, value, sigma, unit), ``MOST_NAMED_NUMBERS`` in all.
+    """Return the quantities that follow from the parameters, if any, and parameters (name, value,
+    sigma, unit), ``MOST_NAMED_NUMBERS`` in all: ``NAMED_FIRST`` and then in their order.
     """
+    values = sorted(values, key=lambda each: each[0] not in NAMED_FIRST)
     follows = derived_line(dict(list(derived.items())[:MOST_NAMED_NUMBERS]))
     room = MOST_NAMED_NUMBERS - min(len(derived), MOST_NAMED_NUMBERS)
     named = [value_phrase(*each) for each in values[:room]]
-    more = f"; {len(values) - room} more" if named and len(values) > room else ""
+    rest = len(values) - room
+    more = f"; {rest} more in the table" if named and rest > 0 else ""
     return "; ".join([*([follows] if follows else []), *named]) + more
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ident.frequency_response import EvenSignals
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
-from scenarios.files.measured.columns import RecordFile, with_names
+from scenarios.files.measured.columns import RecordFile, map_command, with_names
 from scenarios.files.measured.grid import stated_unit
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.filtering import SHORTEST_GAP, filtered, split_at_gaps
@@ -193,7 +193,7 @@ def _read(
     )
     missing = [name for name in names.outputs if name not in record.output_names]
     if missing:
-        remedy = "flightid map FILE lists its columns"
+        remedy = f"{map_command(file.path)} lists its columns"
         raise RecordError(f"there is no column {missing[0]!r}", where=str(file.path), remedy=remedy)
     return record, [f"{record.name}: {note}" for note in notes]
 

@@ -81,7 +81,7 @@ def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
 
     columns = [
         (
-            Column(name.replace("alpha", "al").replace("delta", "de"), PURE),
+            Column(name, PURE, printed=name.replace("alpha", "al").replace("delta", "de")),
             [cell(i, j) for i in range(len(names))],
         )
         for j, name in enumerate(names)

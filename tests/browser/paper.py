@@ -8,6 +8,11 @@ from pathlib import Path
 
 def words_of(path: Path) -> list[int]:
     """Words on each page of a PDF."""
+    return [len(text.split()) for text in texts_of(path)]
+
+
+def texts_of(path: Path) -> list[str]:
+    """The text of each page of a PDF."""
     told = subprocess.run(["pdfinfo", path], check=True, capture_output=True, text=True).stdout
     count = int(told.partition("Pages:")[2].split()[0])
     asked = (
@@ -15,4 +20,4 @@ def words_of(path: Path) -> list[int]:
         for number in range(1, count + 1)
     )
     printed = (subprocess.run(each, check=True, capture_output=True, text=True) for each in asked)
-    return [len(each.stdout.split()) for each in printed]
+    return [each.stdout for each in printed]

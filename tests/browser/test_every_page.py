@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from scenarios.report.document import Column, Number, Reproduction, section, table
+from scenarios.report.document import Page as Document
+from scenarios.report.folder import write_page
 from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
 from tests.browser.conftest import DESKTOP, PHONE
 from tests.browser.every_page import KINDS, make_pages
-from tests.browser.paper import words_of
+from tests.browser.paper import texts_of, words_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -23,6 +26,9 @@ SERIOUS = ("serious", "critical")
 LARGEST = 3_000_000  # bytes of a page
 # Their figures are bars, dots or tables in a picture, in which there is nothing to zoom into.
 STILL = ("campaign", "survey")
+# Captions of tables of which a part is out of sight on a wide screen.
+CUT_TABLES = """[...document.querySelectorAll('.wide')]
+  .filter(table => table.scrollWidth > table.clientWidth + 1).map(table => table.ariaLabel)"""
 BROKEN = (
     "<html><head><title>x</title></head><body>"
     '<img src="data:image/gif;base64,R0lGODlhAQABAAAAACw="><p style="color:#ccc">pale</p></body>'
@@ -99,6 +105,7 @@ def test_a_page_of_each_kind(
     assert paint < FIRST_PAINT, f"first paint after {paint:.0f} ms"
     page.add_script_tag(content=axe)
     assert fits(page) and ground(page) > 600 and faults(page) == []
+    assert page.evaluate(CUT_TABLES) == []
     assert (page.locator("figure[data-plot]").count() == 0) == (kind in STILL)
     if kind not in STILL:
         figures_answer(page)
@@ -122,3 +129,25 @@ def test_a_bad_page_is_found(chromium: Browser, axe: str) -> None:
     page.add_script_tag(content=axe)
     assert {"image-alt", "color-contrast"} <= {each["rule"] for each in faults(page)}
     page.close()
+
+
+@pytest.mark.skipif(which("pdftotext") is None, reason="no pdftotext (poppler-utils)")
+def test_the_head_of_a_long_table_is_on_every_sheet(chromium: Browser, tmp_path: Path) -> None:
+    count = 90
+    shown = table(
+        "long table",
+        (Column("measure"), [f"row-{at}" for at in range(count)]),
+        (Column("value", "1"), [Number(float(at)) for at in range(count)]),
+    )
+    document = Document(
+        *("Title", "kind", "converged", "good", "", (), ()),
+        section("Numbers", shown),
+        Reproduction(("flightid run rigid",)),
+    )
+    write_page(tmp_path, document)
+    page = chromium.new_page()
+    page.goto((tmp_path / "report.html").as_uri())
+    page.pdf(path=str(tmp_path / "page.pdf"), format="A4")
+    page.close()
+    sheets = [text for text in texts_of(tmp_path / "page.pdf") if "row-" in text]
+    assert len(sheets) > 1 and all("measure" in text for text in sheets)

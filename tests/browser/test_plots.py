@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from scenarios.plots.drawing import draw_for_page
+from scenarios.plots.style import make_sheet
 from scenarios.report.document import Page as Document
 from scenarios.report.document import Reproduction, section
 from scenarios.report.folder import figures, write_page
@@ -159,6 +160,36 @@ def test_a_logarithmic_axis_begins_anywhere(page: Page, over_frequency: Path) ->
     page.get_by_role("button", name="Curve: upright").click()
     page.mouse.move(0, 0)
     assert panel.screenshot() != before
+
+
+DRAWN_TEXTS = """window.drawn = [];
+const write = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  window.drawn.push(text);
+  return write.call(this, text, ...place);
+};"""
+
+
+def test_ticks_of_small_values_keep_their_digits(page: Page, tmp_path: Path) -> None:
+    sheet = make_sheet([1.0])
+    time = np.linspace(0.0, 8.0, 81)
+    sheet.panels[0].plot(time, 0.00045 * np.sin(time), label="small")
+    drawn = draw_for_page([("small", lambda: sheet.figure)], tmp_path, ())
+    document = Document(
+        *("Figures", "Study of figures", "converged", "good", "", (), ()),
+        section("Figures", *figures(drawn)),
+        Reproduction(("flightid run rigid",)),
+    )
+    write_page(tmp_path, document)
+    page.add_init_script(DRAWN_TEXTS)
+    page.goto((tmp_path / "report.html").as_uri())
+    page.locator("#figure-small canvas").wait_for()
+    ticks = [
+        float(text) for text in page.evaluate("window.drawn") if text and text[0] in "-0123456789"
+    ]
+    small = {abs(tick) for tick in ticks if 0.0 < abs(tick) < 0.01}
+    # uPlot by itself writes three decimals, so that all of these would read 0.
+    assert small and max(small) < 0.001
 
 
 @pytest.fixture(scope="module")

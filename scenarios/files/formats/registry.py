@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import contextlib
 import gzip
+import hashlib
 import importlib
 import io
 import logging
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
+from scenarios.files.declarations import is_clock, split_header
 from scenarios.files.formats.cells import (
     MISSING,
     CellTable,
@@ -32,7 +34,14 @@ from scenarios.files.formats.cells import (
     first_line,
     is_number,
 )
-from scenarios.files.sources import MOST_RECORD, Source, refuse_oversized, too_large
+from scenarios.files.sources import (
+    MOST_RECORD,
+    InputFile,
+    Source,
+    read_source,
+    refuse_oversized,
+    too_large,
+)
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
@@ -296,3 +305,75 @@ def _unpacked(path: Path, raw: bytes) -> bytes:
 
 def _gzip(content: io.BytesIO) -> gzip.GzipFile:
     return gzip.GzipFile(fileobj=content)
+
+
+# ---- A folder with one CSV file a channel, read as one log
+
+# Headers that say nothing: the channel has the name of its file.
+NAMELESS = ("", "value", "values", "data", "y", "reading", "signal", "column 2")
+MOST_CHANNELS = 1000  # files of a folder
+
+
+def opened_folder(folder: Path) -> tuple[Source, tuple[Topic, ...]] | None:
+    """The files of a folder as topics of one log, each with its own clock.
+
+    Parameters
+    ----------
+    folder : holds one CSV file for each channel: a column of time and one of values. A channel is
+        named by its header, or by its file where the header says ``value``.
+
+    Returns
+    -------
+    What stands for the file of the record (its content is that of all files, one after the other),
+    and the topics; None if it is no folder, or holds no CSV file.
+
+    Raises
+    ------
+    RecordError : a file holds anything but a time and one channel, or two hold the same channel.
+    """
+    paths = sorted(folder.glob("*.csv")) if folder.is_dir() else []
+    if not paths:
+        return None
+    if len(paths) > MOST_CHANNELS:
+        raise RecordError(
+            f"this is a folder of {len(paths)} CSV files",
+            where=str(folder),
+            remedy="name one of them",
+        )
+    sources = [read_source(path, RecordError, "the record file", MOST_RECORD) for path in paths]
+    topics = tuple(_channel(folder, source) for source in sources)
+    names = [header for topic in topics for header in topic.table.header[1:]]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordError(
+            f"two files of this folder hold {twice!r}: they are records of their own",
+            where=str(folder),
+            remedy="name one of them",
+        )
+    content = b"".join(source.content for source in sources)
+    identity = InputFile(folder.name, hashlib.sha256(content).hexdigest())
+    return Source(folder, content, identity), topics
+
+
+def _channel(folder: Path, source: Source) -> Topic:
+    """Return a file as a topic, the time first. Raises RecordError if it is no single channel."""
+    topics = topics_of(source)
+    header, columns = topics[0].table.header, topics[0].table.columns
+    clocks = [at for at, cell in enumerate(header) if is_clock(split_header(cell)[0])]
+    if len(topics) != 1 or len(header) != 2 or len(clocks) != 1:
+        raise RecordError(
+            f"this is a folder, and {source.path.name} is not a table of time and one channel",
+            where=str(folder),
+            remedy="name one of its files, or join them to one table with a column time",
+        )
+    order, table, stem = (clocks[0], 1 - clocks[0]), topics[0].table, source.path.stem
+    name, unit = split_header(header[order[1]])
+    units = tuple(table.units[at] for at in order) if table.units else ("", "")
+    channel = stem if name.strip().lower() in NAMELESS else name
+    table = replace(
+        table,
+        header=(header[order[0]], channel),
+        columns=tuple(columns[at] for at in order),
+        units=(units[0], unit or units[1]),
+    )
+    return replace(topics[0], name=stem, table=table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from scenarios.files.declarations import CHANNEL_UNITS, STICK, ColumnChoice, closest, split_header
 from scenarios.files.formats.cells import CellTable, Topic
-from scenarios.files.formats.registry import topics_of
+from scenarios.files.formats.registry import opened_folder, topics_of
 from scenarios.files.sources import (
     MOST_RECORD,
     DocumentError,
@@ -185,13 +186,18 @@ def named_otherwise(
     )
 
 
+def map_command(file: str | Path) -> str:
+    """Return the command that drafts a channel map of a file, as it is typed."""
+    return f"flightid map {shlex.quote(str(file))}"
+
+
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
     """Return the error for a channel that a model cannot do without."""
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = (
         f"name the column {channel}, or give --channels a map with {channel} = {{column = "
-        f'"HEADER"}}; flightid map FILE drafts one'
+        f'"HEADER"}}; {map_command(file)} drafts one'
     )
     if header and header[0] == "column 1":  # the file has no header
         remedy = (
@@ -442,15 +448,20 @@ class RecordFile:
 
 
 def read_record_file(path: str | Path) -> RecordFile:
-    """Open a record file of any of our formats and its sidecar, each once.
+    """Open a record file of any of our formats, or a folder with one CSV file a channel, and its
+    sidecar, each once.
 
     Raises
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
         the sidecar says what cannot be used.
     """
-    source = read_source(path, RecordError, "the record file", MOST_RECORD)
-    topics = topics_of(source)
+    folder = opened_folder(Path(path))
+    if folder is None:
+        source = read_source(path, RecordError, "the record file", MOST_RECORD)
+        topics = topics_of(source)
+    else:
+        source, topics = folder
     sidecar = read_sidecar(source.path)
     if len(topics) == 1:
         return RecordFile(

@@ -9,7 +9,7 @@ import numpy as np
 
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, closest, split_header
 from scenarios.files.formats.cells import CellTable, Topic, numbers
-from scenarios.files.measured.columns import RecordFile, inside_unit
+from scenarios.files.measured.columns import RecordFile, inside_unit, map_command
 from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
 from scenarios.files.measured.grid import (
     Place,
@@ -81,7 +81,7 @@ def with_derived(
                 what,
                 where=str(file.path),
                 remedy=(
-                    f"make a channel map with flightid map {file.path}, and name it with --channels"
+                    f"make a channel map with {map_command(file.path)}, and name it with --channels"
                 ),
             )
         single, result = merged(file, topics, wanted, rate, hold, channel_units)

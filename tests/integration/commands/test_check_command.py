@@ -273,3 +273,10 @@ def test_bad_input(flightid: CommandLine, place: Path, case: str) -> None:
     for part in parts:
         assert part in message, message
     assert contents(place) == before and not (place / "out").exists()
+
+
+def test_channels_that_need_a_map_lead_to_the_command_that_drafts_it(
+    place: Path, flightid: CommandLine
+) -> None:
+    (place / "my log.csv").write_text("t,foo,bar\n0,1,2\n0.1,2,3\n0.2,1,4\n")
+    assert "flightid map 'my log.csv' drafts one" in flightid.refused("check", "my log.csv")

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from scenarios.files.records import read_record
+from scenarios.files.vehicles import read_any_vehicle
 from scenarios.report.figure_formats import caption_of
 from scenarios.report.quantities import number_text
 from scenarios.studies.catalogue import load_scenario, scenario_names
@@ -446,3 +447,19 @@ def test_simulate_writes_what_the_loop_is_given(flightid: CommandLine, tmp_path:
     assert flightid.done(
         "check", tmp_path / "flight.csv", "--vehicle", tmp_path / "flight_vehicle.toml"
     )
+
+
+def test_simulate_writes_the_file_of_an_aircraft_beside_its_record(
+    flightid: CommandLine, tmp_path: Path
+) -> None:
+    record = tmp_path / "flight.csv"
+    changes = ("--set", "flight.duration=2", "--set", "flight.step=0.04")
+    printed = flightid.done("simulate", "aircraft-airliner", "--out", record, *changes)
+    vehicle = tmp_path / "flight_vehicle.toml"
+    assert f"flightid identify {record} --model aircraft --vehicle {vehicle}" in printed
+    assert read_any_vehicle(vehicle).name == "airliner"
+    # A file that flightid did not write stays, and no half of the output is left beside it.
+    (tmp_path / "other_vehicle.toml").write_text("mine")
+    other = tmp_path / "other.csv"
+    flightid.refused("simulate", "aircraft-airliner", "--out", other, *changes)
+    assert (tmp_path / "other_vehicle.toml").read_text() == "mine" and not other.exists()

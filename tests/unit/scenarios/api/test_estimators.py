@@ -103,3 +103,11 @@ def test_results_show_what_works_and_little_else(record: fid.Record) -> None:
     assert found.to_latex().count(r"\\") == 1 + len(found.parameters)
     for each in (found, record, fid.estimators, fid.plot):
         assert all(hasattr(each, name) for name in dir(each))
+
+
+@pytest.mark.parametrize("method", ["ekf", "ukf", "output_error", "equation_error"])
+def test_three_samples_are_too_few_for_any_estimator(method: str, record: fid.Record) -> None:
+    short = {name: record[name][40:43] for name in record.names}
+    short["time"] = record.time[40:43]
+    with pytest.raises(fid.InputError, match="samples of outputs are too few for"):
+        getattr(fid.estimators, method)("rigid", short, "bomber_rigid")

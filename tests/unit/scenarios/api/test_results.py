@@ -236,3 +236,35 @@ def test_wrong_paths_and_texts_are_refused_in_one_line(
     with pytest.raises(fid.InputError, match=said) as raised:
         call()
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: fid.check({}, trust_record=wrong("yes")), "trust_record: 'yes' is neither True"),
+        (lambda: fid.check({}, rate=wrong("fast")), "rate: 'fast' is no number"),
+        (lambda: fid.check({}, columns=wrong(3)), "columns: 3 names no column"),
+        (
+            lambda: fid.check({"time": [0.0, 1.0], "q": [0.0, 1.0]}, maneuver=wrong(object())),
+            "is no maneuver",
+        ),
+        (lambda: fid.campaign("rigid", -1), "runs: -1 is no count"),
+        (lambda: fid.campaign("rigid", 2, jobs=-2), "jobs: -2 is no count"),
+        (lambda: fid.campaign("rigid", 2, resume=wrong("no")), "resume: 'no' is neither True"),
+        (lambda: fid.campaign("rigid", 2, time_limit=wrong("x")), "time_limit: 'x' is no number"),
+        (lambda: fid.structure({}, "v.toml", degree=wrong("two")), "degree: 'two' is no count"),
+        (lambda: fid.design("rigid", "bomber_rigid", size=wrong(3)), "size: 3 is no table"),
+        (lambda: fid.design("rigid", "bomber_rigid", noise=wrong("x")), "noise: 'x' is no table"),
+        (lambda: fid.design("rigid", "bomber_rigid", band=wrong(3)), "band: 3 is no band"),
+        (lambda: fid.read_record({"time": [0.0]}, units=wrong("deg")), "units: 'deg' is no table"),
+        (lambda: fid.read_record({"time": [0.0]}, hold=wrong([1])), "there is no hold"),
+        (lambda: fid.run("rigid", progress=wrong("yes")), "progress: 'yes' is no function"),
+        (lambda: fid.survey("flights.toml", figures=wrong(3)), "figures: 3 names no format"),
+    ],
+)
+def test_values_of_a_wrong_type_are_refused_in_one_line(
+    call: Callable[[], object], said: str
+) -> None:
+    with pytest.raises(fid.InputError) as raised:
+        call()
+    assert said in str(raised.value) and "\n" not in str(raised.value)

@@ -209,3 +209,27 @@ def test_a_file_for_another_model_says_so(name: str) -> None:
         with pytest.raises(fid.InputError, match=f"is for the {own} model .*, not for {model};"):
             read_vehicle(name, model)
     assert read_vehicle(name, own).name == name
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (lambda: fid.vehicle(mas=3.0), "vehicle, key mas: there is no such key; did you mean"),
+        (lambda: fid.vehicle("bomber_rigid", wings=2), "bomber_rigid, key wings: there is no such"),
+        (lambda: fid.vehicle("bomber_rigid", mass="abc"), "bomber_rigid, key mass: 'abc' is not a"),
+        (lambda: fid.vehicle(mass=True), "vehicle, key mass: True is not a number"),
+        (lambda: fid.vehicle(derivatives=3), "vehicle, key derivatives: this is no table"),
+        (
+            lambda: fid.vehicle(NUMBERS, derivatives={"CL_q": "abc"}),
+            "bomber, key derivatives.CL_q: 'abc' is not a number",
+        ),
+    ],
+)
+def test_a_wrong_keyword_is_refused_where_it_is_written(call: Any, line: str) -> None:
+    with pytest.raises(fid.InputError) as raised:
+        call()
+    assert str(raised.value).startswith(line) and "\n" not in str(raised.value)
+
+
+def test_constants_of_a_model_of_ones_own_may_have_any_name() -> None:
+    assert fid.vehicle(mass_1=2.0, stiffness="3 N/m")["mass_1"] == 2.0

@@ -4,6 +4,7 @@ file.
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -201,3 +202,42 @@ def test_umlauts_and_the_names_of_servos_and_gyros_are_recognised(
 ) -> None:
     rows = [f"{time:.2f},{value:.6f}" for time, value in zip(TIME, ALPHA, strict=True)]
     assert choice(drafted(opened(tmp_path, f"time,{header}", rows)), channel).column == header
+
+
+def written(folder: Path, channel: str, header: str, step: int = 1) -> None:
+    rows = [f"{time},{value}" for time, value in zip(TIME[::step], ALPHA[::step], strict=True)]
+    (folder / f"{channel}.csv").write_text("\n".join([header, *rows]) + "\n")
+
+
+def test_a_folder_with_a_file_for_each_channel_is_one_log(tmp_path: Path) -> None:
+    written(tmp_path, "elevator", "time,value")
+    written(tmp_path, "alpha", "time,value (deg)", step=2)
+    written(tmp_path, "rate", "time,q")
+    file = read_record_file(tmp_path)
+    record, _ = read_with_notes(file, ("elevator",), ["alpha", "q"])
+    assert record.name == tmp_path.name and record.time[1] == pytest.approx(TIME[1])
+    assert record["alpha"].values[2] == pytest.approx(np.radians(ALPHA[2]))
+    # Clocks are used: none is a column without a channel.
+    assert not drafted(file).unused
+
+
+def test_a_folder_of_records_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    written(tmp_path, "flight_1", "time,alpha")
+    written(tmp_path, "flight_2", "time,alpha")
+    with pytest.raises(RecordError, match=r"two files of this folder hold 'alpha'.*name one of"):
+        read_record_file(tmp_path)
+    (tmp_path / "flight_1.csv").write_text("time,alpha,q\n0,0,0\n")
+    with pytest.raises(RecordError, match=r"flight_1.csv is not a table of time and one channel"):
+        read_record_file(tmp_path)
+
+
+def test_channels_of_all_axes_are_those_of_the_aircraft(tmp_path: Path) -> None:
+    names = ["elevator", "rudder", "p", "q", "r", "airspeed", "alpha", "theta", "thrust"]
+    columns = [TIME, *[ALPHA] * len(names)]
+    rows = [",".join(map(str, row)) for row in np.transpose(columns)]
+    draft = drafted(opened(tmp_path, ",".join(["time", *names]), rows))
+    assert draft.model == "aircraft"
+    text = vehicle_text(draft)
+    content = tomllib.loads(text)
+    assert content["model"] == "aircraft" and content["surfaces"] == dict.fromkeys(names[:2], "rad")
+    assert '"rudder" = ...' in text and '"aileron"' not in text

@@ -73,6 +73,13 @@ def test_words_between_backticks_are_code_and_stay_text() -> None:
     assert "The record of <code>rigid</code>, and <code>&lt;b&gt;</code>." in made
 
 
+def test_an_option_in_a_text_stays_on_one_line() -> None:
+    blocks = (Prose("A second record (--validate) & a 3-2-1-1"), *PAGE.sections[0].blocks)
+    first = replace(PAGE.sections[0], blocks=blocks)
+    made = page_html(replace(PAGE, sections=(first, *PAGE.sections[1:])))
+    assert '(<span class="word">--validate</span>) &amp; a <span class="word">3-2-1-1<' in made
+
+
 def test_nothing_comes_from_outside_and_only_the_own_script_runs() -> None:
     assert not re.search(r"https?://|@import|url\(|\son[a-z]+=|\sstyle=|javascript:", TEXT)
     assert not {"link", "iframe", "object", "img", "form"} & {tag for tag, _ in PARSED.tags}

@@ -129,3 +129,10 @@ def test_a_run_begins_with_it(width: int) -> None:
         and "sigma" in lines[1]
         and details_in(None) in lines[-1]
     )
+
+
+def test_the_derivatives_that_are_asked_for_are_named_before_the_constant_of_drag() -> None:
+    names = ("CD_0", "CD_alpha", "CD_alpha2", "CL_alpha", "Cm_alpha", "Cm_q")
+    told = result_phrase([(name, 1.0, 0.1, "1") for name in names], {})
+    assert [part.split()[0] for part in told.split("; ")] == ["CL_alpha", "Cm_alpha", "Cm_q", "3"]
+    assert told.endswith("3 more in the table")
