@@ -43,8 +43,6 @@ class LostRows:
     name: ClassVar[str] = "lost-rows"
     station: ClassVar[Station] = Station.SENSOR_PATH
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
-    # A load of less than two samples changes lift and moment as a jump of the states does.
-    aliases: ClassVar[tuple[str, ...]] = ("unmeasured-input",)
     explanation: ClassVar[str] = (
         "The recorder lost rows, and the time column does not tell: a logger counted on from the "
         "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
@@ -63,6 +61,13 @@ class LostRows:
         onset="start",
         per_record=True,
     )
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """On a short period the load of lift and moment: shorter than two samples, it moves alpha
+        and q at once.
+        """
+        return ("unmeasured-input",) if self.states_read[:2] == ("alpha", "q") else ()
 
     @property
     def states_read(self) -> tuple[str, ...]:
