@@ -28,14 +28,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.structure.averaging import Alternative, averaged_covariance
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE_RESIDUAL_RATIO,
-    Alternative,
     Products,
-    averaged_covariance,
     columns_of,
     covariance_of,
+    freedom_of,
     gains_of,
     held_out_of,
     losses_of,
@@ -122,13 +122,27 @@ class TermColumns:
         rows: Sequence[np.ndarray],
         *,
         local: bool = True,
+        unbiased: bool = False,
     ) -> np.ndarray:
         """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
         parts = [block[:, chosen] for block in self.blocks]
         noise = products.gram_noise[:, chosen][:, :, chosen]
         drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
         residuals = self.residuals(rows, chosen, values)
-        return covariance_of(parts, residuals, drifts, noise.sum(axis=0), local=local)
+        noises = noise.sum(axis=0)
+        return covariance_of(parts, residuals, drifts, noises, local=local, unbiased=unbiased)
+
+    def freedom(
+        self,
+        products: Products,
+        chosen: Sequence[int],
+        values: np.ndarray,
+        rows: Sequence[np.ndarray],
+    ) -> np.ndarray:
+        """Return the degrees of freedom of the variances, ``(n,)``; see `freedom_of`."""
+        parts = [block[:, chosen] for block in self.blocks]
+        noise = products.gram_noise[:, chosen][:, :, chosen].sum(axis=0)
+        return freedom_of(parts, self.residuals(rows, chosen, values), noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +455,8 @@ def select(
 
     Returns
     -------
-    Selection, its standard deviations corrected for residuals that are not white [1]_.
+    Selection, its standard deviations corrected for residuals that are not white [1]_, for the
+    choice of terms, and for what is known of their size.
 
     References
     ----------
@@ -469,10 +484,7 @@ def select(
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
     losses, left = losses_of(products, chosen)
-    covariance = columns.covariance(products, chosen, values, rows)
-    even = np.diag(columns.covariance(products, chosen, values, rows, local=False))
-    made_of = [_simpler(terms, i) for i in range(len(terms))]
-    covariance, other = averaged_covariance(products, chosen, covariance, even, linear, made_of)
+    covariance, other = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -496,6 +508,33 @@ def select(
     if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
+
+
+def _reported_covariance(
+    products: Products,
+    chosen: list[int],
+    values: np.ndarray,
+    columns: TermColumns,
+    rows: Sequence[np.ndarray],
+    linear: Sequence[int],
+) -> tuple[np.ndarray, Alternative | None]:
+    """Return the covariance of the values over the models that explain the data as well, and the
+    likeliest other model where it matters.
+
+    Standard deviations are as large as makes two of them hold as often as two of the normal
+    distribution, although they are known from few data (Student's t).
+    """
+    from scipy.stats import norm, t
+
+    whole, even = (
+        columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
+        for local in (True, False)
+    )
+    made_of = [_simpler(products.terms, i) for i in range(len(products.terms))]
+    found, other = averaged_covariance(products, chosen, whole, np.diag(even), linear, made_of)
+    freedom = columns.freedom(products, chosen, values, rows)
+    wider = t.ppf(norm.cdf(2.0), freedom) / 2.0
+    return np.asarray(found * np.outer(wider, wider)), other
 
 
 def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
