@@ -401,37 +401,6 @@ def autocovariances_of(
     return np.asarray(found if np.all(np.abs(found) <= found[0]) else plain)
 
 
-def freedom_of(
-    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], noise: np.ndarray | None = None
-) -> np.ndarray:
-    """Degrees of freedom ``(n,)`` of the variances of the values, for Student's t.
-
-    A variance is a weighted sum over frequency of the power of the residuals, where the columns
-    move, and as uncertain as chi-square of equal mean and variance (Satterthwaite) [1]_.
-
-    Parameters
-    ----------
-    parts, residuals, noise : as of `covariance_of`.
-
-    References
-    ----------
-    .. [1] K. J. Worsley and K. J. Friston, Analysis of fMRI time-series revisited - again,
-       NeuroImage 2(3), 1995.
-    """
-    scale, inverse = _scaled_inverse(parts, noise)
-    weights = _trapezoid(_lags(residuals))
-    lagged = [np.diag(inverse @ X @ inverse) for X in _lagged(parts, scale, len(weights))]
-    points = 4 * len(weights)  # in the middle of intervals: the sums over frequency are exact
-    angles = np.pi * (np.arange(points) + 0.5) / points
-    waves = 2.0 * np.cos(np.outer(angles, np.arange(len(weights)))) * weights
-    waves[:, 0] *= 0.5
-    power = np.maximum(waves @ autocovariances_of(parts, residuals), 0.0)
-    terms = power[:, None] * (waves @ np.array(lagged))
-    n = sum(len(e) for e in residuals)
-    square = np.maximum(np.mean(terms**2, axis=0), 1e-300)
-    return np.asarray(np.maximum(n * np.mean(terms, axis=0) ** 2 / square, 1.0))
-
-
 def _scaled_inverse(
     parts: Sequence[np.ndarray], noise: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -455,7 +424,8 @@ def _lagged(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[n
 
 def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
     """Weighted sum of ``(n, n)`` products by lag and their transposes."""
-    for weights in (_trapezoid(len(products)), _triangle(len(products))):
+    triangle = 1.0 - np.arange(len(products)) / (_WINDOW_LAGS + 1.0)
+    for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
         weights[0] = 0.5
         half = np.tensordot(weights, np.array(products), 1)
         whole = np.asarray(half + half.T)
@@ -466,11 +436,3 @@ def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
 
 def _positive(matrix: np.ndarray) -> bool:
     return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)
-
-
-def _triangle(lags: int) -> np.ndarray:
-    return np.asarray(1.0 - np.arange(lags) / (_WINDOW_LAGS + 1.0))
-
-
-def _trapezoid(lags: int) -> np.ndarray:
-    return np.minimum(2.0 * _triangle(lags), 1.0)

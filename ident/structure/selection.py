@@ -35,7 +35,6 @@ from ident.structure.products import (
     Products,
     columns_of,
     covariance_of,
-    freedom_of,
     gains_of,
     held_out_of,
     losses_of,
@@ -131,18 +130,6 @@ class TermColumns:
         residuals = self.residuals(rows, chosen, values)
         noises = noise.sum(axis=0)
         return covariance_of(parts, residuals, drifts, noises, local=local, unbiased=unbiased)
-
-    def freedom(
-        self,
-        products: Products,
-        chosen: Sequence[int],
-        values: np.ndarray,
-        rows: Sequence[np.ndarray],
-    ) -> np.ndarray:
-        """Return the degrees of freedom of the variances, ``(n,)``; see `freedom_of`."""
-        parts = [block[:, chosen] for block in self.blocks]
-        noise = products.gram_noise[:, chosen][:, :, chosen].sum(axis=0)
-        return freedom_of(parts, self.residuals(rows, chosen, values), noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,8 +442,8 @@ def select(
 
     Returns
     -------
-    Selection, its standard deviations corrected for residuals that are not white [1]_, for the
-    choice of terms, and for what is known of their size.
+    Selection, its standard deviations corrected for residuals that are not white [1]_ and for the
+    choice of terms.
 
     References
     ----------
@@ -520,21 +507,13 @@ def _reported_covariance(
 ) -> tuple[np.ndarray, Alternative | None]:
     """Return the covariance of the values over the models that explain the data as well, and the
     likeliest other model where it matters.
-
-    Standard deviations are as large as makes two of them hold as often as two of the normal
-    distribution, although they are known from few data (Student's t).
     """
-    from scipy.stats import norm, t
-
     whole, even = (
         columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
         for local in (True, False)
     )
     made_of = [_simpler(products.terms, i) for i in range(len(products.terms))]
-    found, other = averaged_covariance(products, chosen, whole, np.diag(even), linear, made_of)
-    freedom = columns.freedom(products, chosen, values, rows)
-    wider = t.ppf(norm.cdf(2.0), freedom) / 2.0
-    return np.asarray(found * np.outer(wider, wider)), other
+    return averaged_covariance(products, chosen, whole, np.diag(even), linear, made_of)
 
 
 def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:

@@ -1,13 +1,12 @@
-"""Standard deviations from the residuals of few samples: their autocovariances and freedom."""
+"""Standard deviations from the residuals of few samples: their autocovariances."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, toeplitz
-from scipy.stats import norm, t
+from scipy.linalg import block_diag
 
-from ident.structure.products import autocovariances_of, covariance_of, freedom_of
+from ident.structure.products import autocovariances_of, covariance_of
 
 LAGS = 9
 COLOUR = np.array([1.0, 0.6])  # a moving average, as windows that overlap by half make
@@ -64,26 +63,8 @@ def test_without_a_valid_solution_the_products_are_divided_by_the_samples() -> N
     assert np.all(np.isfinite(found))
 
 
-def test_freedom_is_that_of_a_quadratic_form_of_the_residuals() -> None:
-    """Mean and variance of e' W e with normal e, by large matrices."""
-    n = 600
-    X = slow(n)
-    z = noise(np.random.default_rng(5), n)
-    e = z - X @ np.linalg.lstsq(X, z, rcond=None)[0]
-    found = freedom_of([X], [e])
-    window = np.minimum(2.0 * (1.0 - np.arange(LAGS) / LAGS), 1.0)
-    colour = toeplitz(np.r_[window * autocovariances_of([X], [e]), np.zeros(n - LAGS)])
-    inverse = np.linalg.inv(X.T @ X)
-    for place in range(3):
-        lags = [(inverse @ X[: n - lag].T @ X[lag:] @ inverse)[place, place] for lag in range(LAGS)]
-        weights = toeplitz(np.r_[window * lags, np.zeros(n - LAGS)])
-        both = weights @ colour
-        expected = np.trace(both) ** 2 / np.trace(both @ both)
-        assert found[place] == pytest.approx(expected, rel=0.03)
-
-
-def test_two_sigma_hold_the_truth_as_often_as_of_a_normal_distribution() -> None:
-    """Sixty samples, slow columns, true values of zero."""
+def test_more_intervals_hold_the_truth_where_columns_are_slow() -> None:
+    """Sixty samples, true values of zero; the rest is the scatter of the variance."""
     X, before, after = slow(60), [], []
     for seed in range(1000):
         z = noise(np.random.default_rng(seed), 60)
@@ -91,7 +72,6 @@ def test_two_sigma_hold_the_truth_as_often_as_of_a_normal_distribution() -> None
         e = z - X @ values
         plain = np.sqrt(np.diag(covariance_of([X], [e], local=False)))
         sigma = np.sqrt(np.diag(covariance_of([X], [e], local=False, unbiased=True)))
-        wider = t.ppf(norm.cdf(2.0), freedom_of([X], [e])) / 2.0
         before.append(np.abs(values) < 2.0 * plain)
-        after.append(np.abs(values) < 2.0 * sigma * wider)
-    assert np.mean(before) < 0.85 and abs(np.mean(after) - 0.9545) < 0.02
+        after.append(np.abs(values) < 2.0 * sigma)
+    assert np.mean(before) < 0.85 < np.mean(after)
