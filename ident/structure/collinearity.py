@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.aerodynamics import Term
+from sim.aerodynamics import Term, parents
 
 HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
 HIGH_CORRELATION = 0.9
@@ -34,6 +34,8 @@ class Collinearity:
         ``HIGH_CORRELATION``. indices : condition indices of the columns at unit length, descending.
     groups : terms whose variances share a condition index above ``HIGH_INDEX``.
     advice : maneuvers that would separate them, a sentence each.
+    multiples : chosen terms with offered products of them that were not chosen and are nearly their
+        multiples, as ``alpha*beta`` of ``beta`` where alpha hardly moves.
     """
 
     axis: str
@@ -43,6 +45,7 @@ class Collinearity:
     indices: np.ndarray
     groups: tuple[tuple[Term, ...], ...]
     advice: tuple[str, ...]
+    multiples: tuple[tuple[Term, Term], ...] = ()
 
 
 def collinearity_of(
@@ -92,6 +95,30 @@ def collinearity_of(
         np.sort(indices)[::-1],
         tuple(groups),
         tuple(dict.fromkeys(filter(None, advice))),
+    )
+
+
+def multiples_of(
+    terms: Sequence[Term], columns: np.ndarray, chosen: Collection[Term]
+) -> tuple[tuple[Term, Term], ...]:
+    """Return the chosen terms with products of them, not chosen, that are nearly their multiples.
+
+    Parameters
+    ----------
+    terms : offered. columns : ``(N, k)`` their values. chosen : of the terms.
+    """
+    X = columns - columns.mean(axis=0)
+    square = np.maximum(np.einsum("ij,ij->j", X, X), 1e-300)
+    at = {term: i for i, term in enumerate(terms)}
+    return tuple(
+        (base, term)
+        for term in terms
+        for base in parents(term)
+        if base in chosen
+        and term not in chosen
+        and base.signals < term.signals
+        and (X[:, at[base]] @ X[:, at[term]]) ** 2
+        > (1.0 - 1.0 / HIGH_INFLATION) * square[at[base]] * square[at[term]]
     )
 
 

@@ -11,38 +11,16 @@ The noise of the signals is known, and so is what it adds to the sums on the ave
 with D_s, d_s the slopes of the terms and of the coefficient by signal s, times the standard
 deviation of its noise. Both are subtracted.
 
-Standard deviations that count the uncertainty of which terms belong to a coefficient.
-
-The terms were chosen from the data that also give their values. A term that was left out although
-the data nearly support it is a bias of its neighbours, and a term that took the place of a similar
-one has a value of which only a part is its own. Other models explain the data almost as well; their
-values are averaged with the probabilities of the models [2]_. The variance of a value is its mean
-square distance from the value of the chosen model,
-
-    s_i^2 = sum_m P_m (s_im^2 + (x_im - x_i)^2),
-
-where a model without the term has x_im = 0 and s_im = 0. The models are the chosen one and those
-that differ from it by one term: added, removed, or exchanged. A product takes no place of its own
-factor: both explain the same where the other factor stands still. The probabilities follow from the
-Bayesian information criterion [3]_ with residuals that are not white, and from prior odds: 1 for
-each linear term that the symmetry of the aircraft allows, and 1 for all other terms together [4]_.
-
 References
 ----------
 .. [1] W. A. Fuller, Measurement Error Models, Wiley 1987, sections 2.2 and 3.1.
-.. [2] J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Bayesian model averaging: a
-   tutorial, Statistical Science 14(4), 1999.
-.. [3] A. E. Raftery, Bayesian model selection in social research, Sociological Methodology 25,
-   1995.
-.. [4] J. G. Scott and J. O. Berger, Bayes and empirical-Bayes multiplicity adjustment in the
-   variable-selection problem, Annals of Statistics 38(5), 2010.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -193,6 +171,10 @@ class ScaledEquations:
         sse = squares - 2.0 * values @ self.cross[self.chosen] + values @ part @ values
         return max(float(sse), 0.0)
 
+    def clean_left(self, squares: float) -> float:
+        """The same without what the noise of the signals adds to it; it may be negative."""
+        return squares - float(self.values @ self.clean_cross[self.chosen])
+
 
 def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
     """Return the normal equations of the chosen columns over all maneuvers."""
@@ -231,14 +213,36 @@ def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     return np.asarray(found.variance / found.scale[found.chosen] ** 2)
 
 
-def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
-    """Return the sum of squares that each further column would explain, ``(k,)``, and the present
-    residual's.
+@dataclass(frozen=True, eq=False)
+class FurtherColumns:
+    """What each column would bring to a model; columns scaled to a unit sum of squares.
 
-    A column explains nothing if its part independent of the others is mostly noise.
+    Attributes
+    ----------
+    value : ``(k,)`` of each beside the chosen ones. clean, measured : sums of squares of its part
+        independent of the others, without and with the noise of the signals.
+    good : columns whose part is motion and not mostly noise; no chosen one is.
     """
-    squares = float(products.squares.sum())
-    n = normal_of(products, chosen)
+
+    value: np.ndarray
+    clean: np.ndarray
+    measured: np.ndarray
+    good: np.ndarray
+
+    @property
+    def gains(self) -> np.ndarray:
+        """Square of the value over its variance for residuals of unit variance, ``(k,)``."""
+        own = np.maximum(self.measured, INDEPENDENT_COLUMN_SHARE)
+        return np.where(self.good, (self.value * self.clean) ** 2 / own, 0.0)
+
+    @property
+    def reductions(self) -> np.ndarray:
+        """By how much `ScaledEquations.clean_left` becomes smaller, ``(k,)``."""
+        return np.where(self.good, self.value**2 * self.clean, 0.0)
+
+
+def further_of(n: ScaledEquations) -> FurtherColumns:
+    """Return what each column would bring to the model of some normal equations."""
     weights = n.inverse @ n.clean_gram[n.chosen]
     clean = np.diag(n.clean_gram) - np.einsum("ij,ij->j", n.clean_gram[n.chosen], weights)
     part = n.clean_cross - n.clean_cross[n.chosen] @ weights
@@ -249,9 +253,18 @@ def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, flo
         + np.einsum("ij,ij->j", weights, own @ weights)
     )
     good = (measured > INDEPENDENT_COLUMN_SHARE) & (clean > LEAST_MOTION_SHARE * measured)
-    gains = np.where(good, part**2 / np.maximum(measured, INDEPENDENT_COLUMN_SHARE), 0.0)
-    gains[n.chosen] = 0.0
-    return gains, n.left(squares)
+    good[n.chosen] = False
+    return FurtherColumns(part / np.where(good, clean, 1.0), clean, measured, good)
+
+
+def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
+    """Return the sum of squares that each further column would explain, ``(k,)``, and the present
+    residual's.
+
+    A column explains nothing if its part independent of the others is mostly noise.
+    """
+    n = normal_of(products, chosen)
+    return further_of(n).gains, n.left(float(products.squares.sum()))
 
 
 def losses_of(products: Products, chosen: Sequence[int]) -> tuple[list[float], float]:
@@ -295,6 +308,7 @@ def covariance_of(
     noise: np.ndarray | None = None,
     *,
     local: bool = True,
+    unbiased: bool = False,
 ) -> np.ndarray:
     """Return the covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as
     of one variance throughout, and where ``local`` as of residuals that are larger in places, as
@@ -309,34 +323,103 @@ def covariance_of(
     parts, residuals : ``(M, n)`` and ``(M,)`` by maneuver.
     drifts : ``(n,)`` by maneuver, mean of column times residual, by the noise of the signals.
     noise : ``(n, n)`` that the noise of the signals adds to the products of the columns.
+    unbiased : autocovariances as of `autocovariances_of` where all variances are then positive;
+        else as if each lag lost by the fit what the variance loses.
 
     References
     ----------
     .. [1] D. N. Politis and J. P. Romano, Bias-corrected nonparametric spectral estimation, Journal
        of Time Series Analysis 16(1), 1995.
     """
-    gram = sum(part.T @ part for part in parts)
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    outer = np.outer(scale, scale)
-    noise = np.zeros_like(gram) if noise is None else noise
-    inverse, _ = clean_inverse(gram / outer, noise / outer)
-    shifts: Any = np.zeros((len(parts), len(gram))) if drifts is None else drifts
-    n, count = sum(len(e) for e in residuals), len(gram)
+    scale, inverse = _scaled_inverse(parts, noise)
+    shifts: Any = np.zeros((len(parts), len(scale))) if drifts is None else drifts
+    n = sum(len(e) for e in residuals)
+    freedom = n / max(n - len(scale), 1)
     scores = [
         (X * e[:, None] - shift) / scale
         for X, e, shift in zip(parts, residuals, shifts, strict=True)
     ]
-    even: list[Any] = []
-    uneven: list[Any] = []
-    for lag in range(min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1):
-        together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals)
-        pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
-        even.append(together / n * sum(a.T @ b for a, b in pairs))
-        uneven.append(sum(each[: len(each) - lag].T @ each[lag:] for each in scores))
-    freedom = n / max(n - count, 1)
-    one, other = (freedom * inverse @ _over_lags(each) @ inverse for each in (even, uneven))
+    lags = range(_lags(residuals))
+    uneven = [sum(each[: len(each) - lag].T @ each[lag:] for each in scores) for lag in lags]
+    lagged = _lagged(parts, scale, len(lags))
+    for fair in (unbiased, False):
+        together = autocovariances_of(parts, residuals, unbiased=fair)
+        even = _over_lags([row * X for row, X in zip(together, lagged, strict=True)])
+        if _positive(even):
+            break
+    one = inverse @ even @ inverse
+    other = freedom * inverse @ _over_lags(uneven) @ inverse
     larger = np.maximum(local * np.diag(other) / np.maximum(np.diag(one), 1e-300), 1.0)
-    return np.asarray(one * np.sqrt(np.outer(larger, larger)) / outer)
+    return np.asarray(one * np.sqrt(np.outer(larger, larger)) / np.outer(scale, scale))
+
+
+def autocovariances_of(
+    parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], *, unbiased: bool = True
+) -> np.ndarray:
+    """Autocovariances of the noise from what a fit leaves, from lag 0 to the last of the window.
+
+    A fit takes most from the residual where its columns are slow, and so more from the products at
+    larger lags than from the variance. With R the matrix that makes residuals of noise, D_l the
+    shift by l samples and r_k the autocovariances,
+
+        E[e' D_l e] = sum_k r_k tr(R D_l R S_k),   S_0 = I,  S_k = D_k + D_k',
+
+    which is solved for r_k [1]_. Where the solution is no autocovariance (one larger than the
+    variance), and without ``unbiased``, each product is divided by the samples less the columns.
+
+    Parameters
+    ----------
+    parts, residuals : ``(M, n)`` and ``(M,)`` by maneuver.
+
+    References
+    ----------
+    .. [1] K. J. Worsley and others, A general statistical analysis for fMRI data, NeuroImage 15(1),
+       2002, appendix A.
+    """
+    lags = _lags(residuals)
+    sums = np.array(
+        [sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals) for lag in range(lags)]
+    )
+    n, count = sum(len(e) for e in residuals), parts[0].shape[1]
+    plain = sums / max(n - count, 1)
+    if not unbiased:
+        return np.asarray(plain)
+    ends = np.cumsum([len(X) for X in parts])
+    basis = np.split(np.linalg.qr(np.concatenate(parts))[0], ends[:-1])
+    ahead, behind = np.zeros((2, lags, n, count))
+    for Q, end in zip(basis, ends, strict=True):
+        for lag in range(lags):
+            ahead[lag, end - len(Q) : end - lag] = Q[lag:]
+            behind[lag, end - len(Q) + lag : end] = Q[: len(Q) - lag]
+    both = ahead + behind
+    both[0] *= 0.5
+    inside = np.einsum("ni,lnj->lij", ahead[0], ahead), np.einsum("ni,lnj->lij", ahead[0], both)
+    lost = np.einsum("lni,kni->lk", behind, both) + np.einsum("lni,kni->lk", ahead, both)
+    kept = np.diag([float(sum(len(Q) - lag for Q in basis)) for lag in range(lags)])
+    matrix = kept - lost + np.einsum("lij,kji->lk", *inside)
+    found = np.linalg.lstsq(matrix, sums, rcond=None)[0]
+    return np.asarray(found if np.all(np.abs(found) <= found[0]) else plain)
+
+
+def _scaled_inverse(
+    parts: Sequence[np.ndarray], noise: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths of the columns, and the inverse of their products at unit length without noise."""
+    gram = np.asarray(sum(part.T @ part for part in parts))
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    outer = np.outer(scale, scale)
+    return scale, clean_inverse(gram / outer, 0.0 * gram if noise is None else noise / outer)[0]
+
+
+def _lags(residuals: Sequence[np.ndarray]) -> int:
+    """Return how many lags the window has, lag 0 included."""
+    return min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1
+
+
+def _lagged(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[np.ndarray]:
+    """Products of the columns at unit length with themselves some samples later, by lag."""
+    pairs = [X / scale for X in parts]
+    return [np.asarray(sum(X[: len(X) - lag].T @ X[lag:] for X in pairs)) for lag in range(lags)]
 
 
 def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
@@ -346,142 +429,10 @@ def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
         weights[0] = 0.5
         half = np.tensordot(weights, np.array(products), 1)
         whole = np.asarray(half + half.T)
-        if np.linalg.eigvalsh(whole)[0] > 0.0:
+        if _positive(whole):
             break
     return whole
 
 
-NEGLIGIBLE = 1e-3  # probability over that of the likeliest model, below which one is left out
-CLEARLY_LARGER = 2.0  # standard deviation over that of the chosen model, above which it is told why
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """A model that differs from the chosen one by one term.
-
-    Attributes
-    ----------
-    added, removed : columns; None where none is. probability : among the models that were averaged.
-    """
-
-    added: int | None
-    removed: int | None
-    probability: float
-
-
-def averaged_covariance(
-    products: Products,
-    chosen: Sequence[int],
-    covariance: np.ndarray,
-    even: np.ndarray,
-    linear: Collection[int],
-    made_of: Sequence[Collection[int]],
-) -> tuple[np.ndarray, Alternative | None]:
-    """Covariance ``(n, n)`` of the chosen values over the models that explain the data as well.
-
-    Parameters
-    ----------
-    products : of all offered columns. chosen : columns of the model.
-    covariance : ``(n, n)`` of its values; even : their variances ``(n,)`` for coloured residuals of
-        one variance. linear : columns of linear terms. made_of : by column those of
-        its signals or factors alone, which no model with it loses.
-
-    Returns
-    -------
-    The same with each standard deviation as large as the models ask, and never smaller than before;
-    and the likeliest other model where some standard deviation is clearly larger than before.
-    """
-    chosen = list(chosen)
-    products = replace(
-        products,
-        gram=products.gram.sum(axis=0)[None],
-        cross=products.cross.sum(axis=0)[None],
-        gram_noise=products.gram_noise.sum(axis=0)[None],
-        cross_noise=products.cross_noise.sum(axis=0)[None],
-    )
-    values, own = values_of(products, chosen), variance_of(products, chosen)
-    movable = [i for i in chosen if products.terms[i].factors]
-    if not movable:
-        return covariance, None
-    sse = losses_of(products, chosen)[1]
-    n = float(products.counts.sum())
-    white = sse / max(n - len(chosen), 1.0)
-    colour = float(np.median(even / np.maximum(own * white, 1e-300)))
-    models = _neighbours(products, chosen, movable, colour * white, n / colour, linear, made_of)
-    likeliest = max(log for log, _ in models)
-    models = [(log, model) for log, model in models if log > likeliest + math.log(NEGLIGIBLE)]
-    shares = np.exp([log - likeliest for log, _ in models])
-    shares /= shares.sum()
-    square = np.zeros(len(chosen))
-    for share, (_, model) in zip(shares, models, strict=True):
-        at = {column: place for place, column in enumerate(model)}
-        there = values_of(products, model)
-        spread = variance_of(products, model)
-        for place, column in enumerate(chosen):
-            if column in at:
-                larger = spread[at[column]] / max(own[place], 1e-300)
-                off = there[at[column]] - values[place]
-                square[place] += share * (larger * covariance[place, place] + off**2)
-            else:
-                square[place] += share * values[place] ** 2
-    ratio = np.sqrt(np.maximum(square / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    other = _likeliest_other(shares, models, chosen) if ratio.max() > CLEARLY_LARGER else None
-    return np.asarray(covariance * np.outer(ratio, ratio)), other
-
-
-def _likeliest_other(
-    shares: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
-) -> Alternative | None:
-    """Return the likeliest of the models that is not the chosen one."""
-    others = [
-        (float(share), model)
-        for share, (_, model) in zip(shares, models, strict=True)
-        if set(model) != set(chosen)
-    ]
-    if not others:
-        return None
-    share, model = max(others)
-    added, removed = (sorted(a) for a in (set(model) - set(chosen), set(chosen) - set(model)))
-    return Alternative(added[0] if added else None, removed[0] if removed else None, share)
-
-
-def _neighbours(
-    products: Products,
-    chosen: list[int],
-    movable: Sequence[int],
-    variance: float,
-    count: float,
-    linear: Collection[int],
-    made_of: Sequence[Collection[int]],
-) -> list[tuple[float, list[int]]]:
-    """Return the chosen model and those with one term added, removed or exchanged, each with the
-    logarithm of its probability over that of the chosen one.
-
-    Parameters
-    ----------
-    variance : of the residual, as of one white residual for each of ``count`` samples.
-    """
-    others = sum(bool(term.factors) for term in products.terms) - len(linear)
-    prior = [0.0 if i in linear else -math.log(max(others, 1)) for i in range(len(products.terms))]
-    entry = np.array(prior) - 0.5 * math.log(max(count, 1.0))
-
-    def further(model: list[int], base: float) -> list[tuple[float, list[int]]]:
-        removed = set(chosen) - set(model)
-        gains, left = gains_of(products, model)
-        logs = base - 0.5 * (left - sse - gains) / variance + entry
-        return [
-            (float(logs[i]), [*model, i])
-            for i, gain in enumerate(gains)
-            if gain > 0.0 and i not in chosen and not removed & set(made_of[i])
-        ]
-
-    sse = losses_of(products, chosen)[1]
-    found = [(0.0, chosen), *further(chosen, 0.0)]
-    for gone in movable:
-        rest = [i for i in chosen if i != gone]
-        if any(gone in made_of[i] for i in rest):
-            continue
-        left = gains_of(products, rest)[1]
-        found.append((-0.5 * (left - sse) / variance - float(entry[gone]), rest))
-        found += further(rest, -float(entry[gone]))
-    return found
+def _positive(matrix: np.ndarray) -> bool:
+    return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)

@@ -28,12 +28,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.structure.averaging import Alternative, averaged_covariance
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE_RESIDUAL_RATIO,
-    Alternative,
     Products,
-    averaged_covariance,
     columns_of,
     covariance_of,
     gains_of,
@@ -122,13 +121,15 @@ class TermColumns:
         rows: Sequence[np.ndarray],
         *,
         local: bool = True,
+        unbiased: bool = False,
     ) -> np.ndarray:
         """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
         parts = [block[:, chosen] for block in self.blocks]
         noise = products.gram_noise[:, chosen][:, :, chosen]
         drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
         residuals = self.residuals(rows, chosen, values)
-        return covariance_of(parts, residuals, drifts, noise.sum(axis=0), local=local)
+        noises = noise.sum(axis=0)
+        return covariance_of(parts, residuals, drifts, noises, local=local, unbiased=unbiased)
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +442,8 @@ def select(
 
     Returns
     -------
-    Selection, its standard deviations corrected for residuals that are not white [1]_.
+    Selection, its standard deviations corrected for residuals that are not white [1]_ and for the
+    choice of terms.
 
     References
     ----------
@@ -469,10 +471,7 @@ def select(
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
     losses, left = losses_of(products, chosen)
-    covariance = columns.covariance(products, chosen, values, rows)
-    even = np.diag(columns.covariance(products, chosen, values, rows, local=False))
-    made_of = [_simpler(terms, i) for i in range(len(terms))]
-    covariance, other = averaged_covariance(products, chosen, covariance, even, linear, made_of)
+    covariance, other = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -496,6 +495,25 @@ def select(
     if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
+
+
+def _reported_covariance(
+    products: Products,
+    chosen: list[int],
+    values: np.ndarray,
+    columns: TermColumns,
+    rows: Sequence[np.ndarray],
+    linear: Sequence[int],
+) -> tuple[np.ndarray, Alternative | None]:
+    """Return the covariance of the values over the models that explain the data as well, and the
+    likeliest other model where it matters.
+    """
+    whole, even = (
+        columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
+        for local in (True, False)
+    )
+    made_of = [_simpler(products.terms, i) for i in range(len(products.terms))]
+    return averaged_covariance(products, chosen, whole, np.diag(even), linear, made_of)
 
 
 def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:

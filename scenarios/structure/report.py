@@ -214,7 +214,25 @@ def findings(found: FoundStructure) -> list[str]:
                 f"{names if high else ''}."
             )
             sentences += [f"To separate {advice}." for advice in together.advice]
-    return list(dict.fromkeys(sentences))
+    return list(dict.fromkeys([*sentences, *_still_signals(found)]))
+
+
+def _still_signals(found: FoundStructure) -> list[str]:
+    """Return the sentences on signals that hardly move while those of chosen terms do."""
+    names: dict[str, dict[str, None]] = {}
+    for axis, each in found.collinearity.items():
+        for base, product in each.multiples:
+            for still in product.signals - base.signals:
+                names.setdefault(still, {})[f"{axis} {base.text}"] = None
+    sentences = []
+    for still, terms in names.items():
+        mean = np.mean(np.concatenate([each.samples[still] for each in found.histories]))
+        sentences.append(
+            f"{still} stays near {mean:.3g} while these terms move: {', '.join(terms)}. Their "
+            f"values hold there, and not where {still} is zero. Records at other values of {still} "
+            f"would tell them from products with {still}."
+        )
+    return sentences
 
 
 def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:

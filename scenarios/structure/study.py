@@ -19,7 +19,7 @@ from ident.structure.coefficients import (
     filled,
     histories_of,
 )
-from ident.structure.collinearity import Collinearity, collinearity_of
+from ident.structure.collinearity import Collinearity, collinearity_of, multiples_of
 from ident.structure.products import columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
@@ -303,9 +303,12 @@ def structure_of(
         selections[axis] = found
         others[axis] = select(histories, axis, terms, other_method, (), known[key])
         at = [terms.index(term) for term in found.terms]
-        columns = np.concatenate(known[key].blocks)[:, at]
+        columns = np.concatenate(known[key].blocks)
         surfaces = (*aircraft.surfaces, *aircraft.mixes)
-        together[axis] = collinearity_of(axis, found.terms, columns, surfaces)
+        together[axis] = replace(
+            collinearity_of(axis, found.terms, columns[:, at], surfaces),
+            multiples=multiples_of(terms, columns, found.terms),
+        )
     base = aircraft.coefficients if options.baseline else {}
     terms_found = {axis: _sum(base.get(axis, {}), selections[axis].table) for axis in axes}
     return FoundStructure(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.structure.products import averaged_covariance, products_of
+from ident.structure.averaging import averaged_covariance
+from ident.structure.products import products_of
 from sim.aerodynamics import parse_term
 
 NAMES = ("alpha", "beta", "q", "elevator")
@@ -61,6 +62,55 @@ def test_it_is_the_mean_over_the_models_one_term_away() -> None:
     expected = np.sqrt(np.maximum(shares @ np.array(seconds) / shares.sum(), sigma**2))
     assert found == pytest.approx(expected, rel=2e-3)
     assert found[1] > 1.2 * sigma[1]
+
+
+def test_models_are_compared_without_the_noise_of_signals() -> None:
+    """All models written out by sums from which the known noise of alpha is taken."""
+    rng = np.random.default_rng(4)
+    n, std = 400, 0.3
+    alpha, q, own = rng.standard_normal((3, n))
+    elevator = 0.9 * alpha + 0.4 * own
+    error = std * rng.standard_normal(n)
+    # The coefficient is turned by the measured alpha, as drag is.
+    z = 1.0 + 2.0 * alpha + q + 0.1 * elevator + 0.5 * error + 0.5 * rng.standard_normal(n)
+    seen = alpha + error
+    columns = np.stack([np.ones(n), seen, q, elevator, seen**2], axis=1)
+    slopes = std * np.stack([0 * seen, 0 * seen + 1, 0 * seen, 0 * seen, 2 * seen], axis=1)
+    turned = np.full(n, 0.5 * std)
+    products = products_of([columns], [z], OFFERED, [(slopes[None], turned[None])])
+    gram, cross = columns.T @ columns - slopes.T @ slopes, columns.T @ z - slopes.T @ turned
+    chosen = [0, 1, 2]
+
+    def fitted(model: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        inverse = np.linalg.inv(gram[np.ix_(model, model)])
+        values = inverse @ cross[model]
+        spread = np.diag(inverse @ columns[:, model].T @ columns[:, model] @ inverse)
+        return values, spread, float(z @ z - values @ cross[model])
+
+    values, own_spread, _ = fitted(chosen)
+    s2 = float(np.sum((z - columns[:, chosen] @ values) ** 2)) / (n - 3)
+    models = [[0, 1, 2], [0, 1, 2, 3], [0, 1, 2, 4], [0, 2], [0, 1]]
+    models += [[0, 2, 3], [0, 1, 3], [0, 1, 4]]
+    logs, seconds = [], []
+    for model in models:
+        there, spread, left = fitted(model)
+        logs.append(-0.5 * left / s2 - 0.5 * len(model) * np.log(n))
+        each = dict(zip(model, zip(there, s2 * spread, strict=True), strict=True))
+        seconds.append(
+            [
+                each[i][1] + (each[i][0] - value) ** 2 if i in each else value**2
+                for i, value in zip(chosen, values, strict=True)
+            ]
+        )
+    shares = np.exp(np.array(logs) - max(logs))
+    expected = np.sqrt(np.maximum(shares @ np.array(seconds) / shares.sum(), s2 * own_spread))
+    covariance = np.diag(s2 * own_spread)
+    made_of: list[list[int]] = [[], [], [], [], [1]]
+    found, _ = averaged_covariance(
+        products, chosen, covariance, np.diag(covariance), LINEAR, made_of
+    )
+    assert np.sqrt(np.diag(found)) == pytest.approx(expected, rel=2e-3)
+    assert np.any(expected > 1.1 * np.sqrt(s2 * own_spread))
 
 
 def test_where_no_other_model_explains_the_data_nothing_changes() -> None:

@@ -19,7 +19,7 @@ from ident.structure.coefficients import (
     histories_of,
     noise_of,
 )
-from ident.structure.collinearity import collinearity_of
+from ident.structure.collinearity import collinearity_of, multiples_of
 from ident.structure.products import columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
@@ -357,6 +357,22 @@ def test_collinear_surfaces_are_told_with_the_maneuver() -> None:
     apart = collinearity_of("Cl", terms, rng.standard_normal((500, 3)), ("aileron", "rudder"))
     assert not apart.advice
     assert apart.inflation.max() < 1.1
+
+
+@pytest.mark.parametrize(("moves", "alike"), [(0.1, True), (1.0, False)])
+def test_a_product_with_a_signal_that_stays_is_the_multiple_of_its_term(
+    moves: float, alike: bool
+) -> None:
+    rng = np.random.default_rng(2)
+    beta, alpha = rng.standard_normal((2, 4000))
+    alpha = 1.0 + moves * alpha
+    terms = [term(text) for text in ("1", "beta", "alpha*beta", "beta^2", "alpha^2")]
+    columns = np.stack([np.ones(4000), beta, alpha * beta, beta**2, alpha**2], axis=1)
+    # beta and alpha*beta correlate by 1 / sqrt(1 + moves^2), with independent signals.
+    assert (1.0 / (1.0 + moves**2) > 0.9) is alike
+    expected = ((terms[1], terms[2]),) if alike else ()
+    assert multiples_of(terms, columns, terms[:2]) == expected
+    assert multiples_of(terms, columns, terms[:3]) == ()
 
 
 def test_the_bandwidth_is_that_of_a_slope_of_sines() -> None:

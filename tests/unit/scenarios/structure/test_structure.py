@@ -124,6 +124,18 @@ def test_surfaces_that_move_together_are_named() -> None:
     assert not any("move together" in each for each in findings(structure_of([record], CURVED)))
 
 
+def test_values_that_hold_at_the_flown_angle_of_attack_alone_are_named() -> None:
+    found = structure_of([record_of(1)], CURVED, OPTIONS)
+    none = {axis: replace(each, multiples=()) for axis, each in found.collinearity.items()}
+    plain = replace(found, collinearity=none)
+    assert not any("stays near" in each for each in findings(plain))
+    pair = (term("beta"), term("alpha*beta"))
+    together = {**none, "Cn": replace(none["Cn"], multiples=(pair,))}
+    (line,) = set(findings(replace(plain, collinearity=together))) - set(findings(plain))
+    mean = float(np.mean(found.histories[0].samples["alpha"]))
+    assert line.startswith(f"alpha stays near {mean:.3g} while these terms move: Cn beta.")
+
+
 def test_a_true_baseline_leaves_what_the_sensors_explain() -> None:
     """Noise of angles acts through the baseline's terms, that of rates through an accelerometer far
     from the centre of gravity.
