@@ -12,7 +12,12 @@ import pytest
 from ident.estimate import Outcome
 from scenarios.files.user_models import Constraints
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment import IdentificationResult, Options, RecordFit
+from scenarios.identification.assessment import (
+    IdentificationResult,
+    Options,
+    RecordFit,
+    isolated_outliers,
+)
 from scenarios.identification.files import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
 from scenarios.identification.report import (
@@ -256,3 +261,15 @@ def test_figures_of_a_bank_and_of_every_record() -> None:
         "spectra",
         "correlation",
     }
+
+
+def test_an_output_that_no_record_has_has_no_outliers() -> None:
+    """A record to predict may lack an output that was fitted."""
+    case = case_of("rigid", 1)
+    record = case.record
+    fewer = replace(
+        record,
+        outputs=tuple(each for each in record.outputs if each.name != record.output_names[-1]),
+    )
+    rows = np.array([record[name].values for name in record.output_names])
+    assert isolated_outliers(record.output_names, [rows], [fewer]) == [{}]
