@@ -373,7 +373,7 @@ def sigma_cautions(
     unstable = (
         _of_instability(records, estimate, system, tests, local) if system is not None else ()
     )
-    return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate)))
+    return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate, tests)))
 
 
 def _of_instability(
@@ -429,9 +429,13 @@ def lost_rows(records: Sequence[Record]) -> float:
     return longer / max(count, 1)
 
 
-def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+def _of_gusts(
+    records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
+) -> tuple[str, ...]:
+    failing = {test.channel for test in tests if not test.passed}
     if (
         estimate.method in SHORT_IN_GUSTS
+        and not (tests and len(failing) < 2)  # a gust moves more than one output beyond its noise
         and _moved_together(records, estimate)
         and not made_by_inputs(records, estimate)
     ):
