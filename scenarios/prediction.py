@@ -40,7 +40,7 @@ from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.filtering import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
-from scenarios.preparation.plausibility import refuse_unpredictable
+from scenarios.preparation.plausibility import not_recorded, refuse_unpredictable
 from scenarios.preparation.reading import Decided, PreparedData, prepare
 from scenarios.report.document import (
     Bullets,
@@ -179,6 +179,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
     masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
     ready = replace(ready, look=with_outliers(ready.look, ready.validation, masks))
+    notes = (*not_recorded(kept.after.outputs, [record]), *ready.notes)
     return PredictionResult(
         asked.study,
         kept,
@@ -188,7 +189,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         channels,
         after,
         before,
-        (*files_read_unnamed([source], None), *ready.notes),
+        (*files_read_unnamed([source], None), *notes),
         _warnings(ready),
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),

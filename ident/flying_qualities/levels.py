@@ -260,11 +260,16 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class FlightPhase:
-    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared."""
+    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared.
+
+    ``uncrewed_mass``: kg, of an aircraft too light for a crew whose class nobody declared; it has
+    no levels. None of others.
+    """
 
     aircraft_class: str = "II-L"
     category: str = "B"
     assumed: tuple[str, ...] = ("class", "category")
+    uncrewed_mass: float | None = None
 
 
 @dataclass(frozen=True)
@@ -300,8 +305,15 @@ class ModeLevel:
         return self.probability >= DETERMINED_PROBABILITY
 
 
-def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
+LIGHTEST_CREWED = 100.0  # kg: lighter aircraft carry no pilot
+
+
+def flight_phase_of(
+    aircraft_class: str | None, category: str | None, mass: float | None = None
+) -> FlightPhase:
     """Return a declared class (II means II-L, land-based) and category, assumed where None.
+
+    ``mass`` in kg, if known: without a declared class, an aircraft too light for a crew has none.
 
     Raises DeclarationError for an unknown one.
     """
@@ -326,7 +338,8 @@ def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightP
             where="--category",
             remedy="use A rapid, B gradual or C terminal",
         )
-    return FlightPhase(chosen, phase, assumed)
+    light = aircraft_class is None and mass is not None and mass < LIGHTEST_CREWED
+    return FlightPhase(chosen, phase, assumed, mass if light else None)
 
 
 def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
@@ -334,6 +347,8 @@ def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[M
 
     The random samples of the characteristics are the same at every call.
     """
+    if flown.uncrewed_mass is not None:
+        return ()
     rules = [
         rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
     ]

@@ -49,8 +49,6 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "Cm_alpha": "alpha",
             "Cm_q": "q",
             "Cm_de": "elevator",
-            "M_delta": "stick",
-            "M_lon": "pitch_command",
         },
     ),
     "roll": (
@@ -61,7 +59,6 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "Cl_r": "r",
             "Cl_da": "aileron",
             "Cl_dr": "rudder",
-            "L_lat": "roll_command",
         },
     ),
     "yaw": (
@@ -72,10 +69,18 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "Cn_r": "r",
             "Cn_da": "aileron",
             "Cn_dr": "rudder",
-            "N_ped": "yaw_command",
         },
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
+}
+# The same by the control, of models with dimensional derivatives: low-order equivalent, multirotor.
+DIMENSIONAL: Mapping[str, Mapping[str, Mapping[str, str]]] = {
+    "pitch": {
+        "stick": {"M_alpha": "alpha", "M_q": "q", "M_delta": "stick"},
+        "pitch_command": {"M_q": "q", "M_lon": "pitch_command"},
+    },
+    "roll": {"roll_command": {"L_p": "p", "L_lat": "roll_command"}},
+    "yaw": {"yaw_command": {"N_r": "r", "N_ped": "yaw_command"}},
 }
 TIME_BEFORE_INPUT = 1.0  # s before the input that belong to a maneuver
 TIME_AFTER_INPUT = 4.0  # s after the input, in which the response goes on
@@ -99,6 +104,9 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
     signals = {**stretch.inputs, **stretch.outputs}
     if output not in signals:
         return {}
+    for control, dimensional in DIMENSIONAL.get(axis, {}).items():
+        if control in signals:
+            regressors = dimensional
     block = max(
         1,
         round(

@@ -32,6 +32,7 @@ from ident.recording.kinematic_relations import (
     columns_of,
     control_power,
     disagreement,
+    fitted_gravity_over_speed,
     height_unit,
     lag_of,
     sure,
@@ -387,7 +388,9 @@ def _best_reading_finding(
             one for one in near if _implausible_as_read(one, columns, expected) is not False
         ]
         if not possible:
-            return wrong_clock(columns, as_read, expected)
+            return _airspeed_finding(columns, as_read, expected) or wrong_clock(
+                columns, as_read, expected
+            )
         best, rivals = (
             _rivals_by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
         )
@@ -399,6 +402,10 @@ def _best_reading_finding(
             f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
             f"unexplained, read so {_percent(best.left)}"
         )
+        if best.kind is Kind.UNIT and best.channel == "nz" and not rivals:
+            airspeed = _airspeed_finding(columns, as_read, expected, best)
+            if airspeed is not None:
+                return airspeed
         # Without alpha, nz replaces it. An accelerometer off the centre of gravity spoils that;
         # only a sign is still certain.
         plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(
@@ -409,7 +416,48 @@ def _best_reading_finding(
         if rivals:
             what += f"; or {' or '.join(f'{one.channel} {one.sentence}' for one in rivals[:2])}"
         return RecordFinding(best.channel, best.kind, certainty, what, best.remedy, numbers=numbers)
-    return wrong_clock(columns, as_read, expected)
+    return _airspeed_finding(columns, as_read, expected) or wrong_clock(columns, as_read, expected)
+
+
+def _airspeed_finding(
+    columns: KinematicColumns,
+    as_read: float,
+    expected: Expectations,
+    unit: ColumnReading | None = None,
+) -> RecordFinding | None:
+    """Return a finding if alpha, q and nz fit at another airspeed than that of the vehicle file.
+
+    In alpha_dot = q - (g/V) (nz - nz_0), a wrong V is the same as a wrong factor of nz: both are
+    named, the reading of nz in another ``unit`` with its words. Without one it may be the scale of
+    the sensor, a warning.
+    """
+    over = fitted_gravity_over_speed(columns)
+    if expected.airspeed is None or over is None:
+        return None
+    left = max(disagreement(replace(columns, gravity_over_speed=over)).values(), default=2.0)
+    if left >= CORRECT_COLUMN_SHARE or left * READING_IMPROVEMENT_RATIO >= as_read:
+        return None
+    fits = expected.gravity / over
+    what = (
+        f"does not fit alpha and q at {expected.airspeed:.4g} m/s: the kinematics leave "
+        f"{_percent(as_read)} of the motion unexplained; at {fits:.3g} m/s {_percent(left)}"
+    )
+    remedy = "check the airspeed of the vehicle file, or the unit and scale of nz"
+    if unit is not None:
+        what += f"; or it {unit.sentence}"
+        remedy = f"check the airspeed of the vehicle file; if it is right, {unit.remedy}"
+    return RecordFinding(
+        "nz",
+        Kind.UNIT,
+        Certainty.LIKELY if unit is None else Certainty.CERTAIN,
+        what,
+        remedy,
+        numbers={
+            "unexplained": FindingQuantity(as_read, "1"),
+            "unexplained_otherwise": FindingQuantity(left, "1"),
+            "airspeed": FindingQuantity(fits, "m/s"),
+        },
+    )
 
 
 def _implausible_as_read(

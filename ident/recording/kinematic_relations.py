@@ -33,6 +33,7 @@ from sim.record import Channel, Record
 
 MOTION_CHANNELS = ("alpha", "q", "nz", "theta")
 LOWEST_AIRSPEED = 20.0  # m/s, lowest airspeed where it is unknown
+LEAST_AIRSPEED = 5.0  # m/s, lowest airspeed of any aircraft
 HIGHEST_AIRSPEED = 400.0  # m/s, highest airspeed where it is unknown
 LARGEST_LIFT_DAMPING = 10.0  # 1/s: largest damping of alpha by lift
 FEWEST_ROWS = 40
@@ -144,18 +145,10 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
     out = {}
     if "q" in y and "alpha" in y:
         if "nz" in y:
-            over = columns.gravity_over_speed
-            factor = (
-                over
-                if over is not None
-                else float(
-                    np.clip(
-                        _slope(sums["nz"], sums["q"] - moved["alpha"]),
-                        9.8 / HIGHEST_AIRSPEED,
-                        9.8 / LOWEST_AIRSPEED,
-                    )
-                )
-            )
+            factor = columns.gravity_over_speed
+            if factor is None:
+                slope = _slope(sums["nz"], sums["q"] - moved["alpha"])
+                factor = float(np.clip(slope, G0 / HIGHEST_AIRSPEED, G0 / LOWEST_AIRSPEED))
             out["alpha"] = (moved["alpha"], sums["q"] - factor * sums["nz"])
         else:
             steep = float(
@@ -172,6 +165,25 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
     return {
         name: (left - np.mean(left), right - np.mean(right)) for name, (left, right) in out.items()
     }
+
+
+def fitted_gravity_over_speed(columns: KinematicColumns) -> float | None:
+    """Return gravity over the airspeed at which alpha, q and nz fit best; None without them, or if
+    that is no airspeed of an aircraft.
+    """
+    y = columns.outputs
+    if not {"alpha", "q", "nz"} <= set(y):
+        return None
+    lag = lag_of(columns)
+    flow = change(y["alpha"], lag)
+    pitch, load = (
+        change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in ("q", "nz")
+    )
+    # A vane ahead of the centre of gravity, or a late one, adds a multiple of the change of q.
+    sides = np.stack([load, change(y["q"], lag)])
+    sides = sides - sides.mean(axis=1, keepdims=True)
+    slope = float(np.linalg.lstsq(sides.T, pitch - flow - np.mean(pitch - flow), rcond=None)[0][0])
+    return slope if G0 / HIGHEST_AIRSPEED <= slope <= G0 / LEAST_AIRSPEED else None
 
 
 def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:

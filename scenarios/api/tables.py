@@ -9,7 +9,7 @@ import contextlib
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from numbers import Integral, Real
@@ -44,8 +44,13 @@ WORDS = {  # Options with another name in Python: reserved words and plurals.
 }
 
 
-def as_keywords(text: str) -> str:
+def as_keywords(text: str, arguments: Collection[str] = ()) -> str:
     """Return a message with keywords in the place of options.
+
+    Parameters
+    ----------
+    text : the message.
+    arguments : of the function; an option that is called like one keeps its name.
 
     Examples
     --------
@@ -54,7 +59,9 @@ def as_keywords(text: str) -> str:
     """
 
     def keyword(found: re.Match[str]) -> str:
-        name = WORDS.get(found[1], found[1].replace("-", "_"))
+        name = (
+            found[1] if found[1] in arguments else WORDS.get(found[1], found[1].replace("-", "_"))
+        )
         return name if name.endswith(")") else f"{name}="
 
     return _OPTION.sub(keyword, _WITH_VALUE.sub(r'\1="\2"', text))
@@ -78,12 +85,17 @@ def in_python_words(sentences: Iterable[str]) -> tuple[str, ...]:
 
 
 @contextlib.contextmanager
-def in_python() -> Iterator[None]:
-    """Context manager that replaces options by keywords in messages of errors."""
+def in_python(arguments: Collection[str] = ()) -> Iterator[None]:
+    """Context manager that replaces options by keywords in messages of errors.
+
+    Parameters
+    ----------
+    arguments : of the function.
+    """
     try:
         yield
     except FlightidError as error:
-        parts = [as_keywords(each) for each in (error.what, error.where, error.remedy)]
+        parts = [as_keywords(each, arguments) for each in (error.what, error.where, error.remedy)]
         if parts == [error.what, error.where, error.remedy]:
             raise
         raise type(error)(parts[0], where=parts[1], remedy=parts[2]) from None
@@ -99,7 +111,7 @@ def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
-        with in_python():
+        with in_python(declared):
             # A call that does not suit the function is for Python itself to refuse.
             named = {**dict(zip(declared, args, strict=False)), **kwargs}
             for name in named.keys() & declared.keys():

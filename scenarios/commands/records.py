@@ -15,16 +15,16 @@ from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import (
-    Draft,
-    drafted,
+from scenarios.preparation.draft_text import (
+    constant_words,
     map_text,
     missing_channels,
     unused_words,
 )
+from scenarios.preparation.drafting import Draft, drafted
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
-from scenarios.report.quantities import console, shown_in, unit_cell
+from scenarios.report.quantities import Shown, console, shown_in, unit_cell
 from scenarios.report.summary import (
     TableColumn,
     details_in,
@@ -277,6 +277,8 @@ def draft_map(
         print(f"\n{text}", end="")
         print(f"\n{vehicle_text(draft)}", end="")
         return
+    if draft.constant:
+        print_paragraph(console(), constant_words(draft), indent=0)
     if draft.unused and len(draft.topics) == 1:
         print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
@@ -289,6 +291,14 @@ def draft_map(
         ]
         words = " ".join(word for word in opening if word)
         files = f"--channels {out / CHANNEL_MAP_FILE} --vehicle {out / VEHICLE_FILE}"
+        commands = [guess.channel for guess in draft.guesses if guess.command and not guess.fault]
+        if commands:
+            print_paragraph(
+                console(),
+                f"first: {', '.join(commands)} commanded from -1 to 1; enter the "
+                f"surface's angle in {out / CHANNEL_MAP_FILE}",
+                indent=0,
+            )
         print(
             f"next: flightid identify {path} --model {draft.model} "
             f"{files}{f' {words}' if words else ''}"
@@ -335,7 +345,12 @@ def _print_channels(draft: Draft) -> None:
     if not usable:
         print("no channel was recognised by its name")
         return
-    units = [shown_in(CHANNEL_UNITS[guess.channel], guess.channel) for guess in usable]
+    units = [
+        Shown(1.0, "command")
+        if guess.command
+        else shown_in(CHANNEL_UNITS[guess.channel], guess.channel)
+        for guess in usable
+    ]
     _table(
         [
             TableColumn("channel", [guess.channel for guess in usable], left=True),

@@ -291,7 +291,7 @@ def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
         for name, column in zip(watch.signals.outputs, columns, strict=True)
         if column is not None
     ]
-    return spectral_session(vehicle, watch.name, outputs, watch.omega, watch.hold)
+    return spectral_session(vehicle, watch.name, outputs, watch.omega, watch.hold, watch.hold_from)
 
 
 def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
@@ -320,6 +320,7 @@ def _prepared(
 ) -> Watch:
     from scenarios.files.declarations import read_channel_map
     from scenarios.files.measured.columns import read_sidecar
+    from scenarios.preparation.plan import BY_HAND
 
     known = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
@@ -339,10 +340,21 @@ def _prepared(
             hold=hold,
         )
     sidecar = read_sidecar(Path(record))
+    hold_from = BY_HAND
     if hold is None and sidecar.says_hold:
-        hold = sidecar.hold
+        hold, hold_from = sidecar.hold, f"as {sidecar.file} says"
     return Watch(
-        record, vehicle, known, choices, sidecar.units, refine, sidecar.file, names, rate, hold
+        record,
+        vehicle,
+        known,
+        choices,
+        sidecar.units,
+        refine,
+        sidecar.file,
+        names,
+        rate,
+        hold,
+        hold_from,
     )
 
 

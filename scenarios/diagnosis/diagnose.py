@@ -388,6 +388,11 @@ def diagnose_files(
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
     candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
+    measured = {name for record in posed.records for name in record.output_names}
+    absent = {signal.name for signal in posed.model.equations.outputs} - measured
+    candidates = tuple(  # a sensor that is not recorded cannot be what is missing
+        each for each in candidates if each in own or getattr(each, "channel", "") not in absent
+    )
     if said := right_clock(posed.measured):
         candidates = tuple(each for each in candidates if each.name != CLOCK)
         posed = replace(posed, notes=(*posed.notes, said))

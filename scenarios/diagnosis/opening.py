@@ -378,6 +378,8 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     refuse_unfit_records(whole, model)
     plausibility.refuse_still(whole, model)
     plausibility.refuse_unpredictable(ready.predicted, model)
+    outputs = tuple(dict.fromkeys(name for record in whole for name in record.output_names))
+    notes = (*notes, *plausibility.not_recorded(outputs, ready.predicted))
     return Posed(
         model,
         fitted,

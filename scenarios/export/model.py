@@ -26,6 +26,7 @@ from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import AIRCRAFT, BESIDE
 from scenarios.kept import read_kept
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import OnlineForm, full_name
 from sim.declaration.model import System
 from sim.errors import DeclarationError, FlightidError, ModelError
 
@@ -101,7 +102,7 @@ def exported(
 
     Raises
     ------
-    DeclarationError : an effect of the model needs the whole record.
+    DeclarationError : the model cannot be compiled.
     """
     parameter_names = {item.name for item in model.parameters}
     chosen = {name: value for name, value in (values or {}).items() if name in parameter_names}
@@ -110,20 +111,47 @@ def exported(
     model = model.with_initial(
         model.initial.with_values({n: v for n, v in (starts or {}).items() if n in given})
     )
-    remarks = []
+    remarks: tuple[str, ...] = ()
     try:
         system = compile_model(model)
         if system.input_stages or system.sensor_stages:
+            model, remarks = _without_whole_record_effects(model, system)
             system = compile_model(model, online=True)
-            remarks.append("Delays and lags of inputs and sensors are written as states.")
-        if system.input_stages or system.sensor_stages:
-            left = ", ".join((*system.input_stages, *system.sensor_stages))
-            remarks.append(f"Left out, since they act on whole records: {left}.")
+            if any(isinstance(effect, OnlineForm) for effect in model.effects):
+                remarks = ("Lags of inputs and sensors are written as states.", *remarks)
     except ModelError as error:
         raise DeclarationError(error.what, where="export", remedy=error.remedy) from error
     if aircraft is not None:
         aircraft = aircraft.with_values(chosen)
-    return ExportedModel(name, model.name, made_by, system, aircraft, tuple(remarks))
+    return ExportedModel(name, model.name, made_by, system, aircraft, remarks)
+
+
+def _without_whole_record_effects(model: Model, system: System) -> tuple[Model, tuple[str, ...]]:
+    """Return a model without the effects on inputs and sensors that have no states, and a sentence
+    that names them with their values.
+    """
+    acting = {*system.input_stages, *system.sensor_stages}
+    left = [
+        effect
+        for effect in model.effects
+        if effect.name in acting and not isinstance(effect, OnlineForm)
+    ]
+    if not left:
+        return model, ()
+    named = []
+    for effect in left:
+        values = [
+            f"{item.name} {model.parameters[full_name(effect, item.name)].value:.4g}"
+            + ("" if item.unit in ("1", "-") else f" {item.unit}")
+            for item in effect.parameters
+        ]
+        named.append(f"{effect.name} ({', '.join(values)})" if values else effect.name)
+    for effect in left:
+        model = model.without(effect.name)
+    return model, (
+        f"Left out, since they have no states: {', '.join(named)}; "
+        "apply them to the inputs and outputs outside this file.",
+    )
 
 
 def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> ExportedModel:

@@ -250,6 +250,8 @@ def isolated_outliers(
         return out
     for row, name in enumerate(outputs if simulated else ()):
         which = [k for k, record in enumerate(records) if name in record.output_names]
+        if not which:
+            continue  # no record has this output
         valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in which]
         residuals = [
             np.where(known, records[k][name].values - simulated[k][row], 0.0)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import coloured_innovations
+from ident.flying_qualities.modes import characteristics_at
 from ident.frequency_domain.output_error import (
     FrequencySettings,
     band_for,
@@ -199,6 +200,29 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
     return tuple(sentences)
 
 
+def too_short(records: Sequence[Record], system: System) -> tuple[str, ...]:
+    """Return a caution if no record is as long as one period of the fastest oscillation of the
+    declared model, else nothing.
+    """
+    p = np.array(system.parameters.values(), dtype=float)
+    with np.errstate(all="ignore"):
+        found = characteristics_at(system, p)
+    pulsed = [
+        np.sqrt(value) if name.endswith("stiffness") else value
+        for name, value in found.items()
+        if name.endswith(("frequency", "stiffness")) and np.isfinite(value) and value > 0.0
+    ]
+    longest = max(float(np.ptp(record.time)) for record in records)
+    period = 2.0 * np.pi / max(pulsed) if pulsed else 0.0
+    if longest >= period:
+        return ()
+    return (
+        f"the record is {longest:.2g} s long, shorter than a period of the motion "
+        f"({period:.2g} s with the values of the vehicle file): estimates may be far off although "
+        "the residual is noise; give a record of several periods",
+    )
+
+
 def failed(
     records: Sequence[Record],
     estimate: Estimate,
@@ -364,7 +388,8 @@ def sigma_cautions(
     """Return a sentence on each reason for which sigmas of the method are smaller than its errors;
     else nothing.
 
-    Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
+    Records shorter than a period (``too_short``). Lost rows: see ``LOST_ROWS``.
+    A model that is unstable at the estimate (of ``system``, with
     ``local`` parameters of each record) where one cause moves the residuals of several outputs,
     which are not white by their ``tests``. Where it is stable gusts, for output error and the
     frequency domain, by the same sign. Gusts, for filter error: their intensity is more than two
@@ -373,7 +398,12 @@ def sigma_cautions(
     unstable = (
         _of_instability(records, estimate, system, tests, local) if system is not None else ()
     )
-    return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate)))
+    short = too_short(records, system) if system is not None else ()
+    return (
+        *short,
+        *_of_lost_rows(records, estimate),
+        *(unstable or _of_gusts(records, estimate, tests)),
+    )
 
 
 def _of_instability(
@@ -429,9 +459,13 @@ def lost_rows(records: Sequence[Record]) -> float:
     return longer / max(count, 1)
 
 
-def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+def _of_gusts(
+    records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
+) -> tuple[str, ...]:
+    failing = {test.channel for test in tests if not test.passed}
     if (
         estimate.method in SHORT_IN_GUSTS
+        and not (tests and len(failing) < 2)  # a gust moves more than one output beyond its noise
         and _moved_together(records, estimate)
         and not made_by_inputs(records, estimate)
     ):

@@ -91,6 +91,7 @@ from scenarios.preparation.plan import (
 )
 from scenarios.preparation.plausibility import (
     cruise_caution,
+    not_recorded,
     refuse_still,
     refuse_too_few,
     refuse_unpredictable,
@@ -530,12 +531,14 @@ def _identified(
         [left_out(*pair) for pair in zip(ready.validation, held, strict=True)],
     )
     found = replace(found, fits=pooled_fits(found.fits, ready.parted))
+    outputs = tuple(name for fit in found.fits if not fit.held_out for name in fit.outputs)
+    lacking = not_recorded(tuple(dict.fromkeys(outputs)), ready.predicted)
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
     cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
     return replace(ready, measured=measured), replace(
-        found, notes=(*notes, *found.notes), doubts=doubts, look=look
+        found, notes=(*notes, *lacking, *found.notes), doubts=doubts, look=look
     )
 
 

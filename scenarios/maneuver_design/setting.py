@@ -270,6 +270,7 @@ INSTRUMENTS: Mapping[str, float] = {
         "ny": 0.005,
     },
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
+    **{"ax": 0.04, "ay": 0.05, "az": 0.12},
 }
 NOISE_SHARE = 0.01  # user models: noise over the largest response to doublets
 SAMPLE_RATE = 50.0  # samples a second

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import json
 import re
-import textwrap
 import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -40,20 +39,12 @@ SPELT = {  # Units as they stand behind a name without brackets.
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # Limits that most samples of any flight respect; beyond them, the unit is wrong.
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
-MOST_UNUSED = 60  # columns of a log that are listed without a channel
-COMMENT_WIDTH = 100  # characters of a line of a draft
 EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}  # beside an aileron or a rudder
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
-# channels that a draft calls missing, by the model that is nearest
-WANTED = {
-    "multirotor": (*COMMANDS, "p", "q", "r", "az"),
-    "lateral": ("aileron", "rudder", "beta", "p", "r", "phi"),
-    "": ("elevator", "aileron", "rudder", "alpha", "beta", "q"),
-}
 
 
 @dataclass(frozen=True)
@@ -68,6 +59,7 @@ class Guess:
     least, most : smallest and largest value, SI.
     samples : number of values.
     fault : reason why it cannot be used, or empty.
+    command : the column is a command from -1 to 1 of a channel that is an angle.
     """
 
     channel: str
@@ -77,6 +69,7 @@ class Guess:
     least: float = 0.0
     most: float = 0.0
     fault: str = ""
+    command: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,6 +97,7 @@ class Draft:
     unused : columns that no channel takes.
     model : the model that the channels fit, empty if none does.
     clockless : the file has no clock, and no rate was given.
+    constant : column of each channel that is recorded but never moves.
     """
 
     file: RecordFile
@@ -113,6 +107,7 @@ class Draft:
     unused: tuple[str, ...]
     model: str
     clockless: bool = False
+    constant: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def nearest(self) -> str:
@@ -132,7 +127,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     file : the file as it was read.
     rate : Hz, of a file without a clock.
     """
-    topics = _topics_of(file)
+    topics = topics_of(file)
     result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in result) and len(topics) == 1 and rate is None:
@@ -144,6 +139,8 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     tried = _tried(file, result, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
+    constant = _constant({*CHANNEL_UNITS} - {guess.channel for guess in tried}, topics)
+    taken |= {*constant.values()}
     names = [  # without clocks, which are used although no channel is made of them
         _path(topic, cell)
         for topic in topics
@@ -158,7 +155,22 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         tuple(name for name in names if name not in taken),
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
+        constant,
     )
+
+
+def _constant(channels: Collection[str], topics: Sequence[Topic]) -> dict[str, str]:
+    """Return the columns with the names of channels that hold one value only."""
+    result: dict[str, str] = {}
+    for channel in (each for each in CHANNEL_UNITS if each in channels and each != TIME):
+        names = (channel, *recorder_names().get(channel, {}).get("names", ()))
+        known = {_letters_and_digits(name) for name in names}
+        for topic in topics:
+            for index, cell in enumerate(topic.table.header):
+                named = _letters_and_digits(split_at(topic.table.header, index)[0]) in known
+                if named and _numbers(topic, index).size and not _moves(topic, index):
+                    result.setdefault(channel, _path(topic, cell))
+    return result
 
 
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
@@ -174,89 +186,13 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
     The column or expression of each channel for which one is found.
     """
     return {
-        guess.channel: str(guess.choice.column)
-        for guess in _guesses(channels, _topics_of(file), ())
+        guess.channel: str(guess.choice.column) for guess in _guesses(channels, topics_of(file), ())
     }
 
 
-def map_text(draft: Draft) -> str:
-    """Return the draft as a channel map in TOML, with a reason beside each line."""
-    lines = [
-        f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
-        "signs, and seldom units."
-    ]
-    for guess in draft.guesses:
-        choice = guess.choice
-        column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
-        entry = (
-            str(column)
-            if choice.unit is None
-            else f"{{column = {column}, unit = {quoted(choice.unit)}}}"
-        )
-        lines.append(
-            f"# {guess.channel} = {entry}  # left out: {guess.fault}"
-            if guess.fault
-            else f"{guess.channel} = {entry}  # {guess.reason}"
-        )
-    missing = missing_channels(draft)
-    if missing:
-        lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        example = (
-            "(RCOU.C1 - 1500) / 500"
-            if draft.model == "multirotor"
-            else f"0.5*(elevon_left {'-' if draft.nearest == 'lateral' else '+'} elevon_right)"
-        )
-        unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        place = missing[0] if unit == "" or draft.nearest == "lateral" else "elevator"
-        lines.append(f'# {place} = {{column = "{example}"{unit}}}')
-    if draft.unused:
-        lines += textwrap.wrap(
-            f"{unused_words(draft)}.",
-            COMMENT_WIDTH,
-            initial_indent="# ",
-            subsequent_indent="# ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    lines += _sweep_words(draft.file)
-    return "\n".join(lines) + "\n"
-
-
-def missing_channels(draft: Draft) -> list[str]:
-    """Return the channels of the nearest model for which no column is proposed."""
-    found = {guess.channel for guess in draft.guesses}
-    return [name for name in WANTED.get(draft.nearest, WANTED[""]) if name not in found]
-
-
-def unused_words(draft: Draft) -> str:
-    """The columns for which no channel is proposed; of a log with many topics the first ones."""
-    most = len(draft.unused) if len(draft.topics) == 1 else MOST_UNUSED
-    more = len(draft.unused) - most
-    tail = f" and {more} more" if more > 0 else ""
-    return f"Columns without a channel: {', '.join(draft.unused[:most])}{tail}"
-
-
-def _sweep_words(file: RecordFile) -> list[str]:
-    """Options for the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration that
-    it moves most; empty for other files.
-    """
-    for topic in _topics_of(file):
-        known = {name: at for at, name in enumerate(topic.table.header)}
-        rates = [name for name in ("Gx", "Gy", "Gz") if name in known]
-        if topic.name != "SIDD" or "Targ" not in known or not rates:
-            continue
-        moved = {name: np.ptp(numbers(topic.table, known[name]).values) for name in rates}
-        most = max(moved, key=lambda name: moved[name])
-        path = file.path.name
-        return [
-            "# A sweep of ArduPilot's SYSID mode. Its frequency response:",
-            f"# flightid response {path} --input SIDD.Targ --output SIDD.{most} --out bode",
-        ]
-    return []
-
-
 @lru_cache(maxsize=1)
-def _recorder_names() -> Mapping[str, Any]:
+def recorder_names() -> Mapping[str, Any]:
+    """Return the names and columns that recorders give each channel."""
     return tomllib.loads(
         files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8")
     )
@@ -280,7 +216,7 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
     return _has("RATE.ROut", topics) and not airspeed
 
 
-def _topics_of(file: RecordFile) -> Sequence[Topic]:
+def topics_of(file: RecordFile) -> Sequence[Topic]:
     """Return the topics of a log; a table is one without a name."""
     return file.topics or (Topic("", file.table),)
 
@@ -299,7 +235,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
     ``degrees``: topics whose unlabelled angles are in degrees.
     """
-    words = _recorder_names().get(channel, {})
+    words = recorder_names().get(channel, {})
     if len(topics) > 1:
         for path in words.get("columns", ()):
             if _has(path, topics):
@@ -308,6 +244,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
                     channel,
                     ColumnChoice(path, unit),
                     f"the usual column of {_recorder(path)}{_unit_words(unit)}",
+                    command=unit == "rad",
                 )
         for each in words.get("expression", ()):
             if all(_has(name, topics) and "." in name for name in each["needs"]):
@@ -321,7 +258,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
                 continue
             cells, spelt = (
                 topic.table.header,
-                (rank, *(f"{rank}{word}" for word in _recorder_names()["unit_words"])),
+                (rank, *(f"{rank}{word}" for word in recorder_names()["unit_words"])),
             )
             named = [
                 n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
@@ -464,7 +401,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
 
     Channels with a common clock are read together, or separately if one has a fault.
     """
-    topics = _topics_of(file)
+    topics = topics_of(file)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
     topic_of = {
         _path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header
@@ -565,7 +502,7 @@ def _unit_words(unit: str | None) -> str:
     return (
         f", in {unit}"
         if unit != "rad"
-        else ": a command from -1 to 1, to be scaled to the surface's angle"
+        else ": a command from -1 to 1; for THROW put the angle, deg, at 1"
     )
 
 

@@ -246,6 +246,7 @@ def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
     return flight_phase_of(
         request.aircraft_class or vehicle.aircraft_class,
         request.flight_phase or vehicle.flight_phase,
+        vehicle.constants.get("mass") if aircraft else None,
     )
 
 

@@ -167,6 +167,20 @@ def _label(unit: str) -> str:
     return "no unit" if unit in ("", "1") else repr(unit)
 
 
+def not_recorded(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
+    """Return a note for each predicted record that lacks some of the fitted ``outputs``."""
+    notes = []
+    for record in records:
+        missing = [name for name in outputs if name not in record.output_names]
+        if missing:
+            verb = "is" if len(missing) == 1 else "are"
+            notes.append(
+                f"{record.name}: {', '.join(missing)} {verb} not recorded here; only the other "
+                "outputs are predicted"
+            )
+    return tuple(dict.fromkeys(notes))
+
+
 def refuse_unpredictable(
     records: Sequence[Record], model: Model, option: str = "--validate"
 ) -> None:

@@ -24,7 +24,7 @@ from scenarios.preparation.declared_model import (
     linear_by,
     with_hold,
 )
-from scenarios.preparation.drafting import NEVER
+from scenarios.preparation.drafting import NEVER, recorder_names
 from scenarios.preparation.filtering import (
     Parted,
     filtered,
@@ -278,6 +278,22 @@ def prepared(
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
 
+def unscaled_commands(choices: Mapping[str, ColumnChoice] | None) -> tuple[str, ...]:
+    """Return a warning for each channel whose column is a command from -1 to 1, read as an angle.
+
+    Parameters
+    ----------
+    choices : of a channel map.
+    """
+    return tuple(
+        f"{channel} seems to be an unscaled command: {choice.column} is from -1 to 1, read as an "
+        f"angle; write its throw in the channel map, {channel} = {{column = "
+        f'"25 * {choice.column}", unit = "deg"}} if a full command is 25 deg'
+        for channel, choice in (choices or {}).items()
+        if choice.column in recorder_names().get(channel, {}).get("units", {})
+    )
+
+
 def prepare(
     files: Sequence[RecordFile],
     model: Model,
@@ -342,6 +358,7 @@ def prepare(
         ready,
         notes=notes,
         doubts=(
+            *unscaled_commands(channels),
             *look.doubts,
             *ready.doubts,
             *(f"{name}: {doubt}" for name, _, doubt in beside if doubt),

@@ -4,7 +4,7 @@
 |---|---|
 | angles, their rates | deg, deg/s, deg/s2 |
 | frequencies | rad/s, with Hz beside |
-| derivatives, trims of the equations (L_0, M_0) and everything else | the unit that it has: 1/rad, rad/s, s, g, m/s |
+| derivatives, trims of the equations (L_0, M_0, N_0) and everything else | the unit that it has: 1/rad, rad/s, s, g, m/s |
 
 Inside and in JSON and CSV files everything is SI, load factors in g.
 """  # noqa: E501
@@ -28,7 +28,8 @@ from scenarios.files.sources import escaped, styled_stream
 
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
 NO_UNIT = ("", "1")
-LOADS = ("L_0", "M_0")  # rad/s and rad/s2, but shown as derivatives, not as angles
+# rad/s and rad/s2, but shown as derivatives, not as angles: trims and effectiveness of commands
+NOT_ANGLES = ("L_0", "M_0", "N_0", "L_lat", "M_lon", "N_ped")
 
 
 class Shown(NamedTuple):
@@ -40,7 +41,7 @@ class Shown(NamedTuple):
 
 def shown_in(unit: str, name: str = "") -> Shown:
     """Return the display unit; ``name`` distinguishes a frequency (rad/s) from a rate (deg/s)."""
-    if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
+    if unit in DEGREES and name not in NOT_ANGLES and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
     return Shown(1.0, unit)
 

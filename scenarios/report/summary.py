@@ -372,6 +372,11 @@ def levels_line(
     Probabilities follow from the sigmas. If a residual test fails, the line says that they do not
     include model error.
     """
+    if flown.uncrewed_mass is not None:
+        return (
+            f"no levels of flying qualities: {STANDARD} is for crewed aircraft, and the mass is "
+            f"{flown.uncrewed_mass:.3g} kg; --class gives them all the same"
+        )
     if not levels:
         return ""
     doubted = (

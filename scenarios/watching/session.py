@@ -47,6 +47,7 @@ from ident.banks.relinearised import (
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
+from scenarios.preparation.plan import BY_HAND
 from scenarios.report.document import Section, section
 from scenarios.report.figure_formats import USUAL
 from scenarios.report.folder import figures
@@ -384,6 +385,7 @@ class Watch:
     signals : that are read; ``session`` exists only for those of the low-order equivalent.
     omega : rad/s, of the regression in the frequency domain.
     hold : inputs between rows in this regression; None: decided by the rows.
+    hold_from : words on who chose it.
     """
 
     name: str
@@ -396,6 +398,7 @@ class Watch:
     columns: tuple[str, ...] = ()
     rate: float | None = None
     hold: Hold | None = None
+    hold_from: str = BY_HAND
     signals: StreamSignals = LOES
     omega: np.ndarray | None = None
     header: Header | None = None

@@ -80,6 +80,7 @@ class SpectralSession:
     flow, level : measured airspeed and pressure, and the initial pressure.
     waiting : rows of an incomplete second.
     points : estimates, one per second.
+    hold_from : words on who chose ``hold``, where one reading alone is used.
     """
 
     vehicle: VehicleFile
@@ -98,6 +99,7 @@ class SpectralSession:
     blocks: list[np.ndarray] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     begun: float | None = None
+    hold_from: str = BY_HAND
 
     @property
     def regressed(self) -> OnlineEquations:
@@ -132,10 +134,12 @@ def spectral_session(
     outputs: Sequence[str],
     omega: np.ndarray,
     hold: Hold | None = None,
+    hold_from: str = BY_HAND,
 ) -> SpectralSession:
     """Return a session for the outputs of a stream.
 
     ``omega``: frequencies, rad/s. ``hold``: inputs between rows; None: decided by the rows.
+    ``hold_from``: words on who chose it.
 
     Raises
     ------
@@ -161,7 +165,15 @@ def spectral_session(
     kinds = (hold,) if hold is not None else tuple(Hold) if system.inputs else (Hold.PREVIOUS,)
     readings = {kind: (replace(equations, hold=kind), begin(equations)) for kind in kinds}
     return SpectralSession(
-        vehicle, name, signals_of(vehicle), system, declared, readings, kinds[0], flow=flow
+        vehicle,
+        name,
+        signals_of(vehicle),
+        system,
+        declared,
+        readings,
+        kinds[0],
+        flow=flow,
+        hold_from=hold_from,
     )
 
 
@@ -268,7 +280,7 @@ def stream_notes(session: SpectralSession) -> list[str]:
     sentences = [flow_sentence(record_of(session), session.declared)] if session.flow else []
     if session.system.inputs and len(session.readings) == 1:
         word = "held" if session.hold is Hold.PREVIOUS else "linear"
-        sentences.append(f"inputs {word} between samples: {BY_HAND}")
+        sentences.append(f"inputs {word} between samples: {session.hold_from}")
     elif session.hold is Hold.LINEAR:
         sentences.append(
             "inputs linear between samples: they explain the stream better than held ones (twice "

@@ -8,6 +8,7 @@ times nearest to their own. Inputs are held or linear between their samples. Not
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -336,6 +337,9 @@ def grid_of(
     )
 
 
+PART_OF_A_VECTOR = re.compile(r"\w*\[\d+\]|[xyz]")  # xyz[0], control[1], x
+
+
 def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
     """Return a sentence on topics that have the same columns as those that are read, as the sheets
     of several runs have.
@@ -343,6 +347,9 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
     sentences = []
     for at in used:
         header = topics[at].table.header
+        named = [cell for cell in header if not is_clock(split_header(cell)[0])]
+        if all(PART_OF_A_VECTOR.fullmatch(cell) for cell in named):
+            continue  # names that any vector of a log has
         others = [
             topic.name
             for n, topic in enumerate(topics)

@@ -332,3 +332,9 @@ def test_class_and_category() -> None:
         flight_phase_of("V", None)
     with pytest.raises(DeclarationError, match="there is no category 'D'; use A rapid"):
         flight_phase_of(None, "D")
+
+
+def test_an_aircraft_too_light_for_a_crew_has_no_class_unless_it_is_declared() -> None:
+    assert flight_phase_of(None, None, 3.2).uncrewed_mass == 3.2
+    assert flight_phase_of("I", None, 3.2).uncrewed_mass is None
+    assert flight_phase_of(None, None, 700.0) == FlightPhase()

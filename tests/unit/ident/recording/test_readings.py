@@ -4,6 +4,8 @@ effect of a sensor, are not.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -141,6 +143,16 @@ def test_two_channels_suffice_with_what_the_control_does(outputs: tuple[str, ...
     for channel in outputs:
         one = certain(altered(record, **{channel: np.negative}))
         assert one.kind is Kind.SIGN and channel in f"{one.channel} {one.sentence}"
+
+
+def test_a_wrong_airspeed_is_named_beside_the_unit_of_the_load_factor(sound: Record) -> None:
+    """In alpha_dot = q - (g/V) (nz - nz_0) a wrong V is a wrong factor of nz."""
+    speed = CRAFT.expected.airspeed
+    assert speed is not None
+    finding = certain(sound, replace(CRAFT.expected, airspeed=speed / 10.0))
+    assert finding.channel == "nz" and "m/s2" in finding.sentence
+    assert finding.numbers["airspeed"].value == pytest.approx(speed, rel=0.1)
+    assert "airspeed of the vehicle file" in finding.remedy
 
 
 def test_milliseconds_for_seconds_are_certain(sound: Record) -> None:

@@ -68,6 +68,7 @@ def test_a_prepared_record_is_what_the_keywords_prepare(
 
 
 def test_messages_name_keywords(record: fid.Record) -> None:
+    assert as_keywords("--to x", ("study", "to", "path")) == "to= x"
     assert as_keywords("use --method ekf, --from and --trust-record") == (
         'use method="ekf", start= and trust_record='
     )

@@ -22,8 +22,10 @@ from sim.aerodynamics import parse_term
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import Thrust, aircraft_model
+from sim.vehicles.factory import model_from_constants
 from tests.airliner import AIRLINER, ELEVATOR
 from tests.bases import Flight, base_for, fly
+from tests.recorders.quadrotor import TRUTH
 
 BASES = ("ballistic", "rigid", "lateral", "longitudinal", "multirotor", "aircraft")
 
@@ -218,6 +220,17 @@ def test_a_delay_that_acts_on_whole_records_is_told() -> None:
     written = exported("loes", base_for("loes")[0])
     assert any("Left out" in remark for remark in written.remarks)
     assert "Left out" in python_module(written)
+
+
+def test_the_fitted_delay_of_a_multirotor_is_left_out_with_its_value() -> None:
+    """The delay is a free parameter of the study, which no filter could run."""
+    model = model_from_constants("multirotor", {}, TRUTH)
+    assert "delay" in model.parameters.free_names
+    written = exported("quad", model, {"delay": 0.0123})
+    (left,) = (remark for remark in written.remarks if "Left out" in remark)
+    assert "input-delay:roll_command (delay 0.0123 s)" in left
+    assert left in python_module(written)
+    assert not written.system.input_stages
 
 
 def test_equations_that_decide_are_refused() -> None:

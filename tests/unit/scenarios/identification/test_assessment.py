@@ -12,7 +12,13 @@ import pytest
 from ident.estimate import Outcome
 from scenarios.files.user_models import Constraints
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment import IdentificationResult, Options, RecordFit
+from scenarios.identification.assessment import (
+    IdentificationResult,
+    Options,
+    RecordFit,
+    isolated_outliers,
+)
+from scenarios.identification.conditions import too_short
 from scenarios.identification.files import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
 from scenarios.identification.report import (
@@ -24,6 +30,8 @@ from scenarios.identification.report import (
     intervals_content,
     intervals_table,
 )
+from scenarios.preparation.declared_model import model_of_file
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Tie
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
@@ -256,3 +264,25 @@ def test_figures_of_a_bank_and_of_every_record() -> None:
         "spectra",
         "correlation",
     }
+
+
+def test_an_output_that_no_record_has_has_no_outliers() -> None:
+    """A record to predict may lack an output that was fitted."""
+    case = case_of("rigid", 1)
+    record = case.record
+    fewer = replace(
+        record,
+        outputs=tuple(each for each in record.outputs if each.name != record.output_names[-1]),
+    )
+    rows = np.array([record[name].values for name in record.output_names])
+    assert isolated_outliers(record.output_names, [rows], [fewer]) == [{}]
+
+
+def test_a_record_shorter_than_a_period_of_the_motion_has_a_caution() -> None:
+    case = case_of("rigid", 1)
+    system = compile_model(model_of_file(case.vehicle))
+    first = case.record.time[0]
+    part = case.record.window(first, first + 0.4)
+    (caution,) = too_short([part], system)
+    assert "shorter than a period of the motion" in caution
+    assert too_short([case.record], system) == too_short([part, case.record], system) == ()

@@ -26,6 +26,7 @@ from scenarios.maneuver_design.limits import (
 )
 from scenarios.maneuver_design.report import maneuver_content
 from scenarios.maneuver_design.setting import (
+    INSTRUMENTS,
     DesignRequest,
     ManeuverLimits,
     _frequency,
@@ -39,7 +40,7 @@ from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 from sim.maneuvers import doublet
-from tests.bases import rigid_model
+from tests.bases import base_for, rigid_model
 
 REST = {"push": 0.0}
 ASKED = DesignRequest("rigid", Path("vehicle.toml"))
@@ -254,3 +255,9 @@ def test_a_pilot_rests_between_steps_and_ends_a_long_sweep() -> None:
     for rows, seconds in ((long, free.active), (short, 120.0)):
         moving = np.flatnonzero(np.abs(rows[0]) > 1e-9)
         assert 0.01 * (moving[-1] - moving[0]) == pytest.approx(seconds, abs=0.1)
+
+
+def test_every_output_of_a_built_in_model_has_an_instrument() -> None:
+    for name in ("rigid", "lateral", "longitudinal", "multirotor", "aircraft"):
+        units = {signal.name for signal in base_for(name)[0].equations.outputs}
+        assert units <= set(INSTRUMENTS), name

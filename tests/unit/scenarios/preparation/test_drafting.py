@@ -14,8 +14,11 @@ from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import Draft, drafted, map_text
+from scenarios.preparation.draft_text import map_text
+from scenarios.preparation.drafting import Draft, drafted
+from scenarios.preparation.reading import unscaled_commands
 from sim.errors import RecordError
+from tests.recorders.flights import flight, px4
 
 TIME = 0.02 * np.arange(60)
 ALPHA = 0.05 * np.sin(TIME)
@@ -241,3 +244,30 @@ def test_channels_of_all_axes_are_those_of_the_aircraft(tmp_path: Path) -> None:
     content = tomllib.loads(text)
     assert content["model"] == "aircraft" and content["surfaces"] == dict.fromkeys(names[:2], "rad")
     assert '"rudder" = ...' in text and '"aileron"' not in text
+
+
+def test_columns_that_never_move_are_said_to_be_left_out_for_that(tmp_path: Path) -> None:
+    rows = [
+        f"{time:.2f},{value:.6f},{value:.6f},{value:.6f},0.0"
+        for time, value in zip(TIME, ALPHA, strict=True)
+    ]
+    draft = drafted(opened(tmp_path, "time,elevator,alpha,q,rudder", rows))
+    text = map_text(draft)
+    assert draft.constant == {"rudder": "rudder"} and draft.unused == ()
+    assert "# Left out, since they never move: rudder." in text
+    assert "# Not found: aileron, beta." in text
+
+
+def test_a_command_from_minus_one_to_one_is_drafted_with_its_throw_to_enter(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog")
+    log = px4(tmp_path / "uav.ulg", flight())
+    draft = drafted(read_record_file(log))
+    assert {guess.channel for guess in draft.guesses if guess.command} == {"elevator", "aileron"}
+    assert (
+        '# elevator = {column = "THROW * actuator_servos.control[1]", unit = "deg"}  #'
+        in map_text(draft)
+    )
+    column = "actuator_servos.control[1]"
+    (warning,) = unscaled_commands({"elevator": ColumnChoice(column, "rad")})
+    assert warning.startswith("elevator seems to be an unscaled command")
+    assert unscaled_commands({"elevator": ColumnChoice(f"25 * {column}", "deg")}) == ()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenarios.preparation.measured_inputs import with_attitude
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.plausibility import moves, refuse_still, refuse_too_few
+from scenarios.preparation.plausibility import moves, not_recorded, refuse_still, refuse_too_few
 from scenarios.preparation.recording import checked_records, expectations_of
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -95,3 +95,13 @@ def test_fewer_samples_than_unknowns_are_refused(sound: Record) -> None:
     first, last = float(sound.time[100]), float(sound.time[101])
     with pytest.raises(RecordError, match="2 rows with 6 samples of outputs are too few for 11"):
         refuse_too_few([sound.window(first, last)], model)
+
+
+def test_outputs_that_a_predicted_record_lacks_are_named_and_those_it_has_are_not(
+    sound: Record,
+) -> None:
+    fewer = replace(sound, outputs=sound.outputs[:1])
+    outputs = sound.output_names
+    (note,) = not_recorded(outputs, [sound, fewer])
+    assert note.startswith(f"{fewer.name}: {', '.join(outputs[1:])} ")
+    assert not_recorded(outputs, [sound]) == ()
