@@ -396,8 +396,8 @@ def _best_reading_finding(
             "unexplained_otherwise": FindingQuantity(best.left, "1"),
         }
         what = (
-            f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
-            f"unexplained, read so {_percent(best.left)}"
+            f"{best.sentence}: {_percent(as_read)} of the motion does not fit the other channels "
+            f"as read, {_percent(best.left)} if changed"
         )
         # Without alpha, nz replaces it. An accelerometer off the centre of gravity spoils that;
         # only a sign is still certain.

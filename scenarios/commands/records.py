@@ -12,16 +12,12 @@ from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
+from scenarios.identification.conditions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import (
-    Draft,
-    drafted,
-    map_text,
-    missing_channels,
-    unused_words,
-)
+from scenarios.preparation.draft_text import map_text, missing_channels, unused_words
+from scenarios.preparation.drafting import COMMANDS, Draft, drafted
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import console, shown_in, unit_cell
@@ -281,7 +277,11 @@ def draft_map(
         print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
     print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
-    if draft.model:
+    if idle := _idle_words(draft):
+        print_paragraph(console(), f"next: {idle}", indent=0)
+    elif draft.model:
+        if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
+            print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
         # What opened the file here opens it there.
         opening = [
             f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "",
@@ -302,6 +302,17 @@ def draft_map(
             f"{out / CHANNEL_MAP_FILE} (flightid models lists them)",
             indent=0,
         )
+
+
+def _idle_words(draft: Draft) -> str:
+    """What to do if the log of a multirotor has no command that moves; else empty."""
+    commands = [guess for guess in draft.guesses if guess.channel in COMMANDS and guess.samples]
+    still = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
+    if draft.model != "multirotor" or not commands or "thrust_command" not in still:
+        return ""
+    return (
+        f"{', '.join(still)}: zero throughout, so the motors moved nothing; take a log of a flight"
+    )
 
 
 def _print_topics(draft: Draft, *, whole: bool) -> None:

@@ -595,7 +595,10 @@ def _not_to_be_used(
     if whole and made_by_inputs(records, found.estimate):
         kind = " and follow the inputs: the model lacks a part of the response"
     elif disturbed_outputs(records, found.estimate, found.tests):
-        kind = "; if the air was rough, judge by one-step prediction, not by the free simulation"
+        kind = (
+            "; in rough air a simulation cannot follow: judge by the one-step prediction errors of "
+            "--method filter-error"
+        )
     elif whole and vehicle.model != "loes":
         # Only the sigmas of the bank of delays are not corrected for coloured sensor noise.
         unless = " unless the sensor noise itself is coloured, for which they are corrected"

@@ -14,7 +14,8 @@ from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import Draft, drafted, map_text
+from scenarios.preparation.draft_text import map_text
+from scenarios.preparation.drafting import Draft, drafted
 from sim.errors import RecordError
 
 TIME = 0.02 * np.arange(60)
