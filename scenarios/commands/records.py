@@ -17,7 +17,7 @@ from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
 from scenarios.preparation.draft_text import map_text, missing_channels, unused_words
-from scenarios.preparation.drafting import COMMANDS, Draft, drafted
+from scenarios.preparation.drafting import COMMANDS, Draft, drafted, named_only
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import console, shown_in, unit_cell
@@ -243,6 +243,9 @@ CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
 MOST_EXPRESSION_LETTERS = 60  # characters of an expression
 
 
+FEWEST_NAMED = 2  # channels of a file with one fault, of which a draft is made all the same
+
+
 def draft_map(
     path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool
 ) -> None:
@@ -260,7 +263,9 @@ def draft_map(
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
     unread = [guess.fault for guess in draft.guesses if guess.fault]
     if unread and not any(guess.samples for guess in draft.guesses):
-        raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+        if len(set(unread)) > 1 or len(unread) < FEWEST_NAMED:
+            raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+        draft = named_only(draft)
     _print_topics(draft, whole=topics)
     _print_channels(draft)
     text = map_text(draft)
@@ -342,6 +347,11 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
 def _print_channels(draft: Draft) -> None:
     from scenarios.files.declarations import CHANNEL_UNITS
 
+    if draft.faults and not any(guess.samples for guess in draft.guesses):
+        names = [guess.channel for guess in draft.guesses]
+        if names:
+            print(f"channels by their names alone, as no value can be read: {', '.join(names)}")
+            return
     usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
     if not usable:
         print("no channel was recognised by its name")

@@ -144,7 +144,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if result.relations
         else "no airspeed is known"
         if lacks_airspeed(result)
-        else "the channels close no relation"
+        else "kinematics relate none of these channels"
     )
     return Summary(
         f"{named}, {samples} samples; {checked}",
@@ -193,7 +193,8 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
             "nothing is checked: no airspeed is known"
             + ("" if check.vehicle is not None else "; add --vehicle V.toml")
             if lacks_airspeed(result)
-            else "nothing is checked: these channels close no relation of the kinematics"
+            else "nothing is checked: check needs channels that kinematics relate: alpha, q and nz "
+            "(or az); or q and theta; or p and phi (docs/compatibility.md)"
         )
     for item in result.joint.estimates:
         if item.determined and not item.agrees:

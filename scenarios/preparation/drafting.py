@@ -162,6 +162,15 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     )
 
 
+def named_only(draft: Draft) -> Draft:
+    """Return the draft of a file with one fault that keeps every channel from being read: a draft
+    needs the headers alone.
+    """
+    guesses = tuple(replace(guess, fault="") for guess in draft.guesses)
+    model = _model_for({guess.channel for guess in guesses})
+    return replace(draft, guesses=guesses, model=model)
+
+
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
     """Return the columns of a file that a draft of a channel map would take for channels.
 
