@@ -144,7 +144,7 @@ def rivals_phrase(each: Recurring) -> str:
         )
     if margins:
         least = (
-            f"(twice the log likelihood larger by {min(margins.values()):.4g}"
+            f"(likelihood ratio test: {min(margins.values()):.4g}"
             f"{' at least' if len(margins) > 1 else ''})"
         )
         out.append(
