@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.predictive import predict
-from scenarios.carried_over import COLUMNS_NOTE, Simulation, carried_over, residuals_of
 from scenarios.diagnosis.opening import checked_effects, read_effects
 from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
@@ -57,8 +56,12 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
 from scenarios.tolerances import (
+    COLUMNS_NOTE,
+    Simulation,
     ToleranceVerdict,
+    carried_over,
     read_tests,
+    residuals_of,
     tolerance_content,
     tolerance_figures,
     tolerance_table,

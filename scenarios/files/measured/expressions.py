@@ -325,9 +325,11 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         function, says = FUNCTIONS[node.func.id]
         least, most = _arguments(function)
         if not least <= len(node.args) <= most:
-            number = {1: "one value", 2: "two values"}.get(least, f"{least} values")
+            number = {1: "one value", 2: "two values", 3: "three values"}.get(
+                least, f"{least} values"
+            )
             raise RecordError(
-                f"{node.func.id} needs {number}, and {len(node.args)} are given in {text!r}",
+                f"{node.func.id} needs {number}, not {len(node.args)}, in {text!r}",
                 where=where,
                 remedy=f"write {says}",
             )
