@@ -17,7 +17,7 @@ class Outcome(Enum):
     """Outcome of an estimation; the value is the sentence to print."""
 
     CONVERGED = "converged"
-    AT_BOUND = "converged, with a parameter at its bound"
+    AT_BOUND = "converged; a parameter stands at its bound and has no sigma"
     MAX_ITERATIONS = "stopped at the iteration limit before the estimate settled"
     DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
     INDEFINITE = "the covariance lost its positive definiteness"

@@ -286,7 +286,7 @@ def print_maneuvers(
         print_paragraph(
             out,
             "t values: each derivative over its standard deviation, by equation error on this "
-            "maneuver alone",
+            "maneuver alone; below about 5 it hardly determines it",
             indent=0,
         )
     if found.maneuvers:

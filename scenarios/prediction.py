@@ -9,9 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ident.tracing.diagnosis import ErrorFigures, Quantity
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.predictive import predict
 from scenarios.diagnosis.opening import checked_effects, read_effects
 from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
@@ -58,8 +56,12 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
 from scenarios.tolerances import (
+    COLUMNS_NOTE,
+    Simulation,
     ToleranceVerdict,
+    carried_over,
     read_tests,
+    residuals_of,
     tolerance_content,
     tolerance_figures,
     tolerance_table,
@@ -96,26 +98,12 @@ class PredictionRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
-    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors;
-    None if it left all measure.
-    """
-
-    rows: np.ndarray
-    figures: ErrorFigures | None
-
-    def fit_percent(self, channel: str) -> float:
-        """100 (1 - rms error over the spread of the measurement)."""
-        assert self.figures is not None
-        return 100.0 * (1.0 - self.figures.nrmse[channel])
-
-
-@dataclass(frozen=True, eq=False)
 class PredictionResult:
     """A record predicted by a study's model.
 
     ``after``: by the identified model. ``before``: by the declared model of a diagnosis.
-    ``simulated``: the record is simulated, according to its JSON file.
+    ``simulated``: the record is simulated, according to its JSON file. ``residuals``: of the
+    study's fit, and the sensor noise (1 sigma), by channel.
     """
 
     study: Path
@@ -130,6 +118,7 @@ class PredictionResult:
     warnings: tuple[str, ...]
     simulated: bool = False
     verdicts: tuple[ToleranceVerdict, ...] = ()
+    residuals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def predict_record(asked: PredictionRequest) -> PredictionResult:
@@ -193,6 +182,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         _warnings(ready),
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
+        residuals_of(asked.study),
     )
 
 
@@ -405,6 +395,9 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
     lines += table_as_lines(errors_table(found), width, keys=2)
+    lines += wrapped(COLUMNS_NOTE, width)
+    if verdict := carried_over(found.after, found.residuals):
+        lines += wrapped(f"verdict: {verdict}", width)
     if found.verdicts:
         lines += ["", *table_as_lines(tolerance_table(found.verdicts, record), width, keys=1)]
     for note in found.notes:
@@ -496,7 +489,7 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         kind=predicting_model(found),
         verdict=verdict,
         tone=tone,
-        sentence=as_sentence(fits) if fits else "",
+        sentence=as_sentence(carried_over(found.after, found.residuals) or fits),
         summary=(),
         warnings=tuple(map(as_sentence, found.warnings)),
         sections=(

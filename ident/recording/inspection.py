@@ -228,6 +228,10 @@ def _as_az_finding(finding: RecordFinding) -> RecordFinding:
     return replace(finding, channel=channel, sentence=sentence, remedy=remedy)
 
 
+SERVO_PULSES = (600.0, 2400.0)  # us, shortest and longest
+LEVEL_PULSES = (1200.0, 1800.0)  # us, of a surface most of the time
+
+
 def _large_angle_finding(channel: Channel) -> RecordFinding | None:
     """Return a finding if a flow angle or control moves too far to be in radians."""
     values = channel.values[channel.valid]
@@ -239,10 +243,15 @@ def _large_angle_finding(channel: Channel) -> RecordFinding | None:
     if reach <= LARGEST_ANGLE:
         return None
     text = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
-    remedy = (
-        f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if "
-        f"it is right, {channel.name} = false there"
-    )
+    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
+    lowest, middle, highest = np.percentile(values, (1.0, 50.0, 99.0))
+    level = LEVEL_PULSES[0] < middle < LEVEL_PULSES[1]
+    if SERVO_PULSES[0] < lowest and level and highest < SERVO_PULSES[1]:
+        text = f"looks like servo pulses in us ({lowest:.4g} to {highest:.4g}), not radians"
+        remedy = (
+            f'make an angle of them in a channel map: {channel.name} = "pwm(COLUMN, 1500, 573)" '
+            "(the pulse at zero, and us per radian)"
+        )
     return RecordFinding(
         channel.name,
         Kind.UNIT,
@@ -398,9 +407,11 @@ def _best_reading_finding(
             "unexplained": FindingQuantity(as_read, "1"),
             "unexplained_otherwise": FindingQuantity(best.left, "1"),
         }
+        units = re.fullmatch(r"is in (\S+), not in (\S+)", best.sentence)
+        changed, read = (f"in {units[1]}", f"in {units[2]}") if units else ("so", "as read")
         what = (
-            f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
-            f"unexplained, read so {_percent(best.left)}"
+            f"{best.sentence}: {read} {_percent(as_read)} of the motion does not fit the other "
+            f"channels, {changed} {_percent(best.left)}"
         )
         if best.kind is Kind.UNIT and best.channel == "nz" and not rivals:
             airspeed = _airspeed_finding(columns, as_read, expected, best)

@@ -201,13 +201,12 @@ def _rows_finding(
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST_COUNTED_ROWS * usual) / usual) - 1))
     places = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
     text = (
-        f"misses about {rows} row(s) "
+        f"{rows} {'row is' if rows == 1 else 'rows are'} missing "
         f"{word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     )
     likely = certainty is Certainty.LIKELY
-    text += ": what the input did there is taken from the row before" if likely else ""
-    if record.inputs and not likely:
-        text += ": a simulation goes through with the inputs of the row before"
+    if record.inputs:
+        text += "; the last input is kept there" + (", which may be wrong" if likely else "")
     remedy = (
         "give the parts before and after as segments, --from and --to in pairs" if likely else ""
     )

@@ -101,7 +101,7 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
         channel,
         ratio,
         p_value,
-        f"large errors in parts of the record (rms {shown} times the robust standard deviation)",
+        f"large in parts of the record: rms {shown} times what it is in most of it",
     )
 
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from math import isfinite
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
 from scenarios.api import tables
+from scenarios.api.identification import Saved, refuse_no_study
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
 from scenarios.api.requests import (
@@ -371,12 +373,15 @@ def structure(
 
 
 @told_in_python
-def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None = None) -> Path:
+def export(
+    study: str | PathLike[str] | Saved, to: str, path: str | PathLike[str] | None = None
+) -> Path:
     """Write the model of a study for another program: ``flightid export`` in Python.
 
     Parameters
     ----------
-    study : folder that ``identify`` or ``diagnose`` saved, or a vehicle file of model ``aircraft``.
+    study : what ``identify`` or ``diagnose`` returned, the folder that they saved, or a vehicle
+        file of model ``aircraft``.
     to : ``"python"``, ``"fmu"``, ``"jsbsim"`` or ``"dave-ml"``.
     path : of the file; one named after the vehicle in the current folder when None.
 
@@ -396,10 +401,15 @@ def export(study: str | PathLike[str], to: str, path: str | PathLike[str] | None
     >>> flight = fid.simulate("trace-nothing")
     >>> found = fid.identify(flight.record, "rigid", flight.vehicle)
     >>> with TemporaryDirectory() as folder:
-    ...     study = found.save(Path(folder, "study"), figures=False)
-    ...     fid.export(study, to="python", path=Path(folder, "bomber.py")).name
+    ...     fid.export(found, to="python", path=Path(folder, "bomber.py")).name
     'bomber.py'
     """
     from scenarios.export.targets import written_model
 
-    return written_model(path_given(study), to, None if path is None else path_given(path), None)[0]
+    target = None if path is None else path_given(path)
+    if isinstance(study, str | PathLike):
+        return written_model(path_given(study), to, target, None)[0]
+    refuse_no_study(study)
+    with TemporaryDirectory() as scratch:
+        saved = study.save(Path(scratch) / "study", figures=False)
+        return written_model(saved, to, target, None)[0]

@@ -376,6 +376,16 @@ class Saved(Protocol):
     ) -> Path: ...
 
 
+def refuse_no_study(study: Any) -> None:
+    """Raise DeclarationError for what is neither a study nor a result that can be saved as one."""
+    if not hasattr(study, "save"):
+        raise DeclarationError(
+            f"a {type(study).__name__} is no study",
+            where="study",
+            remedy="give what identify or diagnose returned, or the folder of a study",
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
     """A record predicted by a model that was not fitted to it. ``details``: the complete internal
@@ -532,12 +542,7 @@ def predict(
     )
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=path_given(study))))
-    if not hasattr(study, "save"):
-        raise DeclarationError(
-            f"a {type(study).__name__} is no study",
-            where="study",
-            remedy="give what identify or diagnose returned, or the folder of a study",
-        )
+    refuse_no_study(study)
     with TemporaryDirectory(prefix="flightid-") as scratch:
         found = predict_record(
             replace(asked, study=study.save(Path(scratch) / "study", figures=False))

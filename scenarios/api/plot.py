@@ -281,7 +281,7 @@ class Interactive:
 
     Attributes
     ----------
-    html : the figure as one HTML document, which asks no other machine for anything.
+    html : the figure as one HTML document, which works offline.
     """
 
     def __init__(self, html: str, words: str) -> None:

@@ -24,6 +24,7 @@ from scenarios.api.records import (
     named_inputs,
     opened_source,
     refuse_misread,
+    refuse_misspelt,
     refuse_unreadable,
 )
 from scenarios.api.tables import in_python
@@ -327,6 +328,7 @@ def read_record(
     """
     if isinstance(source, Record):
         return source
+    refuse_misspelt(channels, "record" if name is None else name)
     file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
     refuse_without_clock(file)
     record = Record(file, told)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -686,6 +687,22 @@ def _computed(file: RecordFile) -> RecordFile:
         channel_units=known,
     )
     return replace(derived, choices=dict(choices or {}))
+
+
+def refuse_misspelt(channels: Any, where: str) -> None:
+    """Raise RecordError for a channel that is a known one with a letter too few, too many or out of
+    place. Any other name may be a channel of a model of one's own.
+    """
+    for name in channels if isinstance(channels, Mapping) else ():
+        if not isinstance(name, str) or name in CHANNEL_UNITS or not name.isalpha():
+            continue
+        near = difflib.get_close_matches(name, CHANNEL_UNITS, n=1, cutoff=0.8)
+        if near and (abs(len(near[0]) - len(name)) == 1 or sorted(near[0]) == sorted(name)):
+            raise RecordError(
+                f"there is no channel {name!r}",
+                where=f"{where}, channels",
+                remedy=f"did you mean {near[0]!r}?",
+            )
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:

@@ -12,6 +12,7 @@ from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
+from scenarios.identification.conditions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
@@ -21,7 +22,7 @@ from scenarios.preparation.draft_text import (
     missing_channels,
     unused_words,
 )
-from scenarios.preparation.drafting import Draft, drafted
+from scenarios.preparation.drafting import COMMANDS, Draft, drafted, named_only
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import Shown, console, shown_in, unit_cell
@@ -247,6 +248,9 @@ CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
 MOST_EXPRESSION_LETTERS = 60  # characters of an expression
 
 
+FEWEST_NAMED = 2  # channels of a file with one fault, of which a draft is made all the same
+
+
 def draft_map(
     path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool
 ) -> None:
@@ -264,7 +268,9 @@ def draft_map(
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
     unread = [guess.fault for guess in draft.guesses if guess.fault]
     if unread and not any(guess.samples for guess in draft.guesses):
-        raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+        if len(set(unread)) > 1 or len(unread) < FEWEST_NAMED:
+            raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+        draft = named_only(draft)
     _print_topics(draft, whole=topics)
     _print_channels(draft)
     text = map_text(draft)
@@ -283,7 +289,11 @@ def draft_map(
         print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
     print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
-    if draft.model:
+    if idle := _idle_words(draft):
+        print_paragraph(console(), f"next: {idle}", indent=0)
+    elif draft.model:
+        if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
+            print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
         # What opened the file here opens it there.
         opening = [
             f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "",
@@ -314,6 +324,17 @@ def draft_map(
         )
 
 
+def _idle_words(draft: Draft) -> str:
+    """What to do if the log of a multirotor has no command that moves; else empty."""
+    commands = [guess for guess in draft.guesses if guess.channel in COMMANDS and guess.samples]
+    still = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
+    if draft.model != "multirotor" or not commands or "thrust_command" not in still:
+        return ""
+    return (
+        f"{', '.join(still)}: zero throughout, so the motors moved nothing; take a log of a flight"
+    )
+
+
 def _print_topics(draft: Draft, *, whole: bool) -> None:
     if len(draft.topics) == 1:
         (topic,) = draft.topics
@@ -341,6 +362,11 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
 def _print_channels(draft: Draft) -> None:
     from scenarios.files.declarations import CHANNEL_UNITS
 
+    if draft.faults and not any(guess.samples for guess in draft.guesses):
+        names = [guess.channel for guess in draft.guesses]
+        if names:
+            print(f"channels by their names alone, as no value can be read: {', '.join(names)}")
+            return
     usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
     if not usable:
         print("no channel was recognised by its name")

@@ -144,7 +144,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if result.relations
         else "no airspeed is known"
         if lacks_airspeed(result)
-        else "the channels close no relation"
+        else "kinematics relate none of these channels"
     )
     return Summary(
         f"{named}, {samples} samples; {checked}",
@@ -193,7 +193,8 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
             "nothing is checked: no airspeed is known"
             + ("" if check.vehicle is not None else "; add --vehicle V.toml")
             if lacks_airspeed(result)
-            else "nothing is checked: these channels close no relation of the kinematics"
+            else "nothing is checked: check needs channels that kinematics relate: alpha, q and nz "
+            "(or az); or q and theta; or p and phi (docs/compatibility.md)"
         )
     for item in result.joint.estimates:
         if item.determined and not item.agrees:
@@ -266,6 +267,13 @@ def _sensor(channel: str) -> str:
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
+METHODS_NOTE = (
+    "each fault is estimated twice, by a smoother and by output error; difference: of the two, in "
+    "their sigmas (beyond 3 trust neither); gain: rise of the log likelihood by this fault (about "
+    "0.5 by chance)"
+)
+
+
 def estimates_table(caption: str, result: CheckResult) -> Table:
     """Return every fault by both methods."""
     rows = [*result.biases, *result.estimates]
@@ -325,7 +333,10 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
     if not result.joint.estimates:
         return []
     caption = "all records, one fault at a time" if several else "one fault at a time"
-    blocks: list[Block] = [estimates_table(caption, result.joint)]
+    blocks: list[Block] = [
+        Bullets((as_sentence(METHODS_NOTE),)),
+        estimates_table(caption, result.joint),
+    ]
     return [*blocks, by_record_table(result.single, result.joint)] if several else blocks
 
 

@@ -6,6 +6,7 @@ The size of a compressed file is checked before it is unpacked whole, since it m
 from __future__ import annotations
 
 import contextlib
+import difflib
 import hashlib
 import io
 import json
@@ -138,13 +139,23 @@ def read_source(
     return Source(path, content, InputFile(path.name, hashlib.sha256(content).hexdigest()))
 
 
+def _similar(path: Path) -> str:
+    """What to do about a file that is not there: a name of that folder which is meant, perhaps."""
+    try:
+        names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
+    except OSError:
+        return "check the path"
+    near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
+    return f"did you mean {str(path.with_name(near[0]))!r}?" if near else "check the path"
+
+
 def read_content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
     """Return the bytes of a file. Parameters and errors as ``read_source``."""
     where = str(path)
     try:
         return _content(path, error, wanted, most)
     except (FileNotFoundError, NotADirectoryError):
-        raise error("there is no such file", where=where, remedy="check the path") from None
+        raise error("there is no such file", where=where, remedy=_similar(path)) from None
     except IsADirectoryError:
         raise error("this is a folder", where=where, remedy=f"name {wanted} in it") from None
     except OSError as fault:

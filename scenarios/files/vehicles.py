@@ -155,7 +155,9 @@ def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
         raise DeclarationError(
             f"there is no model {model!r}",
             where=where,
-            remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own",
+            remedy=near
+            if (near := closest(model, MODELS)).startswith("did you mean")
+            else f"{near}, or a Python file of your own",
         )
 
 

@@ -511,8 +511,9 @@ class OtherReading:
         """The reading that the data chose, and by how much."""
         return (
             f"inputs are {WORDS[self.used]} between samples: {WORDS[self.other]} inputs fit worse "
-            f"(twice the log likelihood is lower by {-self.gain:.1f}); --hold {self.other.value} "
-            "selects these all the same"
+            f"(likelihood ratio test: {-self.gain:.1f}, "
+            f"{DECISIVE_LOG_LIKELIHOOD_RATIO:g} needed); --hold {self.other.value} "
+            "selects them all the same"
         )
 
     @property
@@ -520,7 +521,7 @@ class OtherReading:
         """Sentence that derivatives depend on the reading of the record, and how to choose it."""
         names = ", ".join(row.name for row, _ in self.moved)
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
-        fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
+        fits = f"fits {how} (likelihood ratio test: {self.gain:+.1f})"
         return (
             f"{names}: changes by more than one sigma if inputs are {WORDS[self.other]} between "
             f"samples, which {fits}; "

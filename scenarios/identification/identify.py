@@ -15,7 +15,7 @@ from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
-from scenarios.files.declarations import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS, closest
 from scenarios.files.measured.columns import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
@@ -433,7 +433,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
         raise DeclarationError(
             f"there is no method {method!r}",
             where="--method",
-            remedy=f"use one of {', '.join(METHODS)}",
+            remedy=closest(method, METHODS),
         )
     refuse_twice(
         [*request.records, *request.validate],
@@ -598,7 +598,10 @@ def _not_to_be_used(
     if whole and made_by_inputs(records, found.estimate):
         kind = " and follow the inputs: the model lacks a part of the response"
     elif disturbed_outputs(records, found.estimate, found.tests):
-        kind = "; if the air was rough, judge by one-step prediction, not by the free simulation"
+        kind = (
+            "; in rough air a simulation cannot follow: judge by the one-step prediction errors of "
+            "--method filter-error"
+        )
     elif whole and vehicle.model != "loes":
         # Only the sigmas of the bank of delays are not corrected for coloured sensor noise.
         unless = " unless the sensor noise itself is coloured, for which they are corrected"

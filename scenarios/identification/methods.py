@@ -13,6 +13,7 @@ from ident.filters.ekf import FilterSettings, run_iterated_ekf
 from ident.filters.smoother import with_coloured_covariance
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
+from scenarios.files.declarations import closest
 from scenarios.files.user_models import inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import Options, refuse_profile
@@ -64,7 +65,7 @@ def refuse_method(
         raise DeclarationError(
             f"there is no method {method!r}",
             where="--method",
-            remedy=f"use one of {', '.join(METHODS)}",
+            remedy=closest(method, METHODS),
         )
     if fitted > 1 and method in FILTERS:
         what = f"a filter runs along one segment, and there are {fitted}"

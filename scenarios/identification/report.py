@@ -24,7 +24,7 @@ from scenarios.identification.assessment import (
     reading_table,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
-from scenarios.identification.conditions import PATH, innovations_phrase
+from scenarios.identification.conditions import PATH, advice, innovations_phrase
 from scenarios.identification.methods import uses_attitude
 from scenarios.identification.model_checks import considered_table
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading
@@ -500,7 +500,7 @@ def identification_page(
     several = f" of {len(records)} records" if len(records) > 1 else ""
     samples = f"{sum(map(len, records))} samples{several}"
     reading = (found.reading.sentence,) if found.reading else ()
-    hint = estimate.outcome.hint
+    hint = advice(found.vehicle.model, estimate)
     return Page(
         title=f"{capital(found.vehicle.name)}: {_model(found)} model",
         kind=(

@@ -20,7 +20,8 @@ from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.output_error import fits_at_their_least
 from scenarios.files.user_models import constrained, inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile, with_priors
-from scenarios.preparation.drafting import Draft, quoted
+from scenarios.preparation.draft_text import quoted
+from scenarios.preparation.drafting import Draft
 from scenarios.preparation.measured_inputs import about_trim, of_totals, trim_sentence
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.compile import compile_model
@@ -393,6 +394,9 @@ def _some(records: Sequence[Record]) -> list[Record]:
     return some
 
 
+ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs, your recorder)"
+
+
 def vehicle_text(draft: Draft) -> str:
     """Return a draft of the vehicle file; numbers that the record lacks are comments."""
     model = draft.nearest or "rigid"
@@ -446,11 +450,12 @@ def vehicle_text(draft: Draft) -> str:
         '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
         "# wing_area = ...  # m2",
         *(f"# {name} = ...  # m" for name in lengths),
-        *(f"# {name} = ...  # kg m2" for name in inertias),
+        *(f"# {name} = ...  # kg m2{ORIGIN_OF_INERTIA}" for name in inertias),
         known,
         "# air_density = ...  # kg/m3 at the height of the flight",
         *(f"# {line.split('  ')[0]} = ...  {line.split('  ')[1]}" for line in more),
-        "[derivatives]  # where the search starts; 30 % wrong will do",
+        "[derivatives]  # where the search starts; 30 % wrong will do: from a wind tunnel, DATCOM, "
+        "AVL or a similar aircraft",
     ]
     return "\n".join([*lines, *(f"# {name} = ..." for name in _DERIVATIVES[model])]) + "\n"
 

@@ -1,17 +1,23 @@
-"""The text of a drafted channel map, and the words on what it leaves out."""
+"""A draft of a channel map as text: a line a channel, what was left out, and what to write."""
 
 from __future__ import annotations
 
+import json
 import textwrap
 
 import numpy as np
 
 from scenarios.files.formats.cells import numbers
 from scenarios.files.measured.columns import RecordFile
-from scenarios.preparation.drafting import COMMANDS, Draft, quoted, topics_of
+from scenarios.preparation.drafting import (
+    COMMANDS,
+    SERVO_PULSES,
+    SURFACES,
+    Draft,
+    topics_of,
+)
 
 COMMENT_WIDTH = 100  # characters of a line of a draft
-MOST_UNUSED = 60  # columns of a log that are listed without a channel
 # channels that a draft calls missing, by the model that is nearest
 WANTED = {
     "multirotor": (*COMMANDS, "p", "q", "r", "az"),
@@ -43,16 +49,9 @@ def map_text(draft: Draft) -> str:
         )
     missing = missing_channels(draft)
     if missing:
-        lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        example = (
-            "(RCOU.C1 - 1500) / 500"
-            if draft.model == "multirotor"
-            else f"0.5*(elevon_left {'-' if draft.nearest == 'lateral' else '+'} elevon_right)"
-        )
-        unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        place = missing[0] if unit == "" or draft.nearest == "lateral" else "elevator"
-        lines.append(f'# {place} = {{column = "{example}"{unit}}}')
-    for words in (constant_words(draft), unused_words(draft) if draft.unused else ""):
+        lines += [f"# Not found: {', '.join(missing)}. A line is such as", *_examples(draft)]
+    unused = draft.unused and len(draft.topics) == 1  # a log has hundreds
+    for words in (constant_words(draft), unused_words(draft) if unused else ""):
         lines += textwrap.wrap(
             f"{words}." if words else "",
             COMMENT_WIDTH,
@@ -78,12 +77,33 @@ def constant_words(draft: Draft) -> str:
     return f"Left out, since they never move: {columns}" if columns else ""
 
 
+def _examples(draft: Draft) -> list[str]:
+    """Lines for channels that were not found, as remarks, with columns that the file has."""
+    missing = missing_channels(draft)
+    pulses = [name for name in draft.unused if SERVO_PULSES.fullmatch(name)]
+    if draft.model == "multirotor":
+        return [f'# {missing[0]} = {{column = "(RCOU.C1 - 1500) / 500"}}']
+    surfaces = [name for name in missing if name in SURFACES]
+    if pulses and surfaces:
+        moving = [name for name in pulses if name in draft.moving] or pulses
+        of = {"aileron": 0, "elevator": 1, "rudder": 3}  # order of servo outputs from the factory
+        return [
+            f'# {name} = "pwm({pulses[of.get(name, 0) % len(pulses)]}, 1500, 573)"'
+            for name in surfaces
+        ] + [
+            "# pwm(column, pulse at zero, us per radian): 573 where 10 us move the surface by 1 "
+            "deg. Pulses that move: " + ", ".join(moving) + ".",
+            "# SERVOn_FUNCTION in the log's parameters says which surface a channel moves; for "
+            "elevons take",
+            f'# elevator = "0.5*(pwm({moving[0]}, 1500, 573) + pwm({moving[-1]}, 1500, 573))"',
+        ]
+    sign, place = ("-", missing[0]) if draft.nearest == "lateral" else ("+", "elevator")
+    return [f'# {place} = {{column = "0.5*(elevon_left {sign} elevon_right)", unit = "deg"}}']
+
+
 def unused_words(draft: Draft) -> str:
-    """The columns for which no channel is proposed; of a log with many topics the first ones."""
-    most = len(draft.unused) if len(draft.topics) == 1 else MOST_UNUSED
-    more = len(draft.unused) - most
-    tail = f" and {more} more" if more > 0 else ""
-    return f"Columns without a channel: {', '.join(draft.unused[:most])}{tail}"
+    """The columns of a table for which no channel is proposed."""
+    return f"Columns without a channel: {', '.join(draft.unused)}"
 
 
 def _sweep_words(file: RecordFile) -> list[str]:
@@ -103,3 +123,7 @@ def _sweep_words(file: RecordFile) -> list[str]:
             f"# flightid response {path} --input SIDD.Targ --output SIDD.{most} --out bode",
         ]
     return []
+
+
+def quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

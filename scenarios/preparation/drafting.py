@@ -4,7 +4,6 @@ reason for each guess.
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 import unicodedata
@@ -39,6 +38,7 @@ SPELT = {  # Units as they stand behind a name without brackets.
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # Limits that most samples of any flight respect; beyond them, the unit is wrong.
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
+SERVO_PULSES = re.compile(r"RCOU\.C\d+")  # outputs to the servos of ArduPilot, us
 EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}  # beside an aileron or a rudder
@@ -98,6 +98,7 @@ class Draft:
     model : the model that the channels fit, empty if none does.
     clockless : the file has no clock, and no rate was given.
     constant : column of each channel that is recorded but never moves.
+    moving : servo pulses that no channel takes and that move.
     """
 
     file: RecordFile
@@ -108,6 +109,7 @@ class Draft:
     model: str
     clockless: bool = False
     constant: Mapping[str, str] = field(default_factory=dict)
+    moving: tuple[str, ...] = ()
 
     @property
     def nearest(self) -> str:
@@ -156,6 +158,14 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
         constant,
+        tuple(
+            path
+            for topic in topics
+            for at, cell in enumerate(topic.table.header)
+            if (path := _path(topic, cell)) not in taken
+            and SERVO_PULSES.fullmatch(path)
+            and _moves(topic, at)
+        ),
     )
 
 
@@ -171,6 +181,15 @@ def _constant(channels: Collection[str], topics: Sequence[Topic]) -> dict[str, s
                 if named and _numbers(topic, index).size and not _moves(topic, index):
                     result.setdefault(channel, _path(topic, cell))
     return result
+
+
+def named_only(draft: Draft) -> Draft:
+    """Return the draft of a file with one fault that keeps every channel from being read: a draft
+    needs the headers alone.
+    """
+    guesses = tuple(replace(guess, fault="") for guess in draft.guesses)
+    model = _model_for({guess.channel for guess in guesses})
+    return replace(draft, guesses=guesses, model=model)
 
 
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
@@ -529,7 +548,3 @@ def _converts(unit: str, inside: str) -> bool:
 def _numbers(topic: Topic, index: int) -> np.ndarray:
     values = numbers(topic.table, index).values
     return values[np.isfinite(values)]
-
-
-def quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)

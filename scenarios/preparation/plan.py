@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
 # inputs of the equations that are measured motion: no control, which alone excites
 MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)
-BY_HAND = "chosen by hand"  # word for a hold given by the user
+BY_HAND = "as given by the user"  # word for a hold given by the user
 
 
 @dataclass(frozen=True)

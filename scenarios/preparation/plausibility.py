@@ -89,7 +89,12 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
         signal.name for signal in model.equations.inputs if signal.name not in MEASURED_MOTION
     ]
     if controls and all(_still(record[name]) for record in records for name in controls):
-        what = f"the {' and the '.join(controls)} never moves: nothing shows what it does"
+        *first, last = controls
+        what = (
+            f"{', '.join(first)} and {last} never move: nothing shows what they do"
+            if first
+            else f"the {last} never moves: nothing shows what it does"
+        )
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
     if controls and not any(
         moves(channel)
@@ -293,8 +298,8 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
         and not why_unpredictable(last, model)
     ):
         sentence = (
-            f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the "
-            "others are fitted"
+            f"the last record, {last.name}, is not fitted but predicted whole, as no other is "
+            "given for it (--validate); the others are fitted"
         )
         return Split(tuple(others), last, None, sentence)
     first, held_out = hold_out(last)
@@ -303,8 +308,8 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
         (*others, first),
         held_out,
         cut,
-        f"no --validate: the last part of {last.name}, from {instant(cut, 6)} s on, is not fitted "
-        "but predicted",
+        f"the last part of {last.name}, from {instant(cut, 6)} s on, is not fitted but predicted, "
+        "as no other record is given for it (--validate)",
     )
 
 

@@ -417,7 +417,7 @@ def for_model(
     wider, ready, said = with_attitude(wider, ready)
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
-    doubts = (*flow_doubts(records, model), *_idle_motors(records))
+    doubts = (*_idle_motors(records), *flow_doubts(records, model))
     return PreparedData(
         wider,
         tuple(ready[:split]),
@@ -508,8 +508,8 @@ def _readings(
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
     sentence = (
-        "inputs linear between samples: the declared model fits better than with held ones (twice "
-        f"the log likelihood {gain:.1f})"
+        "inputs linear between samples: the declared model fits better than with held ones "
+        f"(likelihood ratio test: {gain:.1f}, {DECISIVE_LOG_LIKELIHOOD_RATIO:g} needed)"
     )
     return Hold.LINEAR, weight, [f"{sentence}; --hold previous holds them", *of_weight]
 

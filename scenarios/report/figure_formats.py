@@ -165,7 +165,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "Inputs and expected responses of every maneuver, the best first, with the limits"
         ),
         "effects": (
-            "Effects by flight. Filled: the flight has the effect; grey: undecided; open: it does "
+            "Effects by flight. Filled: the flight has the effect; light: undecided; open: it does "
             "not"
         ),
         "shared": (

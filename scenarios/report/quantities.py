@@ -265,8 +265,8 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
     if not failed:
         return (
             "residual: consistent with noise ("
-            + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
-            + f"; a test fails below p = {WHITENESS_P_VALUE:g})"
+            + "; ".join(f"{t.channel}: p-value {t.p_value:.2g}" for t in tests)
+            + f"; a test fails below {WHITENESS_P_VALUE:g})"
             if tests
             else ""
         )

@@ -130,6 +130,12 @@ def prediction_table(found: FoundStructure) -> Table:
     return rows_table("records that were not fitted", columns, rows)
 
 
+def _f_digits(ratios: Sequence[float]) -> str:
+    """Return one format for a whole column of F ratios: none mixes 2.41e+04 with 350."""
+    finite = [abs(float(F)) for F in ratios if math.isfinite(float(F))]
+    return ".0f" if max(finite, default=0.0) >= 1000.0 else ".3g"
+
+
 def terms_table(found: FoundStructure, axis: str) -> Table:
     """Return the values of a coefficient's terms, the partial F ratio of each beside all others,
     what the step reached in which it came, and its variance inflation.
@@ -145,7 +151,7 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
             [
                 "constant" if not term.factors else term.text,
                 estimate(float(value), float(sigma)),
-                formatted(float(F), ".3g", PURE) if term.factors else "",
+                formatted(float(F), _f_digits(each.ratios), PURE) if term.factors else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 *_held(step.held_out if step else math.nan, found),
                 formatted(step.pse, ".3g", PURE) if step else "",

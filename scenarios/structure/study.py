@@ -213,12 +213,12 @@ def hold_of_inputs(
     if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO:
         return Hold.LINEAR, [
             "inputs linear between samples: linear terms explain the coefficients better than with "
-            f"held ones (twice the log likelihood {gain:.1f}); --hold previous holds them"
+            f"held ones (likelihood ratio test: {gain:.1f}); --hold previous holds them"
         ]
     if gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO:
         return Hold.PREVIOUS, [
             "inputs held between samples: linear terms explain the coefficients better than with "
-            f"linear ones (twice the log likelihood {-gain:.1f}); --hold linear joins the samples "
+            f"linear ones (likelihood ratio test: {-gain:.1f}); --hold linear joins the samples "
             "by lines"
         ]
     return Hold.PREVIOUS, [

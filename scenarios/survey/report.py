@@ -144,7 +144,7 @@ def rivals_phrase(each: Recurring) -> str:
         )
     if margins:
         least = (
-            f"(twice the log likelihood larger by {min(margins.values()):.4g}"
+            f"(likelihood ratio test: {min(margins.values()):.4g}"
             f"{' at least' if len(margins) > 1 else ''})"
         )
         out.append(
@@ -354,7 +354,11 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     names = [
         Link(name, f"{FOLDER}/{name}/report.html") if name in linked else name for name in order
     ]
+    # as in the figure of effects by flight
+    shown = survey.recurs[0].flights if survey.recurs else ()
+    numbers = {name: str(number) for number, name in enumerate(shown, start=1)}
     columns: list[tuple[Column, Sequence[Cell]]] = [
+        (Column("number"), [numbers.get(name, MISSING) for name in order]),
         (Column("flight"), names),
         (Column("since"), ["new" if name in grown.new else "" for name in order]),
         (Column("date"), [grown.flights[name].date or MISSING for name in order]),

@@ -107,10 +107,12 @@ def flight(
 
 def write_all(folder: Path) -> None:
     """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``,
-    ``mat``, ``txt`` and ``csv``."""
+    ``mat``, ``txt`` and ``csv``; without a vane as ``novane.bin``.
+    """
     columns = flight()
     px4(folder / "uav.ulg", columns)
     ardupilot(folder / "uav.bin", columns)
+    without_vane(folder / "novane.bin", columns)
     ardupilot(folder / "uav.log", columns)
     _tables(folder, columns)
 
@@ -164,6 +166,28 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
         messages["ARSP"], units["ARSP"] = {"TimeUS": stamps, "Airspeed": columns["airspeed"]}, "sn"
     write = write_dataflash_text if path.suffix == ".log" else write_dataflash
     return write(path, messages, units)
+
+
+def without_vane(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    """A DataFlash log with one IMU and the servo pulses, and no angle of attack.
+
+    The accelerometer is in the centre of gravity. It reads the lift of the noisy alpha and q, so
+    that its error is 0.3 m/s2.
+    """
+    stamps = np.round(1e6 * (12.0 + columns["time"]))
+    angle = columns["elevator"] / DEGREE
+    q_hat = columns["q"] * CHORD / (2.0 * SPEED)
+    lift = (
+        TRUTH["CL_alpha"] * columns["alpha"]
+        + TRUTH["CL_q"] * q_hat
+        + TRUTH["CL_de"] * columns["elevator"]
+    )
+    down = -9.80665 - 0.5 * DENSITY * SPEED**2 * AREA * lift / MASS
+    messages = {
+        "IMU": {"TimeUS": stamps, "GyrY": columns["q"], "AccZ": down},
+        "RCOU": {"TimeUS": stamps, "C1": 1500.0 - 10.0 * angle, "C2": 1510.0 + 10.0 * angle},
+    }
+    return write_dataflash(path, messages, {"IMU": "sEo"})
 
 
 def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:

@@ -258,7 +258,8 @@ def moved_title(d: Diagnosis) -> str:
         if name in d.after
     )
     return (
-        "derivatives (* moved by more than two sigmas of both together)"
+        "derivatives (* moved by more than two of their joint sigmas, the root of the sum of both "
+        "squared)"
         if any_moved
         else "derivatives"
     )

@@ -145,7 +145,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
 
 MEMBER_TITLE = (
     "derivatives under each effect that these data cannot tell apart (* differs from the first "
-    "by more than two sigmas of both together)"
+    "by more than two of their joint sigmas, the root of the sum of both squared)"
 )
 CANDIDATE_TITLE = "best candidates of each round of the search"
 CANDIDATE_LEGEND = (

@@ -366,11 +366,13 @@ def table_of_columns(
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
     """Return the error for a format whose library is not installed."""
     library = (error.name or "its library").split(".")[0]
-    wanted = f'"flightid[{extra}]"' if extra else library
-    what = f"reading {format_name} needs {library}, which is not installed"
-    return RecordError(
-        what, where=str(path), remedy=f"python -m pip install {wanted}, or export the record as CSV"
+    wanted = (
+        f'in the folder of the project: python -m pip install -e ".[{extra}]"'
+        if extra
+        else f"python -m pip install {library}"
     )
+    what = f"reading {format_name} needs {library}, which is not installed"
+    return RecordError(what, where=str(path), remedy=f"{wanted}; or export the record as CSV")
 
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -190,6 +191,17 @@ def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
     return exact if len(exact) == 1 else places
 
 
+def _recorder_of(column: str) -> str:
+    """Return the autopilot whose logs name a column so: ``IMU[0].GyrY``, ``vane.alpha``; empty if
+    the name has no topic.
+    """
+    topic, dot, _ = column.partition(".")
+    name = topic.partition("[")[0]
+    if not dot or not re.fullmatch(r"[A-Z0-9]{2,4}|[a-z][a-z0-9_]*", name):
+        return ""
+    return "ArduPilot" if name.isupper() else "PX4"
+
+
 def _not_one(
     file: RecordFile, topics: Sequence[Topic], column: str, positions: Sequence[Place], where: str
 ) -> RecordError:
@@ -208,6 +220,14 @@ def _not_one(
         for topic in topics
         for cell in topic.table.header
     ]
+    kinds = [_recorder_of(name) for name in (column, *names[:1])]
+    if len(topics) > 1 and all(kinds) and kinds[0] != kinds[1]:
+        return RecordError(
+            f"there is no column {column!r}: the channel map is for logs of {kinds[0]}, and this "
+            f"is one of {kinds[1]}",
+            where=where,
+            remedy="flightid map FILE drafts one",
+        )
     return RecordError(
         f"there is no column {column!r}",
         where=where,

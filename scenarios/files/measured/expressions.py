@@ -9,6 +9,7 @@ backquotes: ``rad(`AoA left`)``.
 from __future__ import annotations
 
 import ast
+import inspect
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -288,6 +289,14 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 }
 
 
+def _arguments(function: Callable[..., Any]) -> tuple[int, int]:
+    """Return the least and largest number of arguments of a function of expressions."""
+    if isinstance(function, np.ufunc):
+        return function.nin, function.nin
+    given = inspect.signature(function).parameters.values()
+    return sum(each.default is each.empty for each in given), len(given)
+
+
 def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth: int) -> None:
     wrong = RecordError(f"{text!r} has more in it than arithmetic", where=where, remedy=_REMEDY)
     if depth > DEEPEST_NESTING:
@@ -313,6 +322,17 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         and node.func.id in FUNCTIONS
         and not node.keywords
     ):
+        function, says = FUNCTIONS[node.func.id]
+        least, most = _arguments(function)
+        if not least <= len(node.args) <= most:
+            number = {1: "one value", 2: "two values", 3: "three values"}.get(
+                least, f"{least} values"
+            )
+            raise RecordError(
+                f"{node.func.id} needs {number}, not {len(node.args)}, in {text!r}",
+                where=where,
+                remedy=f"write {says}",
+            )
         inner = list(node.args)
     elif isinstance(node, ast.List | ast.Tuple):
         inner = list(node.elts)

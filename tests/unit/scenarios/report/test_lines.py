@@ -57,7 +57,7 @@ def test_one_axis_needs_no_name_and_a_test_of_all_outputs_has_none() -> None:
     )
     assert (
         line_of([whiteness("q", 0.3)])
-        == "residual: consistent with noise (q p = 0.3; a test fails below p = 0.0001)"
+        == "residual: consistent with noise (q: p-value 0.3; a test fails below 0.0001)"
         and line_of([]) == ""
     )
 

@@ -158,7 +158,7 @@ def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
     assert rivals_phrase(equal) == (
         "equally likely: vane-offset; chosen since the derivatives agree better between flights, "
         "or by the flights' diagnoses; "
-        "preferred to sensor-lag:q and sensor-lag:alpha (twice the log likelihood larger by 20 at "
+        "preferred to sensor-lag:q and sensor-lag:alpha (likelihood ratio test: 20 at "
         "least)"
     )
     assert rivals_phrase(replace(each, name="input-delay", rivals={})).startswith(

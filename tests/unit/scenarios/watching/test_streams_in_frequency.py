@@ -81,7 +81,7 @@ def test_linear_inputs_read_as_held_bias_the_control_power() -> None:
     session = followed(Hold.LINEAR, given=Hold.PREVIOUS)
     assert session.hold is Hold.PREVIOUS
     assert off(session, "Cm_de") > 0.02
-    assert "inputs held between samples: chosen by hand" in spectral_content(session)["notes"]
+    assert "inputs held between samples: as given by the user" in spectral_content(session)["notes"]
 
 
 @pytest.mark.parametrize("pressure", [False, True])
