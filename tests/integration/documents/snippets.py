@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
+import os
 import re
 import runpy
 import shlex
@@ -102,7 +104,11 @@ def why_not_run(path: Path, snippet: str) -> str | None:
 
 def is_run(kind: str, snippet: str) -> bool:
     """Whether ``Reader`` knows how to run it: Python, the program, or a Python file of the page."""
-    return kind == "python" or re.match(r"flightid |python [\w/]+\.py$", snippet) is not None
+    return (
+        kind == "python"
+        or re.match(r"flightid |python [\w/]+\.py$|python -m tests\.|cd [\w-]+$", snippet)
+        is not None
+    )
 
 
 class Program(Protocol):
@@ -154,6 +160,12 @@ class Reader:
 
     def ran(self, line: str) -> str:
         """What a command printed; ``> FILE`` takes it."""
+        if line.startswith("cd "):
+            os.chdir(line.split()[1])
+            return ""
+        if line.startswith("python -m tests."):
+            module, *arguments = line.split()[2:]
+            return printed_by(lambda: importlib.import_module(f"{module}.__main__").main(arguments))
         if line.startswith("python "):
             # Whole: processes that the program starts look for it from the folder of the tests.
             program = str(Path(line.split()[1]).resolve())

@@ -31,9 +31,7 @@ from tests.integration.documents.snippets import (
     snippets,
     why_not_run,
 )
-from tests.recorders import flights, quadrotor
 
-RECORDERS = "docs/how-to/your-recorder.md"  # its logs are made here, as no reader can type one
 LINK = re.compile(r"\]\(([^)#\s]+)\)")
 FOLLOWED = [
     path
@@ -72,9 +70,6 @@ def test_commands_do_what_the_document_shows(
     monkeypatch.syspath_prepend(tmp_path)
     for folder in ("docs", "labs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    if name_of(path) == RECORDERS:
-        flights.write_all(tmp_path)
-        quadrotor.write_all(tmp_path)
     reader = Reader(flightid)
     reader.follow(path)
     assert reader.lines or not any(kind == "text" for kind, _ in blocks(path))

@@ -37,7 +37,7 @@ def cautions(method: str, noise: str, run: int = 0) -> list[str]:
     vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
     frame = pd.DataFrame(flight.columns)
     found = flightid.identify(frame, "rigid", vehicle, method=method, hold="previous")
-    return [each for each in found.warnings if "too small" in each]
+    return [each for each in found.warnings if "multiply the sigmas" in each]
 
 
 @pytest.mark.sampled
@@ -46,8 +46,8 @@ def cautions(method: str, noise: str, run: int = 0) -> list[str]:
 def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
     (said,) = cautions(method, noise)
     factor, worst, held = SHORT_IN_GUSTS[method]
-    assert 1.0 < factor < worst and f"sigmas of {method} are {factor:g} times too small" in said
-    assert f"up to {worst:g} times" in said and f"{100 * held:.0f} %" in said
+    assert 1.0 < factor < worst and f"multiply the sigmas by {factor:g} " in said
+    assert f"need up to {worst:g})" in said and f"{100 * held:.0f} %" in said
 
 
 @pytest.mark.sampled
@@ -61,7 +61,7 @@ def test_noise_of_each_sensor_by_itself_is_not(method: str, noise: str) -> None:
 def test_filter_error_is_cautioned_where_it_finds_gusts() -> None:
     (said,) = cautions("filter-error", "markov-gusts")
     factor, held = FILTER_ERROR
-    assert f"sigmas of filter-error are up to {factor:g} times too small" in said
+    assert f"multiply the sigmas by up to {factor:g} if" in said
     assert f"{100 * held:.0f} %" in said
     assert cautions("filter-error", "white") == []
 
