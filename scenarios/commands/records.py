@@ -15,13 +15,8 @@ from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import (
-    Draft,
-    drafted,
-    map_text,
-    missing_channels,
-    unused_words,
-)
+from scenarios.preparation.draft_text import map_text, missing_channels, unused_words
+from scenarios.preparation.drafting import Draft, drafted
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import console, shown_in, unit_cell
@@ -255,16 +250,16 @@ def draft_map(
 
     Raises
     ------
-    FlightidError : the file cannot be read, or none of the channels that its names suggest; ``out``
-        holds a map or vehicle file already.
+    FlightidError : the file cannot be read, or none of its columns; ``out`` holds a map or vehicle
+        file already.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
         _refuse_present(out)
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
-    unread = [guess.fault for guess in draft.guesses if guess.fault]
-    if unread and not any(guess.samples for guess in draft.guesses):
-        raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+    if not draft.readable:
+        fault = next(guess.fault for guess in draft.guesses if guess.fault)
+        raise RecordError(f"no channel can be read, so no map is drafted: {fault}")
     _print_topics(draft, whole=topics)
     _print_channels(draft)
     text = map_text(draft)

@@ -20,7 +20,8 @@ from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.output_error import fits_at_their_least
 from scenarios.files.user_models import constrained, inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile, with_priors
-from scenarios.preparation.drafting import Draft, quoted
+from scenarios.preparation.draft_text import quoted
+from scenarios.preparation.drafting import Draft
 from scenarios.preparation.measured_inputs import about_trim, of_totals, trim_sentence
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.compile import compile_model

@@ -1,12 +1,10 @@
-"""A draft of the channel map and of the vehicle file, from the headers of a recorder's file, with a
-reason for each guess.
+"""The channels that the headers of a recorder's file suggest, each tried, with a reason for each
+guess.
 """
 
 from __future__ import annotations
 
-import json
 import re
-import textwrap
 import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -41,19 +39,12 @@ BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # Limits that most samples of any flight respect; beyond them, the unit is wrong.
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 MOST_UNUSED = 60  # columns of a log that are listed without a channel
-COMMENT_WIDTH = 100  # characters of a line of a draft
 EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}  # beside an aileron or a rudder
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
-# channels that a draft calls missing, by the model that is nearest
-WANTED = {
-    "multirotor": (*COMMANDS, "p", "q", "r", "az"),
-    "lateral": ("aileron", "rudder", "beta", "p", "r", "phi"),
-    "": ("elevator", "aileron", "rudder", "alpha", "beta", "q"),
-}
 
 
 @dataclass(frozen=True)
@@ -104,6 +95,7 @@ class Draft:
     unused : columns that no channel takes.
     model : the model that the channels fit, empty if none does.
     clockless : the file has no clock, and no rate was given.
+    readable : a channel can be read, or a column that no channel takes, or there is no guess.
     """
 
     file: RecordFile
@@ -113,6 +105,7 @@ class Draft:
     unused: tuple[str, ...]
     model: str
     clockless: bool = False
+    readable: bool = True
 
     @property
     def nearest(self) -> str:
@@ -132,7 +125,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     file : the file as it was read.
     rate : Hz, of a file without a clock.
     """
-    topics = _topics_of(file)
+    topics = topics_of_file(file)
     result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in result) and len(topics) == 1 and rate is None:
@@ -150,14 +143,16 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         for cell in topic.table.header
         if not is_clock(split_header(cell)[0])
     ]
+    unused = tuple(name for name in names if name not in taken)
     return Draft(
         file,
         tuple(_summary(topic) for topic in topics),
         tuple(tried),
         tuple(faults),
-        tuple(name for name in names if name not in taken),
+        unused,
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
+        _is_readable(file, tried, unused, 1.0 if clockless else rate),
     )
 
 
@@ -175,84 +170,8 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
     """
     return {
         guess.channel: str(guess.choice.column)
-        for guess in _guesses(channels, _topics_of(file), ())
+        for guess in _guesses(channels, topics_of_file(file), ())
     }
-
-
-def map_text(draft: Draft) -> str:
-    """Return the draft as a channel map in TOML, with a reason beside each line."""
-    lines = [
-        f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
-        "signs, and seldom units."
-    ]
-    for guess in draft.guesses:
-        choice = guess.choice
-        column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
-        entry = (
-            str(column)
-            if choice.unit is None
-            else f"{{column = {column}, unit = {quoted(choice.unit)}}}"
-        )
-        lines.append(
-            f"# {guess.channel} = {entry}  # left out: {guess.fault}"
-            if guess.fault
-            else f"{guess.channel} = {entry}  # {guess.reason}"
-        )
-    missing = missing_channels(draft)
-    if missing:
-        lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        example = (
-            "(RCOU.C1 - 1500) / 500"
-            if draft.model == "multirotor"
-            else f"0.5*(elevon_left {'-' if draft.nearest == 'lateral' else '+'} elevon_right)"
-        )
-        unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        place = missing[0] if unit == "" or draft.nearest == "lateral" else "elevator"
-        lines.append(f'# {place} = {{column = "{example}"{unit}}}')
-    if draft.unused:
-        lines += textwrap.wrap(
-            f"{unused_words(draft)}.",
-            COMMENT_WIDTH,
-            initial_indent="# ",
-            subsequent_indent="# ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    lines += _sweep_words(draft.file)
-    return "\n".join(lines) + "\n"
-
-
-def missing_channels(draft: Draft) -> list[str]:
-    """Return the channels of the nearest model for which no column is proposed."""
-    found = {guess.channel for guess in draft.guesses}
-    return [name for name in WANTED.get(draft.nearest, WANTED[""]) if name not in found]
-
-
-def unused_words(draft: Draft) -> str:
-    """The columns for which no channel is proposed; of a log with many topics the first ones."""
-    most = len(draft.unused) if len(draft.topics) == 1 else MOST_UNUSED
-    more = len(draft.unused) - most
-    tail = f" and {more} more" if more > 0 else ""
-    return f"Columns without a channel: {', '.join(draft.unused[:most])}{tail}"
-
-
-def _sweep_words(file: RecordFile) -> list[str]:
-    """Options for the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration that
-    it moves most; empty for other files.
-    """
-    for topic in _topics_of(file):
-        known = {name: at for at, name in enumerate(topic.table.header)}
-        rates = [name for name in ("Gx", "Gy", "Gz") if name in known]
-        if topic.name != "SIDD" or "Targ" not in known or not rates:
-            continue
-        moved = {name: np.ptp(numbers(topic.table, known[name]).values) for name in rates}
-        most = max(moved, key=lambda name: moved[name])
-        path = file.path.name
-        return [
-            "# A sweep of ArduPilot's SYSID mode. Its frequency response:",
-            f"# flightid response {path} --input SIDD.Targ --output SIDD.{most} --out bode",
-        ]
-    return []
 
 
 @lru_cache(maxsize=1)
@@ -280,7 +199,7 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
     return _has("RATE.ROut", topics) and not airspeed
 
 
-def _topics_of(file: RecordFile) -> Sequence[Topic]:
+def topics_of_file(file: RecordFile) -> Sequence[Topic]:
     """Return the topics of a log; a table is one without a name."""
     return file.topics or (Topic("", file.table),)
 
@@ -464,7 +383,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
 
     Channels with a common clock are read together, or separately if one has a fault.
     """
-    topics = _topics_of(file)
+    topics = topics_of_file(file)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
     topic_of = {
         _path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header
@@ -506,6 +425,25 @@ def _read(
             guess, samples=int(values.size), least=float(values.min()), most=float(values.max())
         )
     return out
+
+
+def _is_readable(
+    file: RecordFile, tried: Sequence[Guess], unused: Sequence[str], rate: float | None
+) -> bool:
+    """Return whether a guess can be read, or an unused column in the place of one that cannot.
+
+    A fault of the clock or of the rows prevents reading all columns, one of a column only that one.
+    """
+    faulty = [guess for guess in tried if guess.fault]
+    if not faulty or any(guess.samples for guess in tried):
+        return True
+    clock = {guess.channel: guess.choice for guess in tried if guess.channel == TIME}
+    channel = faulty[0].channel
+    choices = (ColumnChoice(name, CHANNEL_UNITS[channel]) for name in unused[:MOST_UNUSED])
+    return any(
+        _read(file, [replace(faulty[0], choice=choice, fault="")], clock, rate)[channel].samples > 0
+        for choice in choices
+    )
 
 
 def _summary(topic: Topic) -> TopicSummary:
@@ -592,7 +530,3 @@ def _converts(unit: str, inside: str) -> bool:
 def _numbers(topic: Topic, index: int) -> np.ndarray:
     values = numbers(topic.table, index).values
     return values[np.isfinite(values)]
-
-
-def quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
