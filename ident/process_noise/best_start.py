@@ -253,6 +253,7 @@ def _distinct_outputs(fit: Fit) -> int:
     at = [system.parameters.index(name) for name in layout.shared if not name.startswith("bias_")]
     x, record = fit.lines[0].states, layout.problems[0].record
     u = np.array([record[name].values for name in system.input_names])
+    u = u.reshape(len(system.input_names), len(record))  # also where there is none
     x_size, u_size = np.std(x, axis=1), np.std(u, axis=1)
     with np.errstate(all="ignore"):
         for _ in range(_CHANGES):

@@ -259,15 +259,15 @@ def draft_map(
 
     Raises
     ------
-    FlightidError : the file cannot be read, or none of the channels that its names suggest; ``out``
-        holds a map or vehicle file already.
+    FlightidError : the file cannot be read, or none of its columns; ``out`` holds a map or vehicle
+        file already.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
         _refuse_present(out)
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
     unread = [guess.fault for guess in draft.guesses if guess.fault]
-    if unread and not any(guess.samples for guess in draft.guesses):
+    if unread and not draft.readable:
         if len(set(unread)) > 1 or len(unread) < FEWEST_NAMED:
             raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
         draft = named_only(draft)

@@ -369,7 +369,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         ratio.plot([each.ratio.get(name, np.nan) for name in names], places, **look)
         share.plot([100.0 * each.share.get(name, np.nan) for name in names], places, **look)
     caption(spectrum, "σ of the prior over σ by the record alone (–)")
-    caption(spare, "number of directions that the record determines (–), cumulative")
+    caption(spare, "directions that the record determines (–), cumulative")
     unseen = sorted({each.unseen for each in methods})
     for panel in (spectrum, spare):
         panel.set_xlabel(

@@ -1,5 +1,5 @@
-"""A draft of the channel map and of the vehicle file, from the headers of a recorder's file, with a
-reason for each guess.
+"""The channels that the headers of a recorder's file suggest, each tried, with a reason for each
+guess.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ SPELT = {  # Units as they stand behind a name without brackets.
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # Limits that most samples of any flight respect; beyond them, the unit is wrong.
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
+MOST_UNUSED = 60  # columns without a channel that are tried
 SERVO_PULSES = re.compile(r"RCOU\.C\d+")  # outputs to the servos of ArduPilot, us
 EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
@@ -99,6 +100,7 @@ class Draft:
     clockless : the file has no clock, and no rate was given.
     constant : column of each channel that is recorded but never moves.
     moving : servo pulses that no channel takes and that move.
+    readable : a channel can be read, or a column that no channel takes, or there is no guess.
     """
 
     file: RecordFile
@@ -110,6 +112,7 @@ class Draft:
     clockless: bool = False
     constant: Mapping[str, str] = field(default_factory=dict)
     moving: tuple[str, ...] = ()
+    readable: bool = True
 
     @property
     def nearest(self) -> str:
@@ -149,12 +152,13 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         for cell in topic.table.header
         if not is_clock(split_header(cell)[0])
     ]
+    unused = tuple(name for name in names if name not in taken)
     return Draft(
         file,
         tuple(_summary(topic) for topic in topics),
         tuple(tried),
         tuple(faults),
-        tuple(name for name in names if name not in taken),
+        unused,
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
         constant,
@@ -166,6 +170,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
             and SERVO_PULSES.fullmatch(path)
             and _moves(topic, at)
         ),
+        _is_readable(file, tried, unused, 1.0 if clockless else rate),
     )
 
 
@@ -462,6 +467,25 @@ def _read(
             guess, samples=int(values.size), least=float(values.min()), most=float(values.max())
         )
     return out
+
+
+def _is_readable(
+    file: RecordFile, tried: Sequence[Guess], unused: Sequence[str], rate: float | None
+) -> bool:
+    """Return whether a guess can be read, or an unused column in the place of one that cannot.
+
+    A fault of the clock or of the rows prevents reading all columns, one of a column only that one.
+    """
+    faulty = [guess for guess in tried if guess.fault]
+    if not faulty or any(guess.samples for guess in tried):
+        return True
+    clock = {guess.channel: guess.choice for guess in tried if guess.channel == TIME}
+    channel = faulty[0].channel
+    choices = (ColumnChoice(name, CHANNEL_UNITS[channel]) for name in unused[:MOST_UNUSED])
+    return any(
+        _read(file, [replace(faulty[0], choice=choice, fault="")], clock, rate)[channel].samples > 0
+        for choice in choices
+    )
 
 
 def _summary(topic: Topic) -> TopicSummary:

@@ -354,7 +354,6 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     names = [
         Link(name, f"{FOLDER}/{name}/report.html") if name in linked else name for name in order
     ]
-    # as in the figure of effects by flight
     shown = survey.recurs[0].flights if survey.recurs else ()
     numbers = {name: str(number) for number, name in enumerate(shown, start=1)}
     columns: list[tuple[Column, Sequence[Cell]]] = [

@@ -14,7 +14,6 @@ from tests.mutation.table import MUTANTS
 ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
 
 
-@pytest.mark.sampled
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
 def test_a_mutant_changes_one_place_of_a_file_that_still_is_python(mutant: Mutant) -> None:
     assert mutant.old != mutant.new

@@ -87,8 +87,8 @@ ONCE_UNNOTICED = (
         "scenarios/trials/sweeps.py",
         ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
         (
-            "decay * p + now * late[n + 1] + before * late[n]",
-            "decay * p + now * late[n] + before * late[n + 1]",
+            "decay * p + now * delayed[n + 1] + before * delayed[n]",
+            "decay * p + now * delayed[n] + before * delayed[n + 1]",
         ),
         ("later ** (whole + 1) * (now", "later ** whole * (now"),
         ("loop.integral / loop.rate / (1.0 - later)", "loop.integral * loop.rate / (1.0 - later)"),
@@ -96,10 +96,10 @@ ONCE_UNNOTICED = (
     *changes(
         "scenarios/maneuver_design/setting.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
-        ("room.corner(i) / (low * (high / low) ** at)", "room.corner(i) / low"),
+        ("limits.corner(i) / (low * (high / low) ** at)", "limits.corner(i) / low"),
         (
-            "room.corner(i) * period / (2.0 * math.pi * harmonic)",
-            "room.corner(i) * period / harmonic",
+            "limits.corner(i) * period / (2.0 * math.pi * harmonic)",
+            "limits.corner(i) * period / harmonic",
         ),
     ),
     *changes(
@@ -137,15 +137,16 @@ ONCE_UNNOTICED = (
     *changes(
         "scenarios/trials/jsbsim/machine.py",
         MACHINE,
-        ("math.radians(75.0), math.radians(60.0)", "math.radians(60.0), math.radians(75.0)"),
-        ("math.radians(75.0), math.radians(60.0)", "75.0, 60.0"),
-        ("math.radians(75.0), math.radians(60.0)", "math.radians(80.0), math.radians(60.0)"),
-        ("math.radians(75.0), math.radians(60.0)", "math.radians(75.0), math.radians(65.0)"),
-        ("math.radians(75.0), math.radians(60.0)", "math.radians(70.0), math.radians(60.0)"),
+        ("math.radians(75.0)", "math.radians(60.0)"),
+        ("math.radians(75.0)", "75.0"),
+        ("math.radians(75.0)", "math.radians(80.0)"),
+        ("math.radians(60.0)", "math.radians(65.0)"),
+        ("math.radians(75.0)", "math.radians(70.0)"),
+        ("math.radians(60.0)", "60.0"),
         ('np.max(np.abs(signals["phi"]))', 'np.max(signals["phi"])'),
         ('np.max(np.abs(signals["theta"]))', 'np.max(signals["theta"])'),
         ("not finite\n        or np.max", "np.max"),
-        ("POUND, INERTIA = SLUG * FOOT,", "POUND, INERTIA = SLUG / FOOT,"),
+        ("POUND = SLUG * FOOT", "POUND = SLUG / FOOT"),
     ),
     *changes(
         "exam/hidden_terms/density_layer.py",
@@ -236,7 +237,7 @@ SIM = (
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
         ),
         ("left - 0.5 * way, left", "left - way, left"),
-        ("typical=3.0 * peak", "typical=peak"),
+        ("of_peak: ClassVar[float] = 3.0", "of_peak: ClassVar[float] = 1.0"),
     ),
     *changes(
         "sim/truth/measurement.py",
@@ -318,8 +319,8 @@ IDENT = (
         "ident/recording/distorted_channels.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
-            "gain = (2.0 * math.sin(math.pi * at * step)) ** 2",
-            "gain = 2.0 * math.sin(math.pi * at * step)",
+            "gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2",
+            "gain = 2.0 * math.sin(math.pi * line_frequency * step)",
         ),
     ),
     *changes(
@@ -394,15 +395,18 @@ IDENT = (
         ("tests/unit/ident/flying_qualities/test_stability_margins.py",),
         ("np.angle(-target.response)", "np.angle(target.response)"),
         ("away = np.abs(1.0 + target.response)", "away = np.abs(1.0 - target.response)"),
-        ("return _Near(-gain.value,", "return _Near(gain.value,"),
-        ("spare = limit - near.apart**2", "spare = limit - 2.0 * near.apart**2"),
-        ("return _Near(angle / at,", "return _Near(angle * at,"),
+        ("return _CrossingMargin(-gain.value,", "return _CrossingMargin(gain.value,"),
+        (
+            "spare = limit - near.sigmas_from_crossing**2",
+            "spare = limit - 2.0 * near.sigmas_from_crossing**2",
+        ),
+        ("return _CrossingMargin(angle / at,", "return _CrossingMargin(angle * at,"),
         ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
         "ident/frequency_response/segments.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
-        ("np.abs(between) ** 2", "np.abs(between)"),
+        ("np.abs(zero_order_hold) ** 2", "np.abs(zero_order_hold)"),
     ),
     *changes(
         "ident/flying_qualities/modes.py",
@@ -413,11 +417,11 @@ IDENT = (
         "ident/frequency_domain/online.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
         ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
-        ("less = plain - taken / np.outer(scale, scale)", "less = plain"),
+        ("less = scaled - taken / np.outer(scale, scale)", "less = scaled"),
         ("_THIRD_DIFFERENCE_VARIANCE = 20.0", "_THIRD_DIFFERENCE_VARIANCE = 2.0"),
         (
-            "level = known[k] + shapes @ found",
-            "level = 0.1 * (known[k] + shapes @ found)",
+            "level = known[k] + shapes @ solution",
+            "level = 0.1 * (known[k] + shapes @ solution)",
         ),
         ("total += 0.5 * alike[k, m] * both.real", "total += 0.1 * alike[k, m] * both.real"),
         (
@@ -522,7 +526,7 @@ IDENT = (
     *changes(
         "ident/filters/smoother.py",
         ("tests/unit/ident/filters/test_smoother_limits.py",),
-        ("np.minimum(own, variance)", "np.maximum(own, variance)"),
+        ("np.minimum(own, largest)", "np.maximum(own, largest)"),
     ),
     *changes(
         "ident/filters/one_record.py",
@@ -551,7 +555,7 @@ IDENT = (
     *changes(
         "ident/banks/bank.py",
         ("tests/unit/ident/banks/test_bank.py",),
-        ("active[again.sound & (moved >= SETTLED)]", "active[again.sound]"),
+        ("active[again.sound & (moved >= SETTLED_SIGMAS)]", "active[again.sound]"),
     ),
 )
 
@@ -621,7 +625,7 @@ SCENARIOS = (
     *changes(
         "scenarios/survey/recurring.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
-        (" / one.found.probability[number]", ""),
+        (" / one.recurrence.probability[number]", ""),
     ),
     *changes(
         "scenarios/side_by_side/comparison.py",
@@ -714,8 +718,8 @@ RECORDS = (
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (
-            "np.where(known, all_parts[:, before], all_parts.mean",
-            "np.where(~known, all_parts[:, before], all_parts.mean",
+            "np.where(valid, all_parts[:, before], all_parts.mean",
+            "np.where(~valid, all_parts[:, before], all_parts.mean",
         ),
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),

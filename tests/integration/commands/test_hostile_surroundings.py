@@ -256,8 +256,9 @@ def test_bombs_are_refused_by_their_size_with_the_limit(
     """The limit is lowered: a true bomb of a gibibyte would take the test too long."""
     import pandas
 
-    for module in ("sources", "formats.registry", "formats.sizes", "measured.record_file"):
-        monkeypatch.setattr(f"scenarios.files.{module}.MOST_RECORD", 1 << 20)
+    monkeypatch.setattr("scenarios.files.sources.MOST_RECORD", 1 << 20)
+    monkeypatch.setattr("scenarios.files.formats.registry.MOST_RECORD", 1 << 20)
+    monkeypatch.setattr("scenarios.files.measured.columns.MOST_RECORD", 1 << 20)
     monkeypatch.setattr("scenarios.files.sources.MOST_NUMBERS", 1 << 17)
     rows = 1 << 18
     (place / "bomb.csv.gz").write_bytes(gzip.compress(b"time,alpha\n" + b"0,0\n" * rows))

@@ -148,6 +148,13 @@ def test_the_least_distance_of_a_flat_response_is_low_and_its_interval_reaches_u
     assert np.mean(inside) > 0.86 and np.mean(above) > 0.7
 
 
+def test_the_interval_of_small_errors_is_that_of_the_deviation() -> None:
+    """Both are of one ellipse: 95 % of one degree of freedom are 1.96 deviations to each side."""
+    for name, margin in stability_margins(target(loop(OMEGA))).named.items():
+        half = 0.5 * (margin.high - margin.low)
+        assert half == pytest.approx(1.96 * margin.size.std, rel=0.01), name
+
+
 def test_an_interval_says_that_the_band_ends_before_it_does() -> None:
     exact = stability_margins(target(loop(OMEGA)))
     assert exact.gain_increase is not None and not exact.gain_increase.open

@@ -39,7 +39,6 @@ def test_response_of_a_known_system(hold: Hold) -> None:
     assert found.coherence[:, strong].min() > 0.9
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("hold", list(Hold))
 def test_the_hold_is_taken_out(hold: Hold) -> None:
     """y_dot = u - y at five samples a second: its z-transform over the transfer function of the

@@ -77,6 +77,15 @@ def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
     )
 
 
+def test_filter_error_serves_a_model_without_inputs() -> None:
+    case = case_of("ballistic")
+    found = identify(case.record, case.vehicle, "filter-error")
+    assert found.estimate.outcome is Outcome.NOT_IDENTIFIABLE and found.cautions
+    for row in found.rows:
+        if row.name in case.true:
+            assert abs(row.estimate - case.true[row.name]) < 4.0 * row.std
+
+
 @pytest.mark.sampled
 @pytest.mark.parametrize(("model", "method"), list(REFUSED))
 def test_a_method_that_does_not_serve_says_so_in_one_line(model: str, method: str) -> None:

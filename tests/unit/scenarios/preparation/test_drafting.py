@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
@@ -60,6 +61,33 @@ def test_a_column_of_dates_is_the_clock(tmp_path: Path, header: str) -> None:
     ]
     draft = drafted(opened(tmp_path, f"{header},alpha", rows))
     assert not draft.clockless and not draft.faults
+
+
+def with_a_vector(folder: Path, others: dict[str, np.ndarray]) -> Draft:
+    """Of a file whose variable ``p`` has five numbers, as the result of a regression has."""
+    savemat(folder / "record.mat", {"t": TIME, "p": np.arange(5.0), **others})
+    return drafted(read_record_file(folder / "record.mat"))
+
+
+def test_a_column_that_cannot_be_read_does_not_take_the_others_along(tmp_path: Path) -> None:
+    """Only a fault of the whole file ends a draft: here another column could be the channel."""
+    draft = with_a_vector(tmp_path, {"x1": ALPHA, "y": ALPHA})
+    assert draft.readable and draft.unused == ("x1", "y")
+    assert "5 values for 60 times" in draft.faults[0]
+    assert not with_a_vector(tmp_path, {}).readable
+    assert not with_a_vector(tmp_path, {"other": np.arange(7.0)}).readable
+
+
+def test_a_row_that_ends_early_takes_all_columns_along(tmp_path: Path) -> None:
+    rows = [f"{time:.2f},{alpha:.6f},1" for time, alpha in zip(TIME, ALPHA, strict=True)]
+    draft = drafted(opened(tmp_path, "time,alpha,other", [*rows[:-1], "1.18,0"]))
+    assert draft.unused == ("other",) and not draft.readable
+
+
+@pytest.mark.parametrize("header", ["other", "other [V]"])
+def test_a_unit_is_no_reason_that_a_column_cannot_be_read(tmp_path: Path, header: str) -> None:
+    rows = [f"{time:.2f},broken,{time:.2f}" for time in TIME]
+    assert drafted(opened(tmp_path, f"time,alpha,{header}", rows)).readable
 
 
 def test_a_fill_value_does_not_turn_the_unit(tmp_path: Path) -> None:
