@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from math import cos, sin
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -245,6 +246,9 @@ def written_model(
         )
     write, ending = _WRITERS[to]
     result = model_of_study(study, model)
+    if to in ("jsbsim", "dave-ml") and result.remarks:  # coefficients alone
+        left = "Effects of the study on inputs and sensors, lags as well, are left out."
+        result = replace(result, remarks=(left,))
     content, notes = write(result)
     path = out or Path(f"{result.identifier}{ending}")
     if path.is_dir():
