@@ -17,8 +17,8 @@ import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures
 from scenarios.files.declarations import checked, closest, read_toml_source, toml_of
+from scenarios.files.sources import json_or_none
 from scenarios.files.units import to_si
-from scenarios.kept import json_or_none
 from scenarios.report.document import PURE, Cell, Column, Table, formatted
 from scenarios.report.terminal import rows_table
 from sim.errors import DeclarationError, RecordError, instant

@@ -507,7 +507,7 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
         raise DeclarationError(
             "labs are notebooks of marimo, which is not installed",
             where="flightid lab",
-            remedy='pip install "flightid[labs]"',
+            remedy='in the folder of the project: python -m pip install -e ".[labs]"',
         )
     if port is not None:
         _refuse_taken(port)

@@ -192,7 +192,7 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
         raise FlightidError(
             "writing XLSX needs the package openpyxl",
             where=str(path),
-            remedy='install it: python -m pip install "flightid[spreadsheets]"',
+            remedy='in the folder of the project: python -m pip install -e ".[spreadsheets]"',
         ) from None
     if not tables:
         raise FlightidError("there is no table", where=str(path), remedy="name another study")

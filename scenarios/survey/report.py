@@ -143,10 +143,8 @@ def rivals_phrase(each: Recurring) -> str:
             "between flights, or by the flights' diagnoses"
         )
     if margins:
-        least = (
-            f"(likelihood ratio test: {min(margins.values()):.4g}"
-            f"{' at least' if len(margins) > 1 else ''})"
-        )
+        more = " at least" if len(margins) > 1 else ""
+        least = f"(likelihood ratio test: {min(margins.values()):.4g}{more})"
         out.append(
             "preferred to "
             f"{' and '.join((', '.join(list(margins)[:-1]), list(margins)[-1])) if len(margins) > 1 else next(iter(margins))} "  # noqa: E501
@@ -354,10 +352,10 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     names = [
         Link(name, f"{FOLDER}/{name}/report.html") if name in linked else name for name in order
     ]
-    shown = survey.recurs[0].flights if survey.recurs else ()
-    numbers = {name: str(number) for number, name in enumerate(shown, start=1)}
+    shown = survey.recurs[0].flights if survey.recurs else ()  # numbered as in the figure
+    numbers = {name: Number(number, digits=0) for number, name in enumerate(shown, start=1)}
     columns: list[tuple[Column, Sequence[Cell]]] = [
-        (Column("number"), [numbers.get(name, MISSING) for name in order]),
+        (Column("number", PURE), [numbers.get(name, MISSING) for name in order]),
         (Column("flight"), names),
         (Column("since"), ["new" if name in grown.new else "" for name in order]),
         (Column("date"), [grown.flights[name].date or MISSING for name in order]),

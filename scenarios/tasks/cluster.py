@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 FLAG = "--cluster"
-INSTALL = 'pip install "flightid[cluster]"'
+INSTALL = 'in the folder of the project: python -m pip install -e ".[cluster]"'
 START = "start one with dask scheduler, and give the address that it prints"
 CONNECTION_TIMEOUT = 6.0  # s, longest wait for a scheduler's answer
 SILENCE_TIMEOUT = 20.0  # s without an answer after which a scheduler is lost

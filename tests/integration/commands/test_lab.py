@@ -71,7 +71,7 @@ def test_what_cannot_be_opened_is_refused_in_one_line(
 ) -> None:
     assert "there is no lab 10" in flightid.refused("lab", 10)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert 'pip install "flightid[labs]"' in flightid.refused("lab", 1)
+    assert 'pip install -e ".[labs]"' in flightid.refused("lab", 1)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

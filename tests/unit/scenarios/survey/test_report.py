@@ -116,14 +116,17 @@ def test_columns_in_which_nothing_stands_are_left_out(
     found: SurveyResult, campaign: Campaign
 ) -> None:
     headings = [column.heading for column in flights_table(found).columns]
-    assert headings == ["flight", "verdict", "sensor-delay:q", "kinematics"]
+    assert headings == ["number", "flight", "verdict", "sensor-delay:q", "kinematics"]
     flights = [*more(campaign, 6), campaign.fly("G", LATE, 'tail = "T-1"\ndate = 2026-03-04')]
     grown = campaign.survey(*flights)
     shown = flights_table(grown)
-    names = ["flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
+    names = ["number", "flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
     assert [column.heading for column in shown.columns] == names
     told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "no fault found")
-    assert shown.rows[0] == told
+    assert shown.rows[0][1:] == told
+    numbers = [row[0].value for row in shown.rows]  # type: ignore[union-attr]
+    flown = grown.recurs[0].flights  # as the figure numbers them
+    assert [flown[int(number) - 1] for number in numbers] == [row[1] for row in shown.rows]
     assert fresh(grown) == ["traced, G: made up; it has the recurring sensor-delay:q"]
 
 
@@ -151,7 +154,7 @@ def test_unexplained_flights_are_told(found: SurveyResult) -> None:
 
 def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
     (each,) = found.recurs
-    assert rivals_phrase(each).startswith("preferred to sensor-lag:q (twice the log ")
+    assert rivals_phrase(each).startswith("preferred to sensor-lag:q (likelihood ratio test: ")
     equal = replace(
         each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0}
     )

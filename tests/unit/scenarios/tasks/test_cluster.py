@@ -138,7 +138,8 @@ def test_nothing_answers_and_nothing_is_left_behind(
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
         FlightidError,
-        match=r'^--cluster: Dask is not installed; pip install "flightid\[cluster\]"$',
+        match=r"^--cluster: Dask is not installed; in the folder of the project: "
+        r'python -m pip install -e "\.\[cluster\]"$',
     ):
         run_study(Toy(), _there(cluster))
 
