@@ -198,7 +198,7 @@ def test_alpha_and_q_alone_say_so(flightid: CommandLine, place: Path) -> None:
     write_record(place, record(THREE).only(["alpha", "q"]), "two")
     out = flightid.done("check", "two.csv", "--out", "out")
     assert (
-        "nothing is checked: these channels close no relation" in out
+        "nothing is checked: check needs channels that kinematics relate: alpha, q and nz" in out
         and "no sensor fault found" not in out
     )
     assert (
