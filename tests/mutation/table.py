@@ -593,7 +593,7 @@ SCENARIOS = (
         ("LEAST_SAMPLE_SHARE = 0.5", "LEAST_SAMPLE_SHARE = 0.05"),
     ),
     *changes(
-        "scenarios/prediction.py",
+        "scenarios/tolerances.py",
         ("tests/unit/scenarios/test_predict.py",),
         ("(1.0 - self.figures.nrmse[channel])", "(1.0 - self.figures.nrmse[channel] ** 2)"),
     ),
