@@ -156,7 +156,7 @@ def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
             f"there is no model {model!r}",
             where=where,
             remedy=near
-            if (near := closest(model, MODELS)).startswith("did you mean")
+            if (near := closest(str(model), MODELS)).startswith("did you mean")
             else f"{near}, or a Python file of your own",
         )
 

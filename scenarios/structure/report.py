@@ -130,7 +130,7 @@ def prediction_table(found: FoundStructure) -> Table:
     return rows_table("records that were not fitted", columns, rows)
 
 
-def _f_digits(ratios: Sequence[float]) -> str:
+def _f_digits(ratios: Iterable[float]) -> str:
     """Return one format for a whole column of F ratios: none mixes 2.41e+04 with 350."""
     finite = [abs(float(F)) for F in ratios if math.isfinite(float(F))]
     return ".0f" if max(finite, default=0.0) >= 1000.0 else ".3g"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.predictive import error_figures
-from scenarios.prediction import Simulation
+from scenarios.tolerances import Simulation
 from sim.record import Channel, Record
 
 Z = np.sin(np.linspace(0.0, 20.0, 400)) + 0.3
