@@ -144,6 +144,7 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
     steps = {step.term: step for step in each.steps if step.added}
     rows: list[list[Cell]] = []
+    digits = _f_digits(each.ratios)
     numbers = (each.terms, each.values, each.sigma, each.ratios)
     for term, value, sigma, F in zip(*numbers, strict=True):
         step = steps.get(term)
@@ -151,7 +152,7 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
             [
                 "constant" if not term.factors else term.text,
                 estimate(float(value), float(sigma)),
-                formatted(float(F), _f_digits(each.ratios), PURE) if term.factors else "",
+                formatted(float(F), digits, PURE) if term.factors else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 *_held(step.held_out if step else math.nan, found),
                 formatted(step.pse, ".3g", PURE) if step else "",
