@@ -28,6 +28,7 @@ from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
+    SUPPORTED_Z,
     is_steady,
     quiet_vuong,
     required_z,
@@ -41,7 +42,6 @@ from sim.declaration.proposal import Traceable
 NEGLIGIBLE_RATIO = 1.1  # largest residual, over the noise, of a negligible misfit
 LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
-SUPPORTED_Z = 3.0  # Vuong's z below which an effect is weak
 TWO_EVENTS_REASON = "two passing loads or gusts are less likely than one cause outside the library"
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
@@ -398,17 +398,28 @@ def _decide_under_white_noise(
 
 
 def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
-    """Return the set reduced to its certain effects, unless a further, uncertain effect is likely
-    to act as well.
+    """Return the most probable part of the set, or the set itself, in which every effect is certain
+    together with those confusable with it; the set itself if there is none.
+
+    Two effects of a set may be alternatives of each other, so that neither is certain beside the
+    other. A less probable part is not taken: the uncertain effect is likely to act as well.
     """
+    parts = [
+        key
+        for key, share in sets.items()
+        if key < best.names and search.base_names <= key and share > 1.0 - CLAIM_LEVEL
+    ]
+    parts.sort(key=lambda key: -sets[key])
     inclusion = inclusion_of(sets)
-    certain = frozenset(
-        effect.name
-        for effect in best.fitted.effects
-        if inclusion[effect.name] + sum(look_alikes(search, best, effect, sets).values())
-        >= CLAIM_LEVEL
-    )
-    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CLAIM_LEVEL else best
+    for one in (best, *(search.visited[key] for key in parts)):
+        if all(
+            inclusion[effect.name] + sum(look_alikes(search, one, effect, sets).values())
+            >= CLAIM_LEVEL
+            for effect in one.fitted.effects
+            if effect.name not in search.base_names
+        ):
+            return one
+    return best
 
 
 def _without_weak_members(

@@ -37,7 +37,7 @@ from ident.tracing.diagnosis import (
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.names import CLAIM_LEVEL, Named
-from ident.tracing.predictive import frozen_gain, predictive_gains
+from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import (
@@ -254,9 +254,13 @@ def _with_judgement(
     tests = residual_tests(best, out)
     left = not_noise(tests.all, WHITENESS_P_VALUE)
     verdict = decision.verdict
-    gains = predictive_gains(decision.reference, best, held, out) if decision.named else ()
+    gain = (
+        predictive_gains(decision.reference, best, held, out)
+        if decision.named
+        else PredictiveGain()
+    )
     guards = problem.guards
-    claims = [_claim(best, each, gains, guards, claimed=True) for each in decision.named]
+    claims = [_claim(best, each, gain.values, guards, claimed=True) for each in decision.named]
     claims += [
         _claim(each.within or best, each, (), guards, claimed=False) for each in decision.hints
     ]
@@ -266,10 +270,9 @@ def _with_judgement(
         verdict = Verdict.PARTIAL
     cautions += left
     cautions += _burst_cautions(best, out, tests)
-    raised = sum(gains) if gains else np.inf
-    if raised <= 0.0:
+    if gain.contradicts:
         verdict = Verdict.UNEXPLAINED
-        worse = _no_improvement(raised)
+        worse = _no_improvement(gain)
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
@@ -311,9 +314,12 @@ def _burst_cautions(best: FittedModel, out: HeldOut, tests: ResidualTests) -> li
     ]
 
 
-def _no_improvement(raised: float) -> Caution:
+def _no_improvement(gain: PredictiveGain) -> Caution:
     asked = "the rise of the log likelihood of data that were not fitted"
-    requirement = Requirement(asked, raised, 0.0, at_least=True) if np.isfinite(raised) else None
+    total = gain.total
+    requirement = (
+        Requirement(asked, total, gain.least, at_least=True) if np.isfinite(total) else None
+    )
     what = "the effects found do not lower the error on data that were not fitted"
     return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
 

@@ -14,6 +14,7 @@ from ident.statistics.noise_levels import final_spikes
 from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
 from ident.tracing.fitted_model import FittedModel, local_names
 from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on, predicted_by
+from ident.tracing.steady_search import SUPPORTED_Z
 from ident.tracing.wrong_samples import held_out_masks, measured_masks, with_mended
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.model import Model
@@ -32,9 +33,44 @@ def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
     return held.declared.frozen.cost - out.frozen.cost
 
 
+@dataclass(frozen=True)
+class PredictiveGain:
+    """The gains of log density of held-out data, and the least sum of them that supports a claim.
+
+    ``least`` : zero, or less where the records test the effects too little: the gain is then below
+    zero by chance even if the effects act as fitted.
+    """
+
+    values: tuple[float, ...] = ()
+    least: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Sum of the gains; infinite where nothing could be compared."""
+        return sum(self.values) if self.values else math.inf
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the data contradict the effects."""
+        return self.total <= self.least
+
+
+def least_gain(less: Fit, more: Fit) -> float:
+    """Return the least gain of log density that is likely if ``more`` is true, at most zero.
+
+    With the difference d of the two free simulations and the noise sigma, the gain is normal with
+    mean E = sum((d/sigma)^2)/2 and variance 2 E.
+    """
+    mean = 0.0
+    for problem, one, other in zip(more.layout.problems, less.lines, more.lines, strict=True):
+        apart = np.where(problem.valid, one.y - other.y, 0.0)
+        mean += 0.5 * float(np.sum(apart**2 / more.variance[:, None]))
+    return min(0.0, mean - SUPPORTED_Z * math.sqrt(2.0 * mean))
+
+
 def predictive_gains(
     less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut
-) -> tuple[float, ...]:
+) -> PredictiveGain:
     """Return the gains of log density of held-out data from one fitted set to another.
 
     Without process noise: one gain of free simulations of all records, first with frozen values;
@@ -47,19 +83,19 @@ def predictive_gains(
 
     Returns
     -------
-    The rises; minus infinity where ``more`` cannot be simulated; empty without held-out data.
+    The gains; minus infinity where ``more`` cannot be simulated; empty without held-out data.
     """
     if not held.records:
-        return ()
+        return PredictiveGain()
     gain = frozen_gain(held, out)
     if math.isinf(gain):
-        return (gain,)
+        return PredictiveGain((gain,))
     if not has_process_noise(more.system):
         # Frozen values reject correct sets with correlated parameters (``held_out``).
         plain = None if gain > 0.0 else predicted_by(less, held).informed
         if plain is None or out.informed is None:
-            return (gain,)
-        return (plain.cost - out.informed.cost,)
+            return PredictiveGain((gain,))
+        return PredictiveGain((plain.cost - out.informed.cost,), least_gain(plain, out.informed))
     gains = []
     fit = out.informed or out.frozen
     assert fit is not None
@@ -81,7 +117,7 @@ def predictive_gains(
             for fitted in (less, more)
         ]
         gains.append(total[1] - total[0] if math.isfinite(total[0]) else math.inf)
-    return tuple(gains)
+    return PredictiveGain(tuple(gains))
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:

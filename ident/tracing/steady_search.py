@@ -32,6 +32,7 @@ VUONG_BLOCK_TIME = 1.0  # s, length of a block of Vuong's test
 NAMED_EFFECT_Z = 3.5  # smallest z of a claim with a discrepancy
 # z below which two sets are confusable; also required of effects with kinematic evidence
 CONFUSABLE_SETS_Z = 2.0
+SUPPORTED_Z = 3.0  # below which an effect is weak, and a record hardly contradicts an effect
 MOST_EFFECTS = 4  # most effects with a discrepancy
 
 

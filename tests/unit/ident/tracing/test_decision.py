@@ -323,6 +323,26 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
     assert [each.name for each in found.named] == [LATE]
 
 
+def test_of_two_alternatives_in_the_likeliest_set_one_stands() -> None:
+    """A vane 8 m ahead of the centre of gravity was not named: the likeliest set had a lag of
+    alpha as well, and neither was certain beside the other.
+    """
+    search = search_white_noise(
+        offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
+    )
+    root, weighed = search.root, {search.root.names: search.root}
+    for names, weight in (((LATE,), 498.1), ((ARM,), 498.0), ((LATE, ARM), 500.0)):
+        fitted = search.fit([effect(name) for name in names], root.fitted)
+        assert fitted is not None
+        one = replace(search.store(fitted), weight=root.weight + weight)
+        weighed[one.names] = one
+    search.visited = weighed
+    found = _decide_under_white_noise(search, search.best())
+    assert found.verdict is Verdict.AMBIGUOUS
+    (named,) = found.named
+    assert named.name == LATE and ARM in named.alternatives
+
+
 class Hasty(TraceProblem):
     """Fits of a search that stop after one iteration."""
 
