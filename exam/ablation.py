@@ -25,6 +25,7 @@ from exam.independent.grading import grade
 from exam.options import Parser, ended_in_one_line
 from exam.random_cases.examination import score_written, write_case
 from ident.tracing import decision, loop
+from ident.tracing.predictive import PredictiveGain
 from ident.tracing.search import Search
 from scenarios.cli import main as flightid
 from scenarios.files.writing import write_text
@@ -177,12 +178,12 @@ RULES: Mapping[str, Rule] = {
         lambda *_: True,
         lambda before, result, *_: not result,
     ),
-    "two events": Rule(
-        "two loads or gusts in passing are not named",
+    "small events": Rule(
+        "a load or gust in passing is named only if its gain is large",
         decision,
-        "_passing_events",
-        lambda *_: set(),
-        lambda before, result, *_: len(result) > 1,
+        "is_passing_event",
+        lambda *_: False,
+        lambda before, result, *_: result,
     ),
     "held-out noise": Rule(
         "a name under white noise needs held-out residuals that are noise",
@@ -192,11 +193,11 @@ RULES: Mapping[str, Rule] = {
         lambda before, result, *_: not result,
     ),
     "worse prediction": Rule(
-        "effects that do not raise the likelihood of held-out data are hints",
+        "effects that held-out data contradict are hints",
         loop,
         "predictive_gains",
-        lambda *_: (),
-        lambda before, result, *_: bool(result) and sum(result) <= 0.0,
+        lambda *_: PredictiveGain(),
+        lambda before, result, *_: result.contradicts,
     ),
     "needed repairs": Rule(
         "wrong samples of an input are claimed only if the final set needs them mended",

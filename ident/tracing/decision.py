@@ -41,8 +41,8 @@ from sim.declaration.proposal import Traceable
 
 NEGLIGIBLE_RATIO = 1.1  # largest residual, over the noise, of a negligible misfit
 LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
+EVENT_GAIN = 200.0  # least gain of log evidence of an effect that passes once
 LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
-TWO_EVENTS_REASON = "two passing loads or gusts are less likely than one cause outside the library"
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
     "the model needs turbulence that follows the maneuvers: some load is missing, which this "
@@ -51,6 +51,10 @@ WITH_ROUGH_AIR_REASON = (
 WEAK_REASON = (
     "its gain in likelihood is only {:.1f} times the scatter of that gain over the record; "
     "{:.1f} times are required"
+)
+SMALL_EVENT_REASON = (
+    "its gain in log evidence is {:.0f}; {:.0f} are required of a load, a gust or a jump that "
+    "occurs once, since it can imitate many other causes"
 )
 CATCH_ALL_REASON = "the model also needs a term that stands for a cause outside the library"
 LARGE_ERROR_REASON = (
@@ -119,7 +123,7 @@ def decide(
     """Return the decision, without the claims that a cause outside the library explains better.
 
     Rough air also acts in steady flight; a claim of it that rests on the maneuvers alone is
-    dropped. Two passing events can imitate many other laws; a pair of them is dropped too.
+    dropped.
 
     Parameters
     ----------
@@ -141,8 +145,6 @@ def decide(
         # An unsupported rough air shows an error of the force model, on which other claims rest.
         rest = names - unsupported.keys() - search.problem.named_by_kinematics
         unsupported |= dict.fromkeys(rest, WITH_ROUGH_AIR_REASON)
-    if len(_passing_events(decision)) > 1:
-        return _claims_to_hints(decision, dict.fromkeys(names, TWO_EVENTS_REASON))
     return _claims_to_hints(decision, unsupported)
 
 
@@ -151,12 +153,6 @@ def _search_and_set(decision: Decision) -> tuple[Search, WeighedSet]:
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
     return search, search.visited[names]
-
-
-def _passing_events(decision: Decision) -> set[str]:
-    """Return the names of the claimed effects that are passing loads or gusts."""
-    effects = {each.name: each for each in decision.best.effects}
-    return {each.name for each in decision.named if is_passing_event(effects[each.name])}
 
 
 def _claims_to_hints(decision: Decision, reasons: Mapping[str, str]) -> Decision:
@@ -430,11 +426,13 @@ def _without_weak_members(
     Returns
     -------
     The set; the reason by name for the members of ``best`` that were left out; the names of all
-    effects left out, with ``before``: these take no part in probabilities.
+    effects left out but events, with ``before``: these take no part in probabilities.
     """
+    events = {each.name for each in best.fitted.effects if is_passing_event(each)}
     best, slight = _drop_weak_members(search, best, clear)
-    out = {*before, *slight}
-    while out:
+    out = {*before, *slight} - events
+    # A small event stays the most probable cause: no other takes its place.
+    while out and events.isdisjoint(slight):
         top = search.best(out)
         if top.weight <= best.weight:
             break
@@ -451,26 +449,29 @@ def _drop_weak_members(
     """Return the set without weak members, and the reason by name for each that is left out.
 
     Every model has small errors, which the probabilities ignore: an effect needs evidence that is
-    spread over the record (Vuong's test). Effects with kinematic evidence are kept, since they do
-    not depend on the force model.
+    spread over the record (Vuong's test). That of an event never is: it must be large instead.
+    Effects with kinematic evidence are kept, since they do not depend on the force model.
     """
     left_out: dict[str, str] = {}
     usual = {each.name for each in search.problem.candidates if each.traits.background}
+    events = {each.name for each in best.fitted.effects if is_passing_event(each)}
     while causes := search.added(best) - usual:
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
             smaller = _likeliest_without(search, best, name, usual)
-            if smaller is None or best.weight - smaller.weight >= clear:
+            gain = math.inf if smaller is None else best.weight - smaller.weight
+            if smaller is None or gain >= (EVENT_GAIN if name in events else clear):
                 continue
             z = vuong(best, smaller, search.context.interval)
             # A sole effect is kept if the residual without it is not noise.
             acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
-            if z < SUPPORTED_Z and not acts:
-                slight.append((z, name, smaller))
+            if name in events:
+                slight.append((z, name, smaller, SMALL_EVENT_REASON.format(gain, EVENT_GAIN)))
+            elif z < SUPPORTED_Z and not acts:
+                slight.append((z, name, smaller, WEAK_REASON.format(z, SUPPORTED_Z)))
         if not slight:
             break
-        z, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = WEAK_REASON.format(z, SUPPORTED_Z)
+        _, name, best, left_out[name] = min(slight, key=lambda each: each[0])
     return best, left_out
 
 

@@ -110,10 +110,10 @@ def look_alikes(
 
 
 def is_passing_event(effect: Traceable) -> bool:
-    """Return whether an effect moves the states from some time on, as a passing load, a gust or
-    lost rows do; sensor events do not.
+    """Return whether an effect moves the states from some time on, whatever they are, as a load, a
+    gust or lost rows do; sensor events and jumps of derivatives do not.
     """
-    moves = effect.station is not Station.SENSOR_PATH or isinstance(effect, StateJumpEffect)
+    moves = effect.station is Station.DISTURBANCE or isinstance(effect, StateJumpEffect)
     return bool(effect.traits.onset) and moves
 
 

@@ -43,7 +43,7 @@ def test_a_rule_that_acts_is_noted_and_can_be_left_out() -> None:
     acted: set[str] = set()
     with noted(acted):
         with_all = decision.decide(search)
-    assert "weak members" in acted and "two events" not in acted
+    assert "weak members" in acted and "small events" not in acted
     with left_out("weak members"):
         without = decision.decide(search)
     assert [each.name for each in with_all.named] == [SCALE]
