@@ -74,7 +74,8 @@ class Search:
     likelier than the best set.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned. refined : sets tried in
-    refined forms, by their parameters. steps, tried : log of the search.
+    refined forms, by their parameters. repeated : sets whose failed fit was repeated.
+    steps, tried : log of the search.
     alike : of pairs of names, the largest cosine of their signatures. fits : number of fits.
     shown : signatures of all candidates, last simulated. rivals : weights of a discrepancy alone.
 
@@ -91,6 +92,7 @@ class Search:
     visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
+    repeated: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
@@ -155,7 +157,7 @@ class Search:
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
             self._set_aside_failed(found)
-        return self.visited[found.names]
+        return self._fitted_from_part(self.visited[found.names])
 
     def _set_aside_failed(self, new: WeighedSet) -> None:
         """Exclude sets that fit worse than one of their subsets, ``new`` or because of it: their
@@ -218,9 +220,29 @@ class Search:
         best = min((each for each in tries if each), key=lambda each: each.fit.cost, default=None)
         return None if best is None else self.store(best)
 
+    def _fitted_from_part(self, one: WeighedSet) -> WeighedSet:
+        """Return a set; if it fits worse than a part of it, fitted again from the best part, with
+        its other effects absent.
+        """
+        if one.weight > -math.inf or one.names in self.repeated:
+            return one
+        self.repeated.add(one.names)
+        parts = [each for key, each in self.visited.items() if key < one.names]
+        part = max(parts, key=lambda each: each.fitted.fit.log_likelihood)
+        absent = {
+            full_name(effect, local): value
+            for effect in one.fitted.effects
+            if effect.name not in part.names
+            for local, value in effect.absent.items()
+        }
+        own = part.fitted.values.own
+        again = self.fit(one.fitted.effects, part.fitted, [absent] * len(own))
+        return one if again is None else self.store(again)
+
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """Return the set without one of its effects, stored or fitted now."""
-        return self.visited.get(parent.names - {name}) or self.fit_without(parent, name)
+        found = self.visited.get(parent.names - {name})
+        return self.fit_without(parent, name) if found is None else self._fitted_from_part(found)
 
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
