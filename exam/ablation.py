@@ -24,7 +24,7 @@ from exam.independent.command import diagnosed
 from exam.independent.grading import grade
 from exam.options import Parser, ended_in_one_line
 from exam.random_cases.examination import score_written, write_case
-from ident.tracing import decision, loop
+from ident.tracing import decision, loop, members
 from ident.tracing.predictive import PredictiveGain
 from ident.tracing.search import Search
 from scenarios.cli import main as flightid
@@ -132,21 +132,21 @@ RULES: Mapping[str, Rule] = {
     "certain part": Rule(
         "what is not certain in the likeliest set is left out if the rest is credible",
         decision,
-        "_certain_part",
+        "certain_part",
         _second,
         _not_second,
     ),
     "weak members": Rule(
         "an effect that brings little, and not all along, is a hint",
         decision,
-        "_without_weak_members",
+        "without_weak_members",
         lambda search, best, clear, before=(): (best, {}, set(before)),
         lambda before, result, search, best, *_: result[0] is not best,
     ),
     "idle guards": Rule(
         "a guard that lowers the noise by less than a tenth is left out",
         decision,
-        "_drop_guards",
+        "without_guards",
         _second,
         _not_second,
     ),
@@ -180,7 +180,7 @@ RULES: Mapping[str, Rule] = {
     ),
     "small events": Rule(
         "a load or gust in passing is named only if its gain is large",
-        decision,
+        members,
         "is_passing_event",
         lambda *_: False,
         lambda before, result, *_: result,

@@ -15,12 +15,23 @@ from ident.tracing.problem import TraceProblem
 from ident.tracing.wrong_samples import measured_masks
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
+from sim.effects.library import effects_for
 from sim.record import Channel, Record
 from sim.truth.measurement import coloured_noise
 from tests.bases import Flight, rigid_flight, rigid_model
 from tests.rigid_problem import noisy
 
 OUTPUTS = ("alpha", "q", "nz")
+LATE, ARM = "sensor-delay:alpha", "vane-offset"
+FEW = (
+    LATE,
+    ARM,
+    "sensor-scale:q",
+    "sensor-step:q",
+    "input-deadband",
+    "phugoid",
+    "gust-turbulence",
+)
 SETTINGS = TraceSettings(max_step=0.02)
 
 
@@ -110,3 +121,18 @@ def coloured(record: Record, seed: int, size: float = 1.0) -> Record:
             record, name, record[name].values + coloured_noise(rng, record.time, size * std, 0.3)
         )
     return record
+
+
+def offered(records: list[Record]) -> TraceProblem:
+    """Records with the effects of `FEW` on offer."""
+    model = declared()
+    every = effects_for(model.equations)
+    few = [each for each in every if each.name in FEW and isinstance(each, Traceable)]
+    return problem_of(records, few, model=model)
+
+
+def effect(name: str) -> Traceable:
+    """The effect of this name."""
+    (found,) = [each for each in effects_for(declared().equations) if each.name == name]
+    assert isinstance(found, Traceable)
+    return found

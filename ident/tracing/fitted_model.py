@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -49,6 +49,14 @@ class Values:
     def with_shared(self, shared: Mapping[str, float]) -> Values:
         """Return the same with other values of shared parameters."""
         return Values({**self.shared, **shared}, self.own, self.states)
+
+    def with_shifted(self, name: str, record: int, shift: float) -> Values:
+        """Return the same with one value larger by ``shift``: the shared one, or a record's own."""
+        if name in self.shared:
+            return self.with_shared({name: self.shared[name] + shift})
+        own = list(self.own)
+        own[record] = {**own[record], name: own[record][name] + shift}
+        return Values(self.shared, tuple(own), self.states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,3 +393,10 @@ def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> flo
         if local in found
     ]
     return max(known, default=np.inf)
+
+
+def absent_values(effects: Iterable[Traceable]) -> dict[str, float]:
+    """Return the values by full name at which effects do not act, such as a delay of zero."""
+    return {
+        full_name(each, local): value for each in effects for local, value in each.absent.items()
+    }

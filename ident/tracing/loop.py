@@ -16,7 +16,6 @@ from ident.tracing.between_records import (
     scatter_between_records,
 )
 from ident.tracing.decision import (
-    NEGLIGIBLE_RATIO,
     Decision,
     decide,
     search_white_noise,
@@ -36,6 +35,7 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.members import NEGLIGIBLE_RATIO
 from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS

@@ -7,7 +7,7 @@ the set are projected out; their factors have Gaussian priors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -560,3 +560,30 @@ def _cosines(
             if len(key) == 2:
                 found[key] = max(found.get(key, 0.0), float(cosines[i, j]))
     return found
+
+
+def leading_sets(
+    sets: Sequence[LinearSet], singles: Collection[LinearSet], deeper: int, most: int
+) -> list[LinearSet]:
+    """Return the most probable single leads, and larger sets that exceed all smaller ones.
+
+    Parameters
+    ----------
+    sets : the most probable first. singles : the best set of each effect alone.
+    deeper : most effects of a set. most : number of single leads; half as many larger sets.
+    """
+    chosen: list[LinearSet] = []
+    bar = 0.0
+    for size in range(1, deeper + 1):
+        best: dict[frozenset[str], LinearSet] = {}
+        for each in sets:
+            if len(each.leads) == size and each.weight > bar:
+                best.setdefault(each.names, each)
+        chosen += list(best.values())[: most if size == 1 else most // 2]
+        if size == 1:
+            # Nuisance dynamics are always tried: drifts and steps imitate them, and their gain
+            # grows in a fit.
+            usual = [one for one in singles if one.leads[0].effect.traits.background]
+            chosen += [each for each in usual if each not in chosen]
+        bar = max([bar, *(each.weight for each in chosen)])
+    return chosen

@@ -21,6 +21,7 @@ from ident.tracing.fitted_model import (
     FittedModel,
     Start,
     Values,
+    absent_values,
     belongs_to_record,
     fit_set,
     levels_of,
@@ -33,6 +34,7 @@ from ident.tracing.scan import (
     CandidateSignatures,
     LinearSet,
     candidate_signatures,
+    leading_sets,
     leads_of,
     prepared,
     starts_of,
@@ -229,12 +231,7 @@ class Search:
         self.repeated.add(one.names)
         parts = [each for key, each in self.visited.items() if key < one.names]
         part = max(parts, key=lambda each: each.fitted.fit.log_likelihood)
-        absent = {
-            full_name(effect, local): value
-            for effect in one.fitted.effects
-            if effect.name not in part.names
-            for local, value in effect.absent.items()
-        }
+        absent = absent_values(each for each in one.fitted.effects if each.name not in part.names)
         own = part.fitted.values.own
         again = self.fit(one.fitted.effects, part.fitted, [absent] * len(own))
         return one if again is None else self.store(again)
@@ -401,12 +398,7 @@ class Search:
             return None
         self.refined.add(names)
         known = {*fitted.values.shared, *fitted.values.own[0]}
-        absent = {
-            full_name(each, local): value
-            for each in forms
-            for local, value in each.absent.items()
-            if full_name(each, local) not in known
-        }
+        absent = {name: v for name, v in absent_values(forms).items() if name not in known}
         other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
         return None if other is None else self.store(other)
 
@@ -565,21 +557,7 @@ class Search:
         if not most:
             named = [singles[name] for name in wanted if name in singles]
             return sorted(named, key=lambda one: -one.weight)
-        chosen: list[LinearSet] = []
-        bar = 0.0
-        for size in range(1, deeper + 1):
-            best: dict[Key, LinearSet] = {}
-            for each in sets:
-                if len(each.leads) == size and each.weight > bar:
-                    best.setdefault(each.names, each)
-            chosen += list(best.values())[: most if size == 1 else most // 2]
-            if size == 1:
-                # Nuisance dynamics are always tried: drifts and steps imitate them, and their gain
-                # grows in a fit.
-                usual = [one for one in singles.values() if one.leads[0].effect.traits.background]
-                chosen += [each for each in usual if each not in chosen]
-            bar = max([bar, *(each.weight for each in chosen)])
-        return chosen
+        return leading_sets(sets, singles.values(), deeper, most)
 
     def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:
         made = []
@@ -603,15 +581,9 @@ class Search:
     def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
         """Return the best of the sets with an event of record ``r`` moved to other times."""
         name = full_name(effect, effect.traits.onset)
-        values = one.fitted.values
         best: FittedModel | None = None
         for shift in SHIFTS:
-            if name in values.shared:
-                moved = replace(values, shared={**values.shared, name: values.shared[name] + shift})
-            else:
-                own = list(values.own)
-                own[r] = {**own[r], name: own[r][name] + shift}
-                moved = replace(values, own=tuple(own))
+            moved = one.fitted.values.with_shifted(name, r, shift)
             self.fits += 1
             fitted = self.fit(one.fitted.effects, one.fitted, values=moved)
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):

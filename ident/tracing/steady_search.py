@@ -22,10 +22,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.evidence import ColouredNoise, WeighedSet
-from ident.tracing.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.fitted_model import FittedModel, absent_values, belongs_to_record
 from ident.tracing.priors import ABSENT_LIMIT, set_prior
 from ident.tracing.search import CLEAR_GAIN, Search
-from sim.declaration.effect import NoiseEffect, full_name
+from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import SearchContext, Traceable
 
 VUONG_BLOCK_TIME = 1.0  # s, length of a block of Vuong's test
@@ -153,7 +153,7 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
     """
     fit, layout = one.fitted.fit, one.fitted.fit.layout
     (effect,) = [each for each in one.fitted.effects if each.name == name]
-    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    absent = absent_values([effect])
     plain = [each.partition(", record")[0] for each in layout.names]
     at = np.array(
         [i for i, each in enumerate(plain) if abs(absent.get(each, math.inf)) < ABSENT_LIMIT],

@@ -14,17 +14,12 @@ from scipy.stats import norm
 from ident.estimate import Outcome
 from ident.tracing import decision
 from ident.tracing.decision import (
-    EVENT_GAIN,
-    _decide_under_white_noise,
     _exchange_fault_forms,
-    _is_physical_effect,
-    _likeliest_without,
     _prefer_named_by_kinematics,
     decide,
     search_white_noise,
 )
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence import WeighedSet
 from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
@@ -38,33 +33,20 @@ from sim.effects.library import effects_for
 from sim.record import Record
 from sim.truth.measurement import coloured_noise
 from tests.diagnoses import NOISE
-from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
+from tests.tracing_problem import (
+    ARM,
+    LATE,
+    OUTPUTS,
+    declared,
+    effect,
+    offered,
+    planted,
+    problem_of,
+    with_output,
+)
 from tests.turbulence import rough_record
 
-LATE, ARM = "sensor-delay:alpha", "vane-offset"
 SHORT = 1.5  # m: what so short a boom changes hides in the noise
-FEW = (
-    LATE,
-    ARM,
-    "sensor-scale:q",
-    "sensor-step:q",
-    "input-deadband",
-    "phugoid",
-    "gust-turbulence",
-)
-
-
-def offered(records: list[Record]) -> TraceProblem:
-    model = declared()
-    every = effects_for(model.equations)
-    few = [each for each in every if each.name in FEW and isinstance(each, Traceable)]
-    return problem_of(records, few, model=model)
-
-
-def effect(name: str) -> Traceable:
-    (found,) = [each for each in effects_for(declared().equations) if each.name == name]
-    assert isinstance(found, Traceable)
-    return found
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
@@ -251,46 +233,6 @@ def test_effects_that_vuongs_test_does_not_tell_apart_share_their_probability() 
     assert shared
 
 
-def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -> None:
-    """A pulse stood for a phugoid: what it brings counts from the set with the phugoid."""
-    weights = {("a", "pulse"): 100.0, ("a",): 10.0, ("a", "phugoid"): 72.0, ("phugoid",): 80.0}
-    visited = {
-        frozenset(key): SimpleNamespace(names=frozenset(key), weight=weight)
-        for key, weight in weights.items()
-    }
-    stub = SimpleNamespace(
-        visited=visited, set_without=lambda best, name: visited[frozenset(best.names - {name})]
-    )
-    search, best = cast("Search", stub), cast("WeighedSet", visited[frozenset({"a", "pulse"})])
-    found = _likeliest_without(search, best, "pulse", {"phugoid"})
-    assert found is not None and found.names == {"a", "phugoid"}
-    found = _likeliest_without(search, best, "pulse", ())
-    assert found is not None and found.names == {"a"}
-
-
-@pytest.mark.parametrize(("odds", "named"), [(4.0, []), (10.0, ["phugoid"])])
-def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_standing(
-    odds: float, named: list[str]
-) -> None:
-    """A clean flight was ``unexplained`` because a phugoid was neither certain nor excluded."""
-    search = search_white_noise(offered([planted([], {}, seed=1)]))
-    root = search.root
-    assert is_noise(root.fitted.fit)
-    other, one = (
-        replace(search.store(fitted), weight=root.weight + weight)
-        for name, weight in (("sensor-scale:q", 3.0), ("phugoid", odds))
-        if (fitted := search.fit([effect(name)], root.fitted)) is not None
-    )
-    search.visited = {each.names: each for each in (root, other, one)}
-    found = _decide_under_white_noise(search, one)
-    assert [each.name for each in found.named] == named
-    assert found.verdict is (Verdict.AMBIGUOUS if named else Verdict.CONSISTENT)
-    hinted = {each.name: each for each in found.hints}
-    if not named:
-        assert found.best is root.fitted
-        assert hinted["phugoid"].within is one.fitted
-
-
 def test_probabilities_of_sets_that_are_far_from_the_likeliest_add_up_to_one() -> None:
     """Of a record of 8001 samples all sets without a slight member were e^-800 as probable."""
     weights = {("a",): 1000.0, ("b",): 1.0, ("c",): 0.0, ("a", "b"): 995.0}
@@ -300,76 +242,6 @@ def test_probabilities_of_sets_that_are_far_from_the_likeliest_add_up_to_one() -
     assert found.keys() == {frozenset("b"), frozenset("c")}
     assert found[frozenset("b")] == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
     assert sum(probabilities(stub).values()) == pytest.approx(1.0)
-
-
-def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
-    """An accelerometer ahead with 1800 in its favour was not named: beside it stood a phugoid of
-    one half, once a third effect was gone.
-    """
-    search = search_white_noise(
-        offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
-    )
-    root = search.root
-    late = search.fit([effect(LATE)], root.fitted)
-    assert late is not None
-    weighed = {root.names: root}
-    for names, weight in (((), 500.0), (("phugoid",), 500.5), (("sensor-scale:q",), 505.0)):
-        fitted = search.fit([*late.effects, *map(effect, names)], late)
-        assert fitted is not None
-        one = replace(search.store(fitted), weight=root.weight + weight)
-        weighed[one.names] = one
-    search.visited = weighed
-    found = _decide_under_white_noise(search, search.best())
-    assert found.verdict is Verdict.TRACED
-    assert [each.name for each in found.named] == [LATE]
-
-
-@pytest.mark.parametrize(("size", "named"), [(0.005, False), (0.03, True)])
-def test_a_passing_load_is_named_where_its_gain_is_large(size: float, named: bool) -> None:
-    """In random cases false loads in passing had gains up to 185, true ones from 220 on. A small
-    one stays a hint, and no likelier name takes its place.
-    """
-    every = effects_for(declared().equations)
-    pulse = next(each for each in every if each.name == "unmeasured-input")
-    assert isinstance(pulse, Traceable)
-    values = {"start": 4.0, "duration": 1.2, "lift": size, "moment": 0.5 * size}
-    record = planted(
-        [pulse, effect(LATE)],
-        {f"{pulse.name}.{key}": each for key, each in values.items()} | {f"{LATE}.delay": 0.08},
-        seed=3,
-    )
-    offered_too = (LATE, ARM, "sensor-step:q", "sensor-scale:q", pulse.name)
-    few = [each for each in every if each.name in offered_too and isinstance(each, Traceable)]
-    search = search_white_noise(problem_of([record], few, model=declared()))
-    best = search.best()
-    smaller = search.set_without(best, pulse.name)
-    assert smaller is not None
-    gain = best.weight - smaller.weight
-    assert gain > EVENT_GAIN if named else CLEAR_GAIN < gain < EVENT_GAIN
-    found = decide(search)
-    assert {each.name for each in found.named} == ({LATE, pulse.name} if named else {LATE})
-    hints = {each.name: each.reason for each in found.hints}
-    assert named or f"{gain:.0f}; {EVENT_GAIN:.0f} are required" in hints[pulse.name]
-
-
-def test_of_two_alternatives_in_the_likeliest_set_one_stands() -> None:
-    """A vane 8 m ahead of the centre of gravity was not named: the likeliest set had a lag of
-    alpha as well, and neither was certain beside the other.
-    """
-    search = search_white_noise(
-        offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
-    )
-    root, weighed = search.root, {search.root.names: search.root}
-    for names, weight in (((LATE,), 498.1), ((ARM,), 498.0), ((LATE, ARM), 500.0)):
-        fitted = search.fit([effect(name) for name in names], root.fitted)
-        assert fitted is not None
-        one = replace(search.store(fitted), weight=root.weight + weight)
-        weighed[one.names] = one
-    search.visited = weighed
-    found = _decide_under_white_noise(search, search.best())
-    assert found.verdict is Verdict.AMBIGUOUS
-    (named,) = found.named
-    assert named.name == LATE and ARM in named.alternatives
 
 
 class Hasty(TraceProblem):
@@ -425,24 +297,6 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
     assert search.store(whole).weight == good.weight and search.best().names == good.names
 
 
-def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() -> None:
-    """The equations of any model are a little wrong; where they leave no noise something acts."""
-    shorter, short = (
-        offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)])
-        for arm in (SHORT, 1.5 * SHORT)
-    )
-    search = search_white_noise(shorter)
-    assert is_noise(search.root.fitted.fit)
-    assert 3.0 < search.best().weight - search.root.weight < 30.0
-    found = decide(search)
-    assert found.verdict is Verdict.CONSISTENT and not found.named
-    (hint,) = found.hints
-    assert hint.name == ARM and "gain in likelihood" in hint.reason
-    search = search_white_noise(short)
-    assert not is_noise(search.root.fitted.fit)
-    assert [each.name for each in decide(search).named] == [ARM]
-
-
 @pytest.mark.long
 def test_the_loop_reports_what_is_decided() -> None:
     records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
@@ -488,16 +342,6 @@ def test_a_declared_model_that_does_not_predict_other_data_is_not_consistent() -
     assert decide(search).verdict is Verdict.CONSISTENT
     doubted = decide(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
-
-
-def test_a_frequency_above_half_the_sampling_rate_is_no_cause() -> None:
-    servo = effect("actuator-second-order")
-    search = search_white_noise(offered([planted(seed=4)]))
-    for frequency, cause in ((40.0, True), (200.0, False)):
-        values = {"actuator-second-order.frequency": frequency}
-        fitted = SimpleNamespace(fitted=SimpleNamespace(values=SimpleNamespace(shared=values)))
-        assert _is_physical_effect(servo, cast(WeighedSet, fitted), 0.02) is cause
-    assert decide(search).hints == ()
 
 
 def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
