@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ident.process_noise.filter_error import noise_levels
@@ -22,6 +22,7 @@ from ident.tracing.names import (
     CLAIM_LEVEL,
     Named,
     inclusion_of,
+    is_passing_event,
     named_with_rivals,
     passing_events,
     probabilities,
@@ -197,7 +198,7 @@ def _decide(
             return general
         if leaves_noise(found.best):
             return found
-        predicting = _decide_by_prediction(search, leaves_noise)
+        predicting = _decide_by_prediction(search, leaves_noise, best.names - {*found.best.names})
         if predicting is not None:
             return predicting
         if not found.named:
@@ -223,20 +224,28 @@ def _decide(
     )
 
 
-def _decide_by_prediction(search: Search, leaves_noise: FitTest) -> Decision | None:
+def _decide_by_prediction(
+    search: Search, leaves_noise: FitTest, out: Collection[str]
+) -> Decision | None:
     """Decide for the likeliest set whose residual on held-out data is noise as well; None if no set
     that is nearly as likely as the first one passes.
 
     The likelier sets that failed are excluded. A weak effect in the fitted records may be strong in
-    others. Nuisance dynamics are not added here.
+    others, but no set takes the place of one with a small event. Nuisance dynamics are not added
+    here.
+
+    Parameters
+    ----------
+    out : members of the likeliest set that were left out, such as small events.
     """
+    events = {each.name for each in search.candidates if is_passing_event(each)} & {*out}
     leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
     usual = {each.name for each in search.problem.candidates if each.traits.background}
     failed: list[Key] = []
     for key, one in leading:
         if one.weight < leading[0][1].weight - CLEAR_GAIN:
             break
-        if key & usual - leading[0][0]:
+        if key & usual - leading[0][0] or not events <= key:
             continue
         if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
             visited = dict(search.visited)
@@ -361,7 +370,12 @@ def _decide_under_white_noise(
         alone = min(each.probability for each in named) >= CLAIM_LEVEL
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     claimed = verdict in (Verdict.TRACED, Verdict.AMBIGUOUS)
-    claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
+    likely = [
+        each
+        for each in named
+        if each.probability > 1.0 - CLAIM_LEVEL or each.name in search.problem.guards
+    ]
+    claims, hints = (tuple(named), ()) if claimed else ((), tuple(likely))
     if not search.problem.guards & set(slight):
         hints += tuple(
             Named(
