@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 
 from ident.process_noise.filter_error import noise_levels
@@ -248,14 +249,14 @@ def _decide_by_prediction(
         if key & usual - leading[0][0] or not events <= key:
             continue
         if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
-            visited = dict(search.visited)
-            for other in failed:
-                search.visited[other] = replace(search.visited[other], weight=-math.inf)
-            found = _decide_under_white_noise(search, one, clear=-math.inf)
+            narrowed = copy(search)
+            excluded = {other: replace(search.visited[other], weight=-math.inf) for other in failed}
+            narrowed.visited = search.visited | excluded
+            narrowed.repeated = search.repeated | {*failed}
+            found = _decide_under_white_noise(narrowed, one, clear=-math.inf)
             # The decided set may differ from the tested one.
             if leaves_noise(found.best):
                 return found
-            search.visited.update(visited)
         failed.append(key)
     return None
 
