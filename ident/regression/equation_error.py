@@ -276,7 +276,7 @@ def _equations(
 
     residual, valid, right = [], [], []
     for state, increments in zip(data, gained, strict=True):
-        if not state.defines:
+        if not state.rate_state:
             fit = state.slopes
             left = np.sum(fit.slope * fit.gather(state.raw), axis=1)
             mean = _averaged(fit.slope, fit.first, increments)
@@ -533,7 +533,7 @@ def _with_best_windows(
     n, best, least = len(layout.shared), layout, np.inf
     for share in NARROWER:
         data = tuple(
-            [state if state.defines else _narrower(record, state, share) for state in each]
+            [state if state.rate_state else _narrower(record, state, share) for state in each]
             for record, each in zip(layout.records, layout.data, strict=True)
         )
         trial = replace(layout, data=data)

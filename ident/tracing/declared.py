@@ -28,8 +28,10 @@ class Declared:
 
     Attributes
     ----------
-    problem : with inputs mended and provisional spikes masked. root : the fit.
-    spikes : claims of wrong samples in recorded inputs. steps : the steps taken.
+    problem : with inputs mended and provisional spikes masked.
+    root : the fit.
+    spikes : claims of wrong samples in recorded inputs.
+    steps : the steps taken.
     """
 
     problem: TraceProblem

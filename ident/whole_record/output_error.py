@@ -485,9 +485,9 @@ def failed_simulation(
 
     Parameters
     ----------
-    channels : units by name. measured, residuals : of each channel the valid samples of all
-    records, ``(K,)``; measured ones about
-        each record's mean.
+    channels : units by name.
+    measured, residuals : of each channel the valid samples of all records, ``(K,)``; measured ones
+        about each record's mean.
     """
     apart = []
     for values, left in zip(measured, residuals, strict=True):

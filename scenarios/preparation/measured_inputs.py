@@ -236,7 +236,8 @@ def unused_airspeed(
     file : the record as opened.
     model : whose parameter ``airspeed`` is a constant, m/s.
     channels : channel map, None: by the names of the columns.
-    start, stop : part of the record, s. rate : Hz, of rows without a clock.
+    start, stop : part of the record, s.
+    rate : Hz, of rows without a clock.
     """
     outputs = [signal.name for signal in model.equations.outputs]
     if is_own(model) or able(model) or SPEED_NAME in outputs or SPEED_NAME not in model.parameters:

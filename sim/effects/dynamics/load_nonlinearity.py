@@ -202,8 +202,8 @@ class FlowSeparation:
 
     Attributes
     ----------
-    total : whether the equations count totals. ports : that it loads; the names of ``moment`` and
-        ``drag`` among the parameters.
+    total : whether the equations count totals.
+    ports : that it loads; the names of ``moment`` and ``drag`` among the parameters.
     """
 
     total: bool = False
