@@ -578,6 +578,6 @@ def _remedy(fit: Fit) -> str:
         )
     return (
         "check units, signs and the declared values; use records or maneuvers that are shorter or "
-        "smaller; an unstable aircraft that a "
-        "controller holds needs flightid identify --method filter-error or equation-error"
+        "smaller; an unstable aircraft that a controller holds needs flightid identify --method "
+        "filter-error or equation-error"
     )

@@ -59,7 +59,7 @@ from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.preparation.declared_model import step_for
-from scenarios.preparation.filtering import Parted, parts_of, put_together
+from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED, WHOLE, Plan, Request
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
 from sim.declaration.model import Model
@@ -492,7 +492,9 @@ class _Study:
         )
 
 
-def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple[Prediction, ...]:
+def _whole(
+    predictions: Sequence[Prediction], parted: Sequence[PartedRecord]
+) -> tuple[Prediction, ...]:
     """Return the predictions with the parts of each record that was named for it put together."""
     if not parted:
         return tuple(predictions)

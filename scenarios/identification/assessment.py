@@ -27,7 +27,7 @@ from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
-from scenarios.preparation.filtering import Parted, parts_of, put_together
+from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
@@ -409,7 +409,7 @@ def record_fits(
     )
 
 
-def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[RecordFit, ...]:
+def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[PartedRecord]) -> tuple[RecordFit, ...]:
     """The fits with the parts of each record that was predicted put together: the errors are those
     of all its parts."""
     fitted, held = [fit for fit in fits if not fit.held_out], [fit for fit in fits if fit.held_out]
@@ -419,7 +419,7 @@ def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[Re
     )
 
 
-def _whole(parted: Parted, parts: Sequence[RecordFit]) -> RecordFit:
+def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
     record, (rows,) = put_together(
         parted, [part.record for part in parts], [[part.simulated for part in parts]]
     )

@@ -26,7 +26,7 @@ from scenarios.preparation.declared_model import (
 )
 from scenarios.preparation.drafting import NEVER, recorder_names
 from scenarios.preparation.filtering import (
-    Parted,
+    PartedRecord,
     filtered,
     named,
     parts_of,
@@ -255,7 +255,7 @@ class PreparedData:
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     look: RecordCheck = NOTHING_SEEN
-    parted: tuple[Parted, ...] = ()
+    parted: tuple[PartedRecord, ...] = ()
 
     @property
     def predicted(self) -> tuple[Record, ...]:
@@ -348,7 +348,9 @@ def prepare(
     for (record, stated), _ in parted[first:]:
         pieces, of_gaps = split_at_gaps(record, IN_PARTS)
         read += [(piece, stated) for piece in pieces]
-        whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
+        whole.append(
+            PartedRecord(record.name, record.time if plan.rate is None else None, len(pieces))
+        )
         texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]

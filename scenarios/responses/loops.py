@@ -142,8 +142,7 @@ def _cautions(
     if not responses.joint:
         out.append(
             "margins from the direct estimate: what noise and turbulence bring back through the "
-            "loop "
-            "biases them; record the excitation and name it with --reference"
+            "loop biases them; record the excitation and name it with --reference"
         )
     elif contradicted:
         out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))

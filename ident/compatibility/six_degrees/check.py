@@ -526,9 +526,8 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
         channel, ahead = search_result.early
         out.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
-            "than any sensor fault: something acts that the "
-            "kinematics do not know, a gust on vane and load most likely, so that no further "
-            "fault is named"
+            "than any sensor fault: something acts that the kinematics do not know, a gust on vane "
+            "and load most likely, so that no further fault is named"
         )
     behind = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]

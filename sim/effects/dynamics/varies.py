@@ -120,11 +120,10 @@ class Varies:
             f"{self.parameter} is no constant but a smooth curve of {signal}: {self.parameter} = "
             f"{self.parameter} + f({signal}), f a natural "
             "cubic spline over the range flown that is zero at zero, or in the middle of a range "
-            "that does not hold zero. It is the general form of "
-            "all nonlinearities, of any derivative over any state, input or airspeed, and is asked "
-            "for only where no effect with a cause of its own "
-            "explains the records. Even growth alone is the product of two signals, which two "
-            "derivatives share: what bends tells which it is."
+            "that does not hold zero. It is the general form of all nonlinearities, of any "
+            "derivative over any state, input or airspeed, and is asked for only where no effect "
+            "with a cause of its own explains the records. Even growth alone is the product of two "
+            "signals, which two derivatives share: what bends tells which it is."
         )
 
     @property
