@@ -52,7 +52,7 @@ UNITS = {
     },
     **{"height": "m", "altitude": "m", "wind": "m/s"},
 }
-_NOTABLE_BIASES = {  # a bias that is worth a word
+_NOTABLE_BIASES = {  # smallest biases to be told, in the unit of the channel
     "alpha": 0.02,
     "q": 0.005,
     "nz": 0.05,
@@ -146,7 +146,7 @@ class SensorFault:
         )
 
     @property
-    def worth(self) -> float:
+    def smallest_finding(self) -> float:
         """Smallest size that counts as a finding; smaller ones come from interpolation and airspeed
         errors.
         """
