@@ -55,13 +55,14 @@ class RegressionSettings:
 
     Attributes
     ----------
-    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three (weights
-    settle). tolerance : settled when a step moves no parameter by more than this share of its
-    sigma. coloured : correct the covariance for residuals that are not white; they never are,
-    windows overlap. instruments : go on from least squares with instrumental variables. Where no
-    simulation stays with a record (an unstable aircraft)
-        least squares stay, less their bias by noise as far as added noise shows it, and sigmas are
-        larger by that bias.
+    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three, until
+        the weights converge.
+    tolerance : converged when a step moves no parameter by more than this share of its sigma.
+    coloured : correct the covariance for residuals that are not white; as windows overlap, they
+        never are.
+    instruments : continue from least squares with instrumental variables. If no simulation follows
+        a record (unstable aircraft), least squares remain, less their bias by noise as far as added
+        noise shows it, and sigmas are increased by that bias.
     """
 
     iterations: int = 30

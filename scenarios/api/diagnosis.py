@@ -44,7 +44,7 @@ from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
     derivatives_table,
-    drifts,
+    drift_phrases,
     effects_table,
     outlying,
     survey_text,
@@ -382,7 +382,7 @@ class Survey:
     @property
     def trends(self) -> tuple[str, ...]:
         """Derivatives that change with a flight condition, one sentence each."""
-        return tuple(drifts(self.details))
+        return tuple(drift_phrases(self.details))
 
     @property
     def standing_out(self) -> tuple[tuple[str, str, float], ...]:

@@ -113,7 +113,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
                     ChannelColumn(
                         choice.unit or split_header(cell)[1] or under[index] or "1",
                         cell,
-                        partial(_raw, file, index),
+                        partial(raw_column, file, index),
                     ),
                 )
     for index, cell in enumerate(file.table.header):
@@ -133,7 +133,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             )
             taken[index] = (
                 name if name not in CHANNEL_UNITS else cell,
-                ChannelColumn(shown_unit, cell, partial(_raw, file, index)),
+                ChannelColumn(shown_unit, cell, partial(raw_column, file, index)),
             )
     clock = clock_place(file.table)
     return {
@@ -234,10 +234,6 @@ def _found(file: RecordFile, name: str) -> Found | None:
 
 def _channel(file: RecordFile, name: str) -> np.ndarray:
     return read_record(file, (), (name,)).outputs[0].with_gaps()
-
-
-def _raw(file: RecordFile, index: int) -> np.ndarray:
-    return raw_column(file, index)
 
 
 def _numeric(file: RecordFile, index: int) -> bool:

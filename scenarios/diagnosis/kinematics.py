@@ -307,7 +307,7 @@ def worth_of(item: SensorEstimate | SensorFinding) -> float:
     """
     from ident.compatibility.kinematics import SensorFault
 
-    return SensorFault(item.channel, item.kind).worth
+    return SensorFault(item.channel, item.kind).smallest_finding
 
 
 def _differ(a: Quantity, b: Quantity, worth: float) -> bool:

@@ -59,10 +59,10 @@ class ReadSignals:
     Attributes
     ----------
     signals : one a part.
-    names, durations, rates : of the parts; s and Hz.
+    names, durations : of the parts; s.
     units : by the name of the signal.
-    hold_steps : s, the step between input samples that the record says are held between them; 0
-        where it does not.
+    hold : of the inputs as recorded; None where it is unknown, or ended by filtering.
+    step : s, between samples.
     notes : what was done, one sentence each.
     """
 

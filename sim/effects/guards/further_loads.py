@@ -309,9 +309,10 @@ class ProductLoads(SizedOnPorts):
     Attributes
     ----------
     label : after ``guard:``.
-    first, second : the signals, which may be the same. aliases, within : effects that contain it.
+    first, second : the signals, which may be the same.
     units, sizes : of lift and moment.
     needs_constants : those of the equations it is written for.
+    aliases : effects that contain it.
     ports : that it loads, lift and moment or their like, and the names of these parameters.
     """
 
