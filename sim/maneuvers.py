@@ -274,18 +274,15 @@ class Multisine:
             raise ModelError(
                 f"period {self.period:g} s", where="multisine", remedy="give a positive period"
             )
-        if (
-            not self.harmonics
-            or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1
-        ):
+        counts = {len(self.harmonics), len(self.amplitudes), len(self.phases)}
+        if not self.harmonics or len(counts) != 1:
             raise ModelError(
                 "harmonics, amplitudes and phases differ in number, or there are none",
                 where="multisine",
                 remedy="give each harmonic one of both",
             )
-        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(
-            set(self.harmonics)
-        ) != len(self.harmonics):
+        distinct = len(set(self.harmonics)) == len(self.harmonics)
+        if not distinct or any(each < 1 or each != int(each) for each in self.harmonics):
             raise ModelError(
                 f"harmonics {list(self.harmonics)}",
                 where="multisine",

@@ -280,11 +280,11 @@ def run_iterated_ukf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    begun = filter_by_points(
+    first_pass = filter_by_points(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
     return iterated_to_convergence(
-        begun, lambda done: _pass_about(problem, settings, done), iterations
+        first_pass, lambda done: _pass_about(problem, settings, done), iterations
     )
 
 

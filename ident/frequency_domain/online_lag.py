@@ -1,4 +1,4 @@
-"""The low-order equivalent system on line: equation error with a pseudo-control behind a lag and a
+"""The low-order equivalent system on line: equation error with a pseudo-control after a lag and a
 delay.
 
 The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and

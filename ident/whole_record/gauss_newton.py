@@ -499,9 +499,9 @@ def profile_intervals(
     noise_at : returns the noise model started at a theta; None keeps it.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
-    layout, begun = fit.layout, noise_at or (lambda at, theta: at.noise_model)
+    layout, noise_model_at = fit.layout, noise_at or (lambda at, theta: at.noise_model)
     places = {name: layout.shared.index(name) for name in names}
-    refits = partial(_refit, fit, noise_at=begun)
+    refits = partial(_refit, fit, noise_at=noise_model_at)
     return intervals.profile_intervals(
         places, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits
     )

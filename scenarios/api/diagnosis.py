@@ -476,7 +476,7 @@ def survey(
 
     Raises
     ------
-    InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
+    InputError : anything wrong in the file. A flight that cannot be used is told in
         ``failed``.
 
     Examples

@@ -159,11 +159,11 @@ def run_scenarios(
     folders = [
         None if out is None else out if len(runners) == 1 else out / short for short in shorts
     ]
-    begun = time.monotonic()
+    started = time.monotonic()
     for done, (name, folder, runner) in enumerate(zip(names, folders, runners, strict=True)):
         try:
             with progress_bar(
-                progress, counted=runner.counted, before=(done, len(names), begun)
+                progress, counted=runner.counted, before=(done, len(names), started)
             ) as tell:
                 tell(name, 0.0)
                 study = _studied(runner, name, seed, folder, figures, tell)

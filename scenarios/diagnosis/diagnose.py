@@ -374,7 +374,7 @@ def diagnose_files(
 
     Raises
     ------
-    FlightidError : anything in the files that keeps them from being used, in one line.
+    FlightidError : anything in the files that keeps them from being used.
     """
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
@@ -393,9 +393,9 @@ def diagnose_files(
     candidates = tuple(  # a sensor that is not recorded cannot be what is missing
         each for each in candidates if each in own or getattr(each, "channel", "") not in absent
     )
-    if said := right_clock(posed.measured):
+    if note := right_clock(posed.measured):
         candidates = tuple(each for each in candidates if each.name != CLOCK)
-        posed = replace(posed, notes=(*posed.notes, said))
+        posed = replace(posed, notes=(*posed.notes, note))
     run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
 

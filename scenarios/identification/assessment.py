@@ -185,13 +185,13 @@ def profiled(
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
         # Priors stay where the file's starts are: only a fit without them may begin elsewhere.
-        begun = (
+        start_system = (
             system
             if settings.use_priors
             else replace(system, parameters=system.parameters.with_values(known))
         )
         found, _ = frequency_fit(
-            records, begun, FrequencySettings(band, settings.use_priors), delays=delays
+            records, start_system, FrequencySettings(band, settings.use_priors), delays=delays
         )
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
@@ -199,12 +199,12 @@ def profiled(
     pieces = [
         piece for each in in_pieces(records, calm or system, settings, local) for piece in each
     ]
-    begun = (
+    start_system = (
         system
         if settings.use_priors
         else replace(system, parameters=system.parameters.with_values(known))
     )
-    layout = lay_out(pieces, begun, settings, local=local)
+    layout = lay_out(pieces, start_system, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
         from ident.process_noise.innovations_model import noise_started_at

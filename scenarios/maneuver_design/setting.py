@@ -343,7 +343,7 @@ def setting_of(request: DesignRequest) -> Setting:
 
     Raises
     ------
-    DeclarationError : anything wrong in the files or texts, a model without an input, in one line.
+    DeclarationError : anything wrong in the files or texts, a model without an input.
     """
     vehicle = read_vehicle(request.vehicle, request.model)
     model = model_of_file(vehicle).with_noise(Noise())

@@ -293,7 +293,7 @@ def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, s
     inputs = f", inputs linear since then{remark}" if record.inputs else ""
     return (
         corner,
-        f"{record.name}: {sentence}all channels behind one zero-phase low-pass of {corner:.3g} "
+        f"{record.name}: {sentence}all channels after one zero-phase low-pass of {corner:.3g} "
         f"Hz{inputs}",
     )
 

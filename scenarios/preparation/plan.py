@@ -50,7 +50,7 @@ class Plan:
     ----------
     segments : each becomes a separate record.
     hold : inputs between samples; None: by the file's sidecar, else by the data.
-    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
+    rate : Hz, to which all channels are resampled after one anti-alias filter; None keeps the
         samples. Of a file without a clock it is the rate of its rows, and of a log of several
         topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.

@@ -318,11 +318,11 @@ def prepare(
     """
     split = len(files) * len(plan.segments)
     beside = [
-        (named(file.identity.name, each, several=len(plan.segments) > 1), *said)
+        (named(file.identity.name, each, several=len(plan.segments) > 1), *unused)
         for file in files
         for each in plan.segments
         if any(
-            said := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
+            unused := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
         )
     ]
     parts = [(file, segment) for file in files for segment in plan.segments] + [
@@ -337,7 +337,7 @@ def prepare(
         for n, (file, segment) in enumerate(parts)
     ]
     texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
-    texts += [f"{name}: {said}" for name, said, _ in beside]
+    texts += [f"{name}: {sentence}" for name, sentence, _ in beside]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
         pieces, of_gaps = split_at_gaps(record)
@@ -408,16 +408,16 @@ def for_model(
         ]
     if not of_totals(model):
         told += [
-            said
+            sentence
             for record, trims in trimmed
             for name in record.input_names
-            if name not in trims and (said := trim_sentence(record, name))
+            if name not in trims and (sentence := trim_sentence(record, name))
         ]
-    told += [said for record in records if (said := flow_sentence(record, model))]
+    told += [sentence for record in records if (sentence := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     flown = wider is not model
-    wider, ready, said = with_attitude(wider, ready)
-    told += [said] if said else []
+    wider, ready, sentence = with_attitude(wider, ready)
+    told += [sentence] if sentence else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = (*_idle_motors(records), *flow_doubts(records, model))
     return PreparedData(

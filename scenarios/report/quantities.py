@@ -72,7 +72,7 @@ def unit_cell(unit: str) -> str:
 
 
 def spaced(unit: str) -> str:
-    """Return a unit behind its number: a blank and the unit, nothing for a pure number."""
+    """Return a unit after its number: a blank and the unit, nothing for a pure number."""
     return f" {unit}" if unit not in NO_UNIT else ""
 
 
@@ -291,7 +291,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
 
 
 def _place(channel: str, axes: Sequence[str]) -> int:
-    """Place of a channel's axis among ``axes``; of a channel without one behind them all."""
+    """Place of a channel's axis among ``axes``; of a channel without one after them all."""
     axis = AXES.get(channel)
     return axes.index(axis) if axis in axes else len(axes)
 

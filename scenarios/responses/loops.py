@@ -77,7 +77,7 @@ def refuse_loop(sign: str | None, names: Names) -> None:
         raise DeclarationError(f"there is no sign {sign!r}", where="--margins", remedy=remedy)
     if len(names.inputs) != 1 or len(names.outputs) != 1:
         what = f"{len(names.inputs)} inputs and {len(names.outputs)} outputs are no single loop"
-        remedy = "name the signal behind the sum as --input, the one that returns as --output"
+        remedy = "name the signal after the sum as --input, the one that returns as --output"
         raise DeclarationError(what, where="--margins", remedy=remedy)
 
 

@@ -162,8 +162,8 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
         refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
     open_hold = request.plan.hold is None and not any(each.sidecar.says_hold for each in sources)
     if open_hold:
-        hold, said = hold_of_inputs(fitted, aircraft, options.bandwidth)
-        fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *said)
+        hold, sentence = hold_of_inputs(fitted, aircraft, options.bandwidth)
+        fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *sentence)
     left_out = read_record_files(request.validate)
     identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
     found = structure_of(fitted, aircraft, options, identities, notes)

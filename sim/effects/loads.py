@@ -129,7 +129,7 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
 
 def moved_ahead(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: behind the last
+    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: after the last
     edge the last value holds.
     """
     return moved_back(-edges[::-1], u[::-1], delay)[::-1]

@@ -347,8 +347,10 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     motion = _AircraftEquations(aircraft)
     turned = ATTITUDES[aircraft.attitude]
     at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
-    begun = {name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")}
-    begun |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
+    given_starts = {
+        name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")
+    }
+    given_starts |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
     units = {**STATES, **FURTHER, **turned.states, **turned.headed}
     try:
         model = own_model(
@@ -362,7 +364,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             constants,
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
-            {**begun, **rest},
+            {**given_starts, **rest},
             biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:

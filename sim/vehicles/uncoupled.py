@@ -243,7 +243,7 @@ class Loes:
     """
 
     explanation = """\
-Low-order equivalent system of an augmented aircraft: dimensional short period behind a lag and a
+Low-order equivalent system of an augmented aircraft: dimensional short period after a lag and a
 delay.
 
 alpha_dot = L_alpha alpha + L_q q + L_delta delta + L_0, q_dot = M_alpha alpha + M_q q + M_delta

@@ -200,12 +200,12 @@ def estimates_and_findings(
     for j in search_result.common:
         context, lost[j] = _context(search_result, j, stood)
         estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
-    findings, said = [], set()
+    findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
-            if j not in said and stood[j][0] == group[0][0]:
+            if j not in named and stood[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
                 findings.append(
                     replace(
@@ -213,9 +213,9 @@ def estimates_and_findings(
                         probabilities=shares,
                     )
                 )
-                said.add(j)
+                named.add(j)
     rest = sorted(
-        (j for j in search_result.common if j not in said), key=lambda j: estimates[j].p_value
+        (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     findings += [
         replace(

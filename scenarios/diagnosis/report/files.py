@@ -119,7 +119,7 @@ def bounded_series(values: np.ndarray) -> np.ndarray:
 
 # ---- Which figures a diagnosis gets
 
-# File stem and caption, in the order of the report; further records get a number behind the stem.
+# File stem and caption, in the order of the report; further records get a number after the stem.
 CAPTIONS = {
     "replication": (
         "Parameters of the effects from each record alone, and from all fitted records together"

@@ -109,7 +109,7 @@ class ActuatorLag(OfInput):
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
-        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
+        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} after its actuator"),)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"time_constant": time}) for time in delays_to_try(context)]
@@ -207,7 +207,7 @@ class ActuatorSecondOrder(OfInput):
     @property
     def online_states(self) -> tuple[Signal, ...]:
         return (
-            Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),
+            Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} after its actuator"),
             Signal(f"actuator_{self.signal}_rate", f"{self.unit}/s", "its rate"),
         )
 
@@ -410,14 +410,14 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
             continue
-        done, distance, begun, side = first, distances[first].item(), first, 0.0
+        done, distance, first_behind, side = first, distances[first].item(), first, 0.0
         while done < last and abs(distance.real) > most_real(done):
             if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
-                begun, side = done, now
-            if done - begun == _LONG:
+                first_behind, side = done, now
+            if done - first_behind == _LONG:
                 path = _lagging_run(commands, ways, done, distance, side)
                 distances[done + 1 : done + 1 + len(path)] = path
-                done, distance, begun = done + len(path), path[-1].item(), done + len(path)
+                done, distance, first_behind = done + len(path), path[-1].item(), done + len(path)
                 continue
             distance = target(done) + (distance - side * most(done)) - target(done + 1)
             done += 1
