@@ -84,7 +84,8 @@ WORDS = {
     "lag": "{} lags with {} s",
     "scale": "{} reads {} times the true value",
     "drift": "{} drifts by {}",
-} | {"bias": "{} reads {} too much"}
+    "bias": "{} reads {} too much",
+}
 # Of a positive and of a negative arm.
 PLACES = {
     "arm": ("ahead of", "behind"),

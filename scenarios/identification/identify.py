@@ -200,10 +200,7 @@ def identify(
         _fixed(biased, model.ties),
         tests,
         tuple(others),
-        notes=(
-            *(note for note in (weight_note, estimate.message) if note),
-            *_laid_down(vehicle, model),
-        ),
+        notes=(*filter(None, (weight_note, estimate.message)), *_laid_down(vehicle, model)),
         cautions=(
             *cautions,
             *(record_cautions(records, tests, alone) if method in SIMULATED else ()),

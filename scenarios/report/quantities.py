@@ -80,33 +80,31 @@ def spaced(unit: str) -> str:
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
-    **{
-        "alpha": "angle of attack",
-        "q": "pitch rate",
-        "nz": "load factor",
-        "theta": "pitch attitude",
-        "nx": "axial load factor",
-    },
-    **{
-        "beta": "angle of sideslip",
-        "p": "roll rate",
-        "r": "yaw rate",
-        "phi": "bank angle",
-        "ny": "lateral load factor",
-    },
+    "alpha": "angle of attack",
+    "q": "pitch rate",
+    "nz": "load factor",
+    "theta": "pitch attitude",
+    "nx": "axial load factor",
+    "beta": "angle of sideslip",
+    "p": "roll rate",
+    "r": "yaw rate",
+    "phi": "bank angle",
+    "ny": "lateral load factor",
 }
 
 
 AXES = {  # Which equation of motion a channel is measured along.
-    **{
-        "airspeed": "speed",
-        "nx": "speed",
-        "alpha": "lift",
-        "nz": "lift",
-        "q": "pitch",
-        "theta": "pitch",
-    },
-    **{"beta": "side force", "ny": "side force", "p": "roll", "phi": "roll", "r": "yaw"},
+    "airspeed": "speed",
+    "nx": "speed",
+    "alpha": "lift",
+    "nz": "lift",
+    "q": "pitch",
+    "theta": "pitch",
+    "beta": "side force",
+    "ny": "side force",
+    "p": "roll",
+    "phi": "roll",
+    "r": "yaw",
 }
 
 UNDETERMINED = "not determined by these data"

@@ -258,8 +258,16 @@ _COEFFICIENTS = {  # Coefficients by port, of the aircraft and of the low-order 
 # Signal multiplied by a derivative of the built-in models, by the suffix of its name; and the
 # suffix by signal.
 MULTIPLIED = {
-    **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
-    **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
+    "alpha": "alpha",
+    "q": "q",
+    "V": "airspeed",
+    "beta": "beta",
+    "p": "p",
+    "r": "r",
+    "de": "elevator",
+    "da": "aileron",
+    "dr": "rudder",
+    "delta": "delta",
 }
 _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
     "alpha_air": "alpha",

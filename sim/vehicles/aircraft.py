@@ -271,9 +271,8 @@ def refuse_recorded(
 
     Parameters
     ----------
-    recorded : states that are columns.
+    recorded, where : states that are columns; for the message.
     wind, attitude : a key of ``WIND`` or empty, and a key of ``ATTITUDES``.
-    where : for the message.
     """
     if attitude not in ATTITUDES:
         raise DeclarationError(
@@ -346,11 +345,10 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
     motion = _AircraftEquations(aircraft)
     turned = ATTITUDES[aircraft.attitude]
-    at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
-    given_starts = {
-        name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")
-    }
-    given_starts |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
+    angles, given = ("phi", "theta", "psi"), aircraft.start
+    at = [given.get(name, 0.0) for name in angles]
+    starts_of_states = {name: v for name, v in given.items() if name not in angles}
+    starts_of_states |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
     units = {**STATES, **FURTHER, **turned.states, **turned.headed}
     try:
         model = own_model(
@@ -364,7 +362,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             constants,
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
-            {**given_starts, **rest},
+            {**starts_of_states, **rest},
             biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:

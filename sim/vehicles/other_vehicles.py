@@ -66,9 +66,12 @@ per area (kg/m2): the paper's weight per area divided by gravity."""
 COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 LAG, DELAY = "motor_time_constant", "delay"
 _FACTORS = {
-    **{"L_p": "1/s", "L_lat": "rad/s2"},
-    **{"M_q": "1/s", "M_lon": "rad/s2"},
-    **{"N_r": "1/s", "N_ped": "rad/s2"},
+    "L_p": "1/s",
+    "L_lat": "rad/s2",
+    "M_q": "1/s",
+    "M_lon": "rad/s2",
+    "N_r": "1/s",
+    "N_ped": "rad/s2",
     "Z_col": "m/s2",
 }
 _CONSTANT_TERMS = {"L_0": "rad/s2", "M_0": "rad/s2", "N_0": "rad/s2", "Z_0": "m/s2"}

@@ -503,14 +503,12 @@ def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarr
 
 
 _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
-    **{
-        "theta": _theta,
-        "phi": _phi,
-        "psi": _psi,
-        "alpha": _alpha,
-        "beta": _beta,
-        "airspeed": _airspeed,
-    }
+    "theta": _theta,
+    "phi": _phi,
+    "psi": _psi,
+    "alpha": _alpha,
+    "beta": _beta,
+    "airspeed": _airspeed,
 }
 
 

@@ -103,17 +103,13 @@ class SensorScale(OfChannel):
 
 
 _ALIASES_OF_CURVE = {
-    **{
-        "alpha": ("lift-nonlinearity",),
-        "nz": ("lift-nonlinearity",),
-        "q": ("moment-nonlinearity",),
-    },
-    **{
-        "p": ("roll-nonlinearity",),
-        "r": ("yaw-nonlinearity",),
-        "ny": ("side-force-nonlinearity",),
-        "nx": ("drag-nonlinearity",),
-    },
+    "alpha": ("lift-nonlinearity",),
+    "nz": ("lift-nonlinearity",),
+    "q": ("moment-nonlinearity",),
+    "p": ("roll-nonlinearity",),
+    "r": ("yaw-nonlinearity",),
+    "ny": ("side-force-nonlinearity",),
+    "nx": ("drag-nonlinearity",),
 }
 # rad, rad/s, g: range about trim that is assumed where that of the record is not known
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
