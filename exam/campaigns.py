@@ -97,34 +97,34 @@ class Campaign:
         self,
         runs: int,
         seed: int | None,
-        manner: Execution,
+        execution: Execution,
         tell: Tell = lambda stage, share: None,
     ) -> Flown:
         """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
         root = self.root if seed is None else seed
         with named_after(self.where):
-            return fly_all(self.work, runs * self.times, root, manner, tell)
+            return fly_all(self.work, runs * self.times, root, execution, tell)
 
 
 def fly_and_tell(
     campaign: Campaign,
     runs: int,
     seed: int | None,
-    manner: Execution,
+    execution: Execution,
     figures: Formats = USUAL,
     *,
     progress: bool = True,
 ) -> None:
     """Fly and diagnose, print the tables, and write what ``campaign.write`` does into
-    ``manner.out``.
+    ``execution.out``.
 
     Raises
     ------
     KeyboardInterrupt : it was stopped; the flights that had ended are printed and written.
     """
-    out = manner.out
+    out = execution.out
     with progress_bar(progress) as tell:
-        done = campaign.fly(runs, seed, manner, tell)
+        done = campaign.fly(runs, seed, execution, tell)
     print(campaign.text(done, terminal_width(), details_in(out)), end="")
     if out is not None:
         campaign.write(done, out, figures)

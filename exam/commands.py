@@ -117,8 +117,8 @@ def _fly(name: str, campaign: Callable[[], Campaign], asked: Namespace) -> int:
     def work() -> int:
         if asked.runs < 2:
             raise DeclarationError(f"{asked.runs} runs", where="--runs", remedy="give two or more")
-        manner, figures = manner_of(asked), figures_of(asked)
-        fly_and_tell(campaign(), asked.runs, asked.seed, manner, figures)
+        execution, figures = manner_of(asked), figures_of(asked)
+        fly_and_tell(campaign(), asked.runs, asked.seed, execution, figures)
         return 0
 
     return ended_in_one_line(name, work)

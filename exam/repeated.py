@@ -147,15 +147,19 @@ class Flown:
 
 
 def fly_all(
-    work: Flights, runs: int, root: int, manner: Execution, tell: Tell = lambda stage, share: None
+    work: Flights,
+    runs: int,
+    root: int,
+    execution: Execution,
+    tell: Tell = lambda stage, share: None,
 ) -> Flown:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
     Raises
     ------
-    FlightidError : the folder of ``manner`` holds another campaign, or none to go on with.
+    FlightidError : the folder of ``execution`` holds another campaign, or none to go on with.
     KeyboardInterrupt : where no flight had ended.
     """
-    table = run_study(work, manner.asked(runs, root, work.block, "flights"), tell)
+    table = run_study(work, execution.asked(runs, root, work.block, "flights"), tell)
     failures = Counter(error for error in table.columns["error"] if error)
     return Flown(root, runs, len(table), work.read(table), dict(failures.most_common()))

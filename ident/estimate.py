@@ -23,7 +23,7 @@ class Outcome(Enum):
     INDEFINITE = "the covariance lost its positive definiteness"
     NOT_IDENTIFIABLE = "the record does not determine all parameters"
     DEGENERATE = (
-        "degenerate: a noise level ran to its limit, where the likelihood has no honest maximum; "
+        "degenerate: a noise level ran to its limit, where the likelihood has no true maximum; "
         "values and sigmas mean nothing"
     )
 
@@ -52,10 +52,10 @@ _HINTS = {
         "shorter part with --from and --to"
     ),
     "INDEFINITE": (
-        "use --method output-error: it keeps no covariance from sample to sample, and needs no "
-        "noise in the record"
+        "use --method output-error, which has no covariance to lose, and works on a record "
+        "without noise"
     ),
-    "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",
+    "NOT_IDENTIFIABLE": "excite in flight what is not determined, or hold that parameter",
     "DEGENERATE": (
         "compare with --method output-error and equation-error, and look whether a channel is "
         "computed, filtered or stuck"
@@ -124,6 +124,7 @@ class Estimate:
         prediction from the past, held at the last finite sample if it failed.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
+    message : what else is to be said about the outcome; usually empty.
     """
 
     method: str
@@ -183,7 +184,7 @@ class Estimate:
 @contextmanager
 def quiet_numerics() -> Iterator[None]:
     """Suppress warnings of overflow and ill condition; the caller tests the result with
-    ``breakdown``.
+    ``ident.filters.problem.breakdown``.
     """
     from scipy.linalg import LinAlgWarning
 
@@ -194,8 +195,9 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """Suppress NumPy warnings of a computation that discards overflows; a function set by
-    ``np.errstate(call=...)`` still counts them.
+    """Suppress the NumPy warnings of a computation that discards overflows itself.
+
+    A caller that counts them by ``np.errstate(call=...)`` still does.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

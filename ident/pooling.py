@@ -51,13 +51,13 @@ def without_one(
 # ---- Multiple tests: false discovery rate
 
 
-def adjusted(p_values: np.ndarray) -> np.ndarray:
-    """Return the least rate of false discoveries ``(n,)`` at which each question is answered, from
-    ``p_values (n,)`` in [0, 1].
+def adjusted_p_values(p_values: np.ndarray) -> np.ndarray:
+    """Return ``p_values (n,)`` adjusted for their number: the smallest rate of false discoveries
+    ``(n,)`` at which each hypothesis is rejected.
 
     Benjamini and Hochberg, J. Royal Statistical Society B 57(1), 1995: of those below a level, the
-    expected share of false ones is at most that level where the tests are independent or positively
-    dependent.
+    expected share of false rejections is at most that level where the tests are independent or
+    positively dependent.
     """
     p = np.asarray(p_values, dtype=float)
     n = len(p)
@@ -188,12 +188,13 @@ def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndar
     between = max(0.0, spread**2 - float(np.median(sigmas)) ** 2)
     far = off / np.sqrt(sigmas**2 + between)
     p_values = 2.0 * ndtr(-np.abs(far))
-    return far, adjusted(p_values) < FALSE_DISCOVERY_RATE
+    return far, adjusted_p_values(p_values) < FALSE_DISCOVERY_RATE
 
 
 # ---- A value that changes with the flight condition
 
-TREND_FEWEST = 4  # fewest flights: with three, a line has one degree of freedom and no usable sigma
+# with three flights a line has one degree of freedom and no usable sigma
+FEWEST_FLIGHTS_OF_TREND = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +223,7 @@ class Trend:
 
 def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Trend | None:
     """Fit the change of ``values (n,)`` with ``sigmas (n,)`` over a ``condition (n,)``; None with
-    fewer than ``FEWEST_FLIGHTS`` flights or one condition alone.
+    fewer than ``FEWEST_FLIGHTS_OF_TREND`` flights or one condition alone.
 
     Mixed-effects meta-regression: scatter about the line by restricted maximum likelihood; the
     covariance by Knapp and Hartung (Statistics in Medicine 22, 2003), never below that of known
@@ -230,7 +231,7 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
     """
     n = len(values)
     spread = float(np.ptp(condition)) if n else 0.0
-    if n < TREND_FEWEST or spread <= 1e-9 * max(1.0, float(np.max(np.abs(condition)))):
+    if n < FEWEST_FLIGHTS_OF_TREND or spread <= 1e-9 * max(1.0, float(np.max(np.abs(condition)))):
         return None
     middle = float(np.mean(condition))
     size = float(np.std(condition))
@@ -264,10 +265,11 @@ FALSE_RECURRENCE_PROBABILITY = 1e-3
 MEMBERSHIP_PROBABILITY = 0.95
 # trial values of the scatter between flights, relative to the value
 SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)
-# twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
+# largest loss of twice the log likelihood by one common value: chi-squared with one degree of
+# freedom, exceeded by chance once in twenty (Wilks)
 COMMON_VALUE_CHI_SQUARE = 3.84
 MOST_ITERATIONS = 60
-SETTLED_LOG_LIKELIHOOD = 1e-4  # smallest gain of log likelihood of an iteration
+SETTLED_LOG_LIKELIHOOD = 1e-4  # change of log likelihood below which iterations end
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,8 +296,9 @@ class Recurrence:
     ``value (k,)`` with ``covariance (k, k)``: the common one. ``scatter``: between flights, as a
     share of the value; ``agrees``: none is needed. ``share``: of the flights that have it.
     ``probability (n,)`` that each has it. ``log_likelihood``: gained over no flight having it;
-    ``at_common (n,)`` by each flight if it has the common value. ``p_value``: bound on the chance
-    of as much where no flight has it, its strongest left out, over all ``candidates``.
+    ``at_common (n,)`` by each flight if it has the common value. ``p_value``: bound on the
+    probability of such a gain, without that of the strongest flight, if no flight has any of the
+    ``candidates``.
     """
 
     value: np.ndarray
@@ -355,14 +358,14 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     out, so that no single flight makes a recurrence.
     """
     n, k = evidence.value.shape
-    best = _best(evidence)
-    without_scatter = best if best.scatter == 0.0 else _best(evidence, (0.0,))
+    best = _most_likely(evidence)
+    without_scatter = best if best.scatter == 0.0 else _most_likely(evidence, (0.0,))
     agrees = 2.0 * (best.total - without_scatter.total) < COMMON_VALUE_CHI_SQUARE
     best = without_scatter if agrees else best
     own = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
     probability = expit(best.each + _logit(np.array(best.share)))
     others = np.delete(np.arange(n), int(np.argmax(own)))
-    left = 2.0 * _best(evidence.of(others)).total if n > 1 else 0.0
+    left = 2.0 * _most_likely(evidence.of(others)).total if n > 1 else 0.0
     p_value = min(1.0, candidates * float(chdtrc(k + 3, max(left, 0.0))))
     added = best.scatter**2 * np.diag(best.value**2)
     weights = probability[:, None, None] * np.linalg.inv(evidence.covariance + added)
@@ -381,7 +384,7 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     )
 
 
-def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
+def _most_likely(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
     """Return the most likely common value: started from the values of the flights with most
     evidence, and their mean, with each scatter.
     """
@@ -400,7 +403,7 @@ def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixtur
 def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _Mixture:
     """Return the best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
     share, total = np.full(len(value), 0.5), np.full(len(value), -np.inf)
-    each, inverse = _at(evidence, value, scatter)
+    each, inverse = _gains_at(evidence, value, scatter)
     for _ in range(MOST_ITERATIONS):
         probability = expit(each + _logit(share)[:, None])
         weights = probability[:, :, None, None] * inverse
@@ -411,7 +414,7 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
         )
         value = np.where(probability.sum(axis=1)[:, None] > 1e-9, result, value)
         share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
-        each, inverse = _at(evidence, value, scatter)
+        each, inverse = _gains_at(evidence, value, scatter)
         before, total = (
             total,
             np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1),
@@ -424,7 +427,7 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
     )
 
 
-def _at(
+def _gains_at(
     evidence: Evidence, value: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the gain of each flight's log likelihood ``(c, n)`` with the effect about common

@@ -77,7 +77,7 @@ PART = (
     f"part to use: the input with {LEAD:g} s of rest before it and {TAIL:g} s of response after "
     "it, at most half way to the next maneuver"
 )
-DIGITS = 3  # behind the point, of the times in maneuvers.toml
+DIGITS = 3  # after the point, of the times in maneuvers.toml
 
 
 @dataclass(frozen=True)

@@ -271,29 +271,32 @@ class Multisine:
 
     def __post_init__(self) -> None:
         if not (self.period > 0 and math.isfinite(self.period)):
-            raise _multisine_bad("multisine", f"period {self.period:g} s", "give a positive period")
-        if (
-            not self.harmonics
-            or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1
-        ):
-            raise _multisine_bad(
-                "multisine",
-                "harmonics, amplitudes and phases differ in number, or there are none",
-                "give each harmonic one of both",
+            raise ModelError(
+                f"period {self.period:g} s", where="multisine", remedy="give a positive period"
             )
-        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(
-            set(self.harmonics)
-        ) != len(self.harmonics):
-            raise _multisine_bad(
-                "multisine",
+        counts = {len(self.harmonics), len(self.amplitudes), len(self.phases)}
+        if not self.harmonics or len(counts) != 1:
+            raise ModelError(
+                "harmonics, amplitudes and phases differ in number, or there are none",
+                where="multisine",
+                remedy="give each harmonic one of both",
+            )
+        distinct = len(set(self.harmonics)) == len(self.harmonics)
+        if not distinct or any(each < 1 or each != int(each) for each in self.harmonics):
+            raise ModelError(
                 f"harmonics {list(self.harmonics)}",
-                "give different whole numbers from 1 on",
+                where="multisine",
+                remedy="give different whole numbers from 1 on",
             )
         if not all(math.isfinite(v) for v in (*self.amplitudes, *self.phases, self.start)):
-            raise _multisine_bad("multisine", "a number is not finite", "give finite numbers")
+            raise ModelError(
+                "a number is not finite", where="multisine", remedy="give finite numbers"
+            )
         if self.cycles < 1 or self.cycles != int(self.cycles):
-            raise _multisine_bad(
-                "multisine", f"{self.cycles} cycles", "give a whole number of cycles, at least one"
+            raise ModelError(
+                f"{self.cycles} cycles",
+                where="multisine",
+                remedy="give a whole number of cycles, at least one",
             )
 
     @property
@@ -368,10 +371,10 @@ def schroeder_multisine(
     """
     count = len(harmonics)
     if not (math.isfinite(rms) and count):
-        raise _multisine_bad(
-            "multisine",
+        raise ModelError(
             f"rms {rms} over {count} harmonic(s)",
-            "give a finite rms and at least one harmonic",
+            where="multisine",
+            remedy="give a finite rms and at least one harmonic",
         )
     phases = [-math.pi * i * (i - 1) / count for i in range(1, count + 1)]
     amplitude = rms * math.sqrt(2.0 / count)
@@ -393,10 +396,10 @@ def orthogonal_multisines(
     Raises ModelError when an input would be left without a harmonic.
     """
     if highest - lowest + 1 < len(rms):
-        raise _multisine_bad(
-            "multisine",
+        raise ModelError(
             f"harmonics {lowest} to {highest} for {len(rms)} inputs",
-            "give at least one harmonic an input",
+            where="multisine",
+            remedy="give at least one harmonic an input",
         )
     dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
     return tuple(
@@ -428,8 +431,10 @@ def least_peak_multisine(
         if relative.shape != size.shape or not (
             np.all(np.isfinite(relative)) and np.all(relative > 0.0)
         ):
-            raise _multisine_bad(
-                "multisine", f"shares {list(shares)}", "give one above zero for each harmonic"
+            raise ModelError(
+                f"shares {list(shares)}",
+                where="multisine",
+                remedy="give one above zero for each harmonic",
             )
         size = size * relative * math.sqrt(size.size / float(relative @ relative))
     best, lowest = phases, math.inf
@@ -471,10 +476,6 @@ def _first_zero(multisine: Multisine) -> float:
     return 0.5 * (low + high)
 
 
-def _multisine_bad(where: str, what: str, remedy: str) -> ModelError:
-    return ModelError(what, where=where, remedy=remedy)
-
-
 # ---- A sine of rising frequency as an input
 
 
@@ -512,20 +513,22 @@ class Sweep:
             math.isfinite(v)
             for v in (self.amplitude, self.low, self.high, self.duration, self.start, self.taper)
         ):
-            raise _multisine_bad("sweep", "a number is not finite", "give finite numbers")
+            raise ModelError("a number is not finite", where="sweep", remedy="give finite numbers")
         if not (self.low > 0 and self.high > 0):
-            raise _multisine_bad(
-                "sweep", f"band {self.low:g} to {self.high:g} rad/s", "give positive frequencies"
+            raise ModelError(
+                f"band {self.low:g} to {self.high:g} rad/s",
+                where="sweep",
+                remedy="give positive frequencies",
             )
         if not self.duration > 0:
-            raise _multisine_bad(
-                "sweep", f"duration {self.duration:g} s", "give a positive duration"
+            raise ModelError(
+                f"duration {self.duration:g} s", where="sweep", remedy="give a positive duration"
             )
         if not 0 <= self.taper <= 0.5 * self.duration:
-            raise _multisine_bad(
-                "sweep",
+            raise ModelError(
                 f"taper {self.taper:g} s",
-                "give a taper between zero and half the duration",
+                where="sweep",
+                remedy="give a taper between zero and half the duration",
             )
 
     @property

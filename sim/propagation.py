@@ -518,7 +518,7 @@ def _is_affine_along(
 ) -> bool:
     """Return whether the rates are those of the coefficients everywhere along the motion."""
     try:
-        said = _rates(system, p, t, list(x), list(u), len(t))
+        rates = _rates(system, p, t, list(x), list(u), len(t))
     except (ArithmeticError, ValueError, TypeError):
         return False
     size = (
@@ -526,7 +526,7 @@ def _is_affine_along(
         + np.abs(affine.B) @ np.abs(u).max(axis=1, initial=0.0)
         + np.abs(affine.c)
     )
-    return bool(np.all(np.abs(said - affine.rates(x, u)) <= _AFFINE_TOLERANCE * size[:, None]))
+    return bool(np.all(np.abs(rates - affine.rates(x, u)) <= _AFFINE_TOLERANCE * size[:, None]))
 
 
 # ---- Motion to a tolerance by LSODA

@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.errors import RecordError, time_span
 
-MOST_MEASURED = 1e6  # rad, rad/s, m/s or g: nothing that flies has more
+LARGEST_MEASURED = 1e6  # rad, rad/s, m/s or g: larger than in any flight
 
 
 class Hold(Enum):
@@ -29,7 +29,7 @@ class Channel:
     Attributes
     ----------
     name : ``"alpha"``, ``"q"``, ...
-    unit : unit of ``values``: SI and radians, g for nz; a label for ``stick``.
+    unit : unit of ``values``: SI and radians, g for nz; of ``stick`` any, as it is not converted.
     values : shape ``(N,)``; finite wherever ``valid``, zero elsewhere.
     valid : shape ``(N,)``, False where the sample is missing.
     """

@@ -18,9 +18,16 @@ def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[st
     ``fly_campaign``.
     """
     document, short, where = load_document(name)
-    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    rebuilt_scenario = Rebuilt(
+        {key: value for key, value in document.items() if key != "kind"}, short, where
+    )
     campaign = fly_campaign(
-        load_scenario(name), runs, SEED, method, manner=Execution(jobs), again=again
+        load_scenario(name),
+        runs,
+        SEED,
+        method,
+        execution=Execution(jobs),
+        rebuilt_scenario=rebuilt_scenario,
     )
     judged = judge(campaign)
     why = {each.name: each for each in judged.findings.found}

@@ -20,7 +20,7 @@ from scenarios.tasks.study import Execution
 from sim.errors import DeclarationError
 
 
-def examined(first: int, count: int, manner: Execution, group: str = "") -> Flown:
+def examined(first: int, count: int, execution: Execution, group: str = "") -> Flown:
     """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was
     stopped.
 
@@ -29,7 +29,7 @@ def examined(first: int, count: int, manner: Execution, group: str = "") -> Flow
     told = {"first": first, **({"group": group} if group else {})}
     work = LoopFlights("random-cases", partial(_case, first, group), CaseScore, told)
     with progress_bar(True) as tell:
-        return fly_all(work, count, first, manner, tell)
+        return fly_all(work, count, first, execution, tell)
 
 
 def _case(first: int, group: str, number: int, seed: int) -> CaseScore:

@@ -1,7 +1,7 @@
 """Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
 
-A pass filters its samples in blocks: with the table of bilinear equations if there is one, else
-step by step (`ident.banks.equation_kernels`). Each block ends with a check for failed runs.
+A pass filters its samples in blocks, by the coefficients of the equations where these are bilinear,
+else step by step (`ident.banks.equation_kernels`). Each block ends with a check for failed runs.
 
 The filter is that of `ident.filters.ekf`, with runs on a batch axis; it agrees with filterpy's to
 rounding.
@@ -84,10 +84,10 @@ def run_pass(
             last = min(first + SAMPLES_PER_CHECK, N)
             done = march(first, last, x, P, about, trace)
             x, P = done.mean[-1].T, done.covariance[-1]
-            gained, squared = worth(done.innovation, problem.valid[:, first:last])
-            good = sound_so_far(done, squared, sound)
-            log_likelihood = log_likelihood + np.where(good, gained, 0.0).sum(axis=0)
-            nis[first:last] = np.where(good, squared, 0.0)
+            gains, block_nis = likelihood_and_nis(done.innovation, problem.valid[:, first:last])
+            good = sound_so_far(done, block_nis, sound)
+            log_likelihood = log_likelihood + np.where(good, gains, 0.0).sum(axis=0)
+            nis[first:last] = np.where(good, block_nis, 0.0)
             if trace is not None:
                 trace.mean[first:last], trace.covariance[first:last] = (
                     done.mean.transpose(0, 2, 1),
@@ -96,42 +96,41 @@ def run_pass(
             if history is not None:
                 _keep(history, slice(first, last), done, good, (last_x, last_P))
             last_x, last_P, sound = *_last_sound(done, good, last_x, last_P), good[-1]
-    # Remaining asymmetry is of the order of rounding; the rows of the states are mirrored in every
-    # step.
+    # Asymmetry is of the order of rounding, since each step mirrors the rows of the states.
     return BankPass(
         last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history
     )
 
 
-def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return log-likelihood and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 +
-    m)`` as in ``PassStretch``; ``valid (m, K)``.
+def likelihood_and_nis(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the log-likelihood and the normalised innovation squared, ``(K, B)`` each, of
+    innovations ``(K, B, m, 1 + m)`` as in ``PassStretch``; ``valid (m, K)``.
     """
     rows = innovation.copy()
     variance = decorrelated(rows)
-    squared = (rows[..., 0] ** 2 / variance).sum(axis=-1)
+    nis = (rows[..., 0] ** 2 / variance).sum(axis=-1)
     channels = np.count_nonzero(valid, axis=0)[:, None]
-    return -0.5 * (squared + np.log(variance).sum(axis=-1) + channels * LOG_TWO_PI), squared
+    return -0.5 * (nis + np.log(variance).sum(axis=-1) + channels * LOG_TWO_PI), nis
 
 
-def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
+def sound_so_far(done: PassStretch, nis: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Return whether runs are finite, without a negative variance, up to each sample: ``(K, B)``,
     given ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
     # Values stay non-finite, so that the last sample is enough. Sums of squares are the cheapest
     # bound; a NaN fails the comparison.
-    ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], squared)]
+    ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], nis)]
     if (
         before.all()
         and sum(np.vdot(each, each) for each in ends) < LARGEST_NUMBER**2
         and variance.min() >= 0.0
     ):
-        return np.ones(squared.shape, dtype=bool)
+        return np.ones(nis.shape, dtype=bool)
     good = np.all(np.abs(done.mean) < LARGEST_NUMBER, axis=2) & np.all(
         np.abs(done.covariance) < LARGEST_NUMBER, axis=(2, 3)
     )
-    good &= np.all(variance >= 0.0, axis=2) & (np.abs(squared) < LARGEST_NUMBER)
+    good &= np.all(variance >= 0.0, axis=2) & (np.abs(nis) < LARGEST_NUMBER)
     return np.logical_and.accumulate(good, axis=0) & before
 
 
@@ -470,14 +469,14 @@ def _history(
     at = problem.grid.sample
     point = before.T if about is None else about
     inputs = [row[at] for row in problem.drive.begin]
-    outputs, slopes = values_and_jacobians(
+    outputs, jacobian = values_and_jacobians(
         lambda a: system.h(
             problem.grid.edges[at], a[:n_x], inputs, with_free(problem.p, problem.free, a[n_x:])
         ),
         point,
         (1j * COMPLEX_STEP) * np.eye(n)[:, :, None],
     )
-    gained, squared = worth(
+    log_likelihood, nis = likelihood_and_nis(
         np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid
     )
     history = FilterHistory(
@@ -488,8 +487,8 @@ def _history(
         y.T.copy(),
         np.sqrt(np.diagonal(S, axis1=1, axis2=2).T),
         problem.valid.copy(),
-        gained[:, 0],
-        squared[:, 0],
+        log_likelihood[:, 0],
+        nis[:, 0],
         np.count_nonzero(problem.valid, axis=0),
         before.T.copy(),
         P_before,
@@ -498,7 +497,7 @@ def _history(
         trace.H[:, 0].copy(),
         S.copy(),
     )
-    return history, outputs + (slopes @ (before - point.T)[:, :, None])[:, :, 0].T
+    return history, outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T
 
 
 # ---- The iterated extended Kalman filter for many runs at once
@@ -520,11 +519,11 @@ def run_iterated_bank(
 
     Parameters
     ----------
-    record, system, settings, held : as for ``run_bank``; ``settings.passes`` is not used.
+    record, system, settings, fixed_values : as for ``run_bank``; ``settings.passes`` is not used.
     about : ``(n, N, B)`` or ``(n, N, 1)``, a trajectory for the first pass, e.g. that of a run
-    nearby; the filter's own when None. tolerance : a run has settled when no parameter moves by
-    more than this many sigmas. iterations : limit of passes. A run that has not settled by then, or
-    broke down, is not sound.
+        nearby; the filter's own when None.
+    iterations : limit of passes. A run that has not settled by then, or broke down, is not sound.
+    tolerance : a run has settled when no parameter moves by more than this many sigmas.
 
     Returns
     -------

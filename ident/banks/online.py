@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate, sound_so_far, worth
+from ident.banks.bank import BankEstimate, likelihood_and_nis, sound_so_far
 from ident.banks.delays import DELAYS
 from ident.banks.equation_kernels import Legs, Tables, filter_stretch, tables_of
 from ident.filters.problem import prior_std
@@ -359,10 +359,10 @@ def _filtered(
         before.mean,
         before.covariance,
     )
-    gained, squared = worth(done.innovation, valid)
-    good = sound_so_far(done, squared, before.sound)
+    gains, nis = likelihood_and_nis(done.innovation, valid)
+    good = sound_so_far(done, nis, before.sound)
     total = np.where(
-        good, before.log_likelihood + np.cumsum(np.where(good, gained, 0.0), axis=0), -np.inf
+        good, before.log_likelihood + np.cumsum(np.where(good, gains, 0.0), axis=0), -np.inf
     )
     likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
     chosen = done.innovation[np.arange(len(likely)), likely]

@@ -25,21 +25,22 @@ from sim.record import Record
 # filters on either side, one sigma of the delay apart: their sum gives a Gaussian's integral to
 # 1e-4
 FILTERS_ON_EITHER_SIDE = 4
-# fewest filters for a poorly known delay: midpoints of as many cells give a uniform density's
-# deviation to 2 %
+# fewest filters for a poorly known delay: at the midpoints of five equal cells, the standard
+# deviation of a uniform density is right to 2 %
 FEWEST_FILTERS = 5
-# largest sigma, relative to the one at the last linearisation, that needs no new one
+# ratio of a sigma to that at the last linearisation, below which a new one is due
 SHARPENED_SHARE = 0.5
-# largest change, in sigmas of the last linearisation: the quadratic term is then small
+# largest change of a mean, in sigmas of the last linearisation, that needs no new one: the
+# quadratic term is still small
 MOVED_SIGMAS = 1.0
 # smallest sigma of the delay, in steps of the grid, for which a sum approximates the integral
 COARSE_GRID_SIGMAS = 0.5
 # largest likelihood of the outermost filter: above it, the grid misses likely delays
 EDGE_LIKELIHOOD = 0.01
-# largest sigma from the last rows, relative to all rows: they then hold nearly two thirds of the
-# information
-WIDENING = 1.25
-CONTRADICTED_SIGMAS = 2.0
+# largest ratio of sigmas from the last rows alone to those from all rows, at which the last rows
+# suffice: they hold nearly two thirds of the information
+LARGEST_SIGMA_RATIO = 1.25
+CONTRADICTED_SIGMAS = 2.0  # distance of two estimates that contradict each other, in sigmas
 SETTLED_SIGMAS = 0.1  # largest change of converged iterated filters, in sigmas
 OTHER_OPTIMUM_SIGMAS = 0.5  # smallest distance of different optima, in sigmas
 
@@ -47,8 +48,8 @@ OTHER_OPTIMUM_SIGMAS = 0.5  # smallest distance of different optima, in sigmas
 @dataclass(frozen=True, eq=False)
 class Relinearised:
     """The ``bank`` at fine delays and its ``state``. ``rows``: number of rows at its last
-    linearisation, with ``mean`` and ``std (n + 1,)`` then, the delay last. ``apart (n,)``: distance
-    of iterated filters with other starts, zero if they agree.
+    linearisation, with ``mean`` and ``std (n + 1,)`` then, the delay last. ``start_dependence
+    (n,)``: distance of iterated filters with other starts, zero if they agree.
     """
 
     bank: OnlineBank
@@ -76,7 +77,7 @@ def linearise(
     system: System,
     first_pass: OnlineBank,
     state: BankState,
-    elsewhere: np.ndarray,
+    other_starts: np.ndarray,
     name: str = "delay",
 ) -> Relinearised | None:
     """Refine over all rows and continue from there; None where the refinement finds no delay inside
@@ -87,8 +88,8 @@ def linearise(
     record : the rows so far, or the last ones of them.
     system : for them, as for ``run_delay_bank``.
     first_pass, state : the bank on line after the last row; ``state`` knows the recent inputs.
-    elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about
-        first.
+    other_starts : means ``(n, K)``; the iterated filter is also started from their parameters, to
+        see whether it ends elsewhere.
     """
     try:
         bank_result = run_delay_bank(record, system, name=name)
@@ -115,19 +116,19 @@ def linearise(
     )
     if np.count_nonzero(runs.sound) < 3:
         return None
-    silent = np.full(len(first_pass.R), np.nan)
+    no_innovation = np.full(len(first_pass.R), np.nan)
     none = np.zeros(len(first_pass.R), dtype=bool)
-    begun = (
+    first_values = (
         runs.mean,
         runs.covariance,
         runs.log_likelihood,
         runs.sound,
-        silent,
-        silent,
+        no_innovation,
+        no_innovation,
         none,
         none.astype(int),
     )
-    after = BankState(*begun, state.rows_seen, state.past_time, state.past_inputs)
+    after = BankState(*first_values, state.rows_seen, state.past_time, state.past_inputs)
     bank = replace(
         online_bank(bank_result.system, first_pass.interval, fine.tolist(), name=name),
         memory=first_pass.memory,
@@ -146,18 +147,18 @@ def linearise(
             name,
             bank_result.refined,
             bank_result.about,
-            elsewhere,
+            other_starts,
             std[:-1],
         ),
     )
 
 
-def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
+def advanced(current: Relinearised, rows: Rows) -> list[Relinearised]:
     """Advance through rows and return the bank after each of them."""
     return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
 
 
-def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
+def with_fitting_grid(current: Relinearised) -> Relinearised:
     """Return the bank, with a new grid of delays if the present one is too coarse for a sum or
     misses likely delays.
     """
@@ -170,15 +171,15 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     inside = (weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step) and (
         weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
     )
-    dense = float(np.sqrt(covariance[-1, -1])) > COARSE_GRID_SIGMAS * step
+    fine_enough = float(np.sqrt(covariance[-1, -1])) > COARSE_GRID_SIGMAS * step
     return (
         current
-        if not state.sound.any() or (inside and dense)
-        else _split_at(current, mean, covariance)
+        if not state.sound.any() or (inside and fine_enough)
+        else _with_new_grid(current, mean, covariance)
     )
 
 
-def due(current: Relinearised, names: Sequence[str]) -> bool:
+def linearisation_due(current: Relinearised, names: Sequence[str]) -> bool:
     """Return whether the filters need a new linearisation: the sigmas of these parameters have
     fallen much, or their means moved. Constant terms need not be included: they are linear.
     """
@@ -191,30 +192,30 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
     )
 
 
-def sharper_of(
+def bank_that_continues(
     current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Return the bank that continues, if ``linearised`` comes from the last rows alone.
+    """Return which of two banks continues, where ``linearised`` comes from the last rows alone.
 
     The new bank continues if its sigmas of these parameters are hardly larger: its rows then hold
-    nearly all information. Else the current one continues; its deviations are widened to span both
-    where they differ by more than two of the new sigmas.
+    nearly all information. Else the current one continues; where the two means
+    differ by more than two of the new sigmas, its start dependence is at least the difference.
     """
     if linearised is None or current is None:
         return current if linearised is None else linearised
     at = [linearised.bank.names.index(name) for name in names]
     mean, covariance = joint(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(linearised.std[at] <= WIDENING * std[at]):
+    if np.all(linearised.std[at] <= LARGEST_SIGMA_RATIO * std[at]):
         return linearised
     off = np.abs(mean - linearised.mean)[:-1]
-    apart = np.where(
+    start_dependence = np.where(
         off > CONTRADICTED_SIGMAS * linearised.std[:-1],
         np.maximum(off, current.start_dependence),
         current.start_dependence,
     )
     return replace(
-        current, rows=current.state.rows_seen, mean=mean, std=std, start_dependence=apart
+        current, rows=current.state.rows_seen, mean=mean, std=std, start_dependence=start_dependence
     )
 
 
@@ -276,7 +277,7 @@ def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndar
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
-def _split_at(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
+def _with_new_grid(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
     """Return the same Gaussian of states, parameters and delay, split at other delays."""
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
@@ -301,15 +302,15 @@ def _start_dependence(
     name: str,
     delay: float,
     about: np.ndarray,
-    elsewhere: np.ndarray,
+    other_starts: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """Return the distance ``(n, K)`` of iterated filters with other starting parameters from the
-    rest of the filters; zero if all agree.
+    """Return the largest distance ``(n,)`` of the iterated filters that started at other
+    parameters from the one that did not; zero where they agree.
     """
-    n_x, count = len(system.states), elsewhere.shape[1]
+    n_x, count = len(system.states), other_starts.shape[1]
     points = np.repeat(about[:, :, None], 1 + count, axis=2)
-    points[n_x:, :, 1:] = elsewhere[n_x:, None]
+    points[n_x:, :, 1:] = other_starts[n_x:, None]
     runs, _ = run_iterated_bank(
         record,
         system,

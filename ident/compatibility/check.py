@@ -36,7 +36,7 @@ from ident.compatibility.trials import (
     with_more_faults,
 )
 from sim.errors import RecordError
-from sim.record import MOST_MEASURED, Record, refuse_beyond_measure
+from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
 _NEEDS = {
     "alpha": ("q", "nz"),
@@ -294,7 +294,7 @@ def _refuse(record: Record) -> None:
             where=record.name,
             remedy=f"give at least {FEWEST_SAMPLES}",
         )
-    refuse_beyond_measure(record, record.output_names, MOST_MEASURED)
+    refuse_beyond_measure(record, record.output_names, LARGEST_MEASURED)
     if "airspeed" in record.output_names:
         channel = record["airspeed"]
         if np.any(channel.values[channel.valid] <= 0):

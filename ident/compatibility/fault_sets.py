@@ -29,7 +29,7 @@ from ident.compatibility.trials import (
 
 _BEAM_WIDTH = 5  # sets of each size kept, and faults tried with each of them
 TIE_LOG_LIKELIHOOD = 0.5  # difference of log likelihood below which two fits are equal
-# channels related within a fraction of a second; speed changes too slowly
+# channels whose relations show delays of a fraction of a second; speed changes too slowly
 _TIMED = ("alpha", "q", "nz", "theta")
 
 
@@ -77,7 +77,7 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
         for fault, variance in zip(kinematic_fit.faults[given:], variances.tolist(), strict=True)
     )
     possible = all(
-        _possible(fault, size)
+        _possible_size(fault, size)
         for fault, size in zip(
             kinematic_fit.faults[given:], kinematic_fit.sizes[given:].tolist(), strict=True
         )
@@ -100,8 +100,10 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
     )
 
 
-def _possible(fault: SensorFault, size: float) -> bool:
-    return fault.worth < abs(size) < 0.99 * fault.largest and (size > 0 or not fault.one_sided)
+def _possible_size(fault: SensorFault, size: float) -> bool:
+    return fault.smallest_finding < abs(size) < 0.99 * fault.largest and (
+        size > 0 or not fault.one_sided
+    )
 
 
 def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
@@ -157,7 +159,7 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     """
     misfit = misfits([each.fit for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
-    # Alpha and q late by as much are an early load, to rounding.
+    # Alpha and q that are equally late have nearly the same likelihood as a load that is early.
     score = [
         value / widening
         + charge * len(each.faults)
@@ -168,8 +170,8 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     return sets[int(np.argmin(score))]
 
 
-def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
-    """Return the set without the faults that the others hardly need."""
+def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
+    """Return the set without the faults whose removal loses less than ``charge``."""
     while len(chosen_set.faults) > 1:
         less = [
             fit(
@@ -216,14 +218,14 @@ def _extended(
     quick = sorted(
         zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
     )
-    worth = [
+    promising = [
         fault
         for fault, first in quick[:_BEAM_WIDTH]
         if kinematic_fit.cost - first.cost > LEAST_PROJECTED_GAIN
     ]
     return [
         fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
-        for fault in worth
+        for fault in promising
         if frozenset((*kinematic_fit.faults, fault)) not in done
     ]
 
@@ -280,7 +282,7 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
     The reference is the channel with the least delay.
     """
-    # An accelerometer ahead is a lag of q.
+    # An accelerometer ahead of the centre of gravity has the effect of a lag of q.
     delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
     return not timed or not set(timed) <= delayed
 
@@ -300,9 +302,9 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
     return f"{first}: a delay common to all channels cannot be detected from kinematics"
 
 
-# ---- Confusable faults of an accepted one
+# ---- Faults that an accepted one may be confused with
 
-ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
+SAME_PLANE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +332,7 @@ class Slot:
         ]
 
 
-def chance_of(false_alarm: float, count: int) -> float:
+def confusable_loss(false_alarm: float, count: int) -> float:
     """Log likelihood by which the true one of ``count`` faults loses to another in no more than
     ``false_alarm`` of cases.
 
@@ -400,7 +402,7 @@ def slots_of(
             break
         chosen_set = changed
     return chosen_set, [
-        _slot_led_by(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
+        _slot_with_first(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
     ]
 
 
@@ -419,7 +421,7 @@ def same_trace(one: SensorFault, other: SensorFault) -> bool:
     """
     channels = {one.channel, other.channel}
     return one.kind == other.kind == ARM and any(
-        vane in channels and channels & {*loads} for vane, *loads in ALIKE
+        vane in channels and channels & {*loads} for vane, *loads in SAME_PLANE
     )
 
 
@@ -450,18 +452,18 @@ def _slot(
     here = [
         value + TIE_LOG_LIKELIHOOD * t.fault.rare for t, value in zip(trials, here, strict=True)
     ]
-    usual = [
+    with_priors = [
         value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)
     ]
     sound = [t.determined and (t.size > 0 or not t.fault.one_sided) for t in trials]
-    order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
+    order = sorted(range(len(trials)), key=lambda i: (not sound[i], with_priors[i]))
     gains = (misfit[0] - np.array(here)) / chosen_set.widening
-    led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
-    return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
+    ordered = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
+    return Slot(others, tuple(ordered), (gains[order[0]] - gains)[order])
 
 
-def _slot_led_by(slot: Slot, fault: SensorFault) -> Slot:
+def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
     """Return the slot with a given fault first."""
     at = (
         [t.fault for t in slot.trials].index(fault)
@@ -505,7 +507,7 @@ def search(
     base fits of each record alone.
     """
     charge = charge_of(settings.false_alarm, len(faults))
-    chance = chance_of(settings.false_alarm, len(faults))
+    chance = confusable_loss(settings.false_alarm, len(faults))
     singles = tried(base, faults)
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
@@ -538,7 +540,7 @@ def _selected(
     early = float(best.fit.sizes[-1]) if best.early else None
     if best.early:
         best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
-    return needed(base, best, charge), early
+    return without_superfluous(base, best, charge), early
 
 
 def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:

@@ -96,8 +96,8 @@ def fit(
         sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
     if first is not None:
         sizes = first.astype(float)
-    begun = first_noise(signals)
-    noise = begin.noise if begin is not None else begun
+    first_levels = first_noise(signals)
+    noise = begin.noise if begin is not None else first_levels
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
     lines = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
@@ -116,7 +116,7 @@ def fit(
             for s, (_, slope), o in zip(signals, lines, own, strict=True)
         )
         noise, cost = settled_noise(
-            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), begun),
+            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), first_levels),
             noise,
             6 if begin is None and turn == 0 else 2,
         )

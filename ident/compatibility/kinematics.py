@@ -38,40 +38,38 @@ UNITS = {
     "theta": "rad",
     "airspeed": "m/s",
     "ax": "m/s2",
-} | {
-    **{
-        "beta": "rad",
-        "phi": "rad",
-        "psi": "rad",
-        "p": "rad/s",
-        "r": "rad/s",
-        "ny": "g",
-        "nx": "g",
-        "ay": "m/s2",
-        "az": "m/s2",
-    },
-    **{"height": "m", "altitude": "m", "wind": "m/s"},
+    "beta": "rad",
+    "phi": "rad",
+    "psi": "rad",
+    "p": "rad/s",
+    "r": "rad/s",
+    "ny": "g",
+    "nx": "g",
+    "ay": "m/s2",
+    "az": "m/s2",
+    "height": "m",
+    "altitude": "m",
+    "wind": "m/s",
 }
-_NOTABLE_BIASES = {  # a bias that is worth a word
+_NOTABLE_BIASES = {  # smallest biases to be told, in the unit of the channel
     "alpha": 0.02,
     "q": 0.005,
     "nz": 0.05,
     "theta": 0.02,
     "airspeed": 3.0,
     "ax": 0.3,
-} | {
-    **{
-        "beta": 0.02,
-        "phi": 0.02,
-        "psi": 0.02,
-        "p": 0.005,
-        "r": 0.005,
-        "ny": 0.03,
-        "nx": 0.03,
-        "ay": 0.3,
-        "az": 0.5,
-    },
-    **{"height": 10.0, "altitude": 10.0, "wind": 3.0},
+    "beta": 0.02,
+    "phi": 0.02,
+    "psi": 0.02,
+    "p": 0.005,
+    "r": 0.005,
+    "ny": 0.03,
+    "nx": 0.03,
+    "ay": 0.3,
+    "az": 0.5,
+    "height": 10.0,
+    "altitude": 10.0,
+    "wind": 3.0,
 }
 
 
@@ -146,7 +144,7 @@ class SensorFault:
         )
 
     @property
-    def worth(self) -> float:
+    def smallest_finding(self) -> float:
         """Smallest size that counts as a finding; smaller ones come from interpolation and airspeed
         errors.
         """

@@ -230,14 +230,15 @@ def differences(columns: np.ndarray) -> np.ndarray:
 # ---- The residual of an integrated relation
 
 _MISSING_VARIANCE_FACTOR = 1e8  # variance of a missing sample, times the noise variance
-_INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
-    **{
-        "phi": ("p",),
-        "psi": ("r",),
-        "beta": ("r", "ny", "ay"),
-        "height": ("theta",),
-        "altitude": ("theta",),
-    }
+_INPUTS = {
+    "alpha": ("q", "nz", "az"),
+    "theta": ("q",),
+    "airspeed": ("ax", "nx"),
+    "phi": ("p",),
+    "psi": ("r",),
+    "beta": ("r", "ny", "ay"),
+    "height": ("theta",),
+    "altitude": ("theta",),
 }
 
 

@@ -7,10 +7,10 @@ Missing samples are left out channel by channel; sampling may be uneven. Predict
 filterpy's; the matrices come from the table of the equations (`ident.filters.one_record`) where
 they have one, else from complex steps.
 
-For the dynamics and noise declared this is the Gauss-Newton method for the most probable trajectory
-and parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method", SIAM J. Optimization
-4(3), 1994). The result no longer depends on a poor start: the prior keeps its mean and weight, only
-the point of linearisation moves, so no datum counts twice.
+For the dynamics and noise declared, the iterated form is the Gauss-Newton method for the most
+probable trajectory and parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method",
+SIAM J. Optimization 4(3), 1994). The result no longer depends on a poor start: the prior keeps its
+mean and weight, only the point of linearisation moves, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from sim.record import Record
 
 SETTLED_SIGMAS = 0.01  # change in sigmas below which no further pass is needed
 OnePass = Callable[..., Estimate]
-_FEW_COLUMNS = 6  # states and parameters up to which the Jacobian by columns is cheaper
+_FEW_COLUMNS = 6  # states and parameters below which the Jacobian by columns is cheaper
 
 
 @dataclass(frozen=True)
@@ -221,11 +221,11 @@ class _Linearised:
     ----------
     move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
         matrix and Q_k ``(n, n)``.
-    look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
+    observe : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
     """
 
     move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-    look: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    observe: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
@@ -246,13 +246,13 @@ def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised
         noise = equations.move(s, Phi[:n_x])
         return point[:n_x].copy(), Phi, none if noise is None else noise
 
-    def look(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def observe(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         point[:] = at
         expected = np.empty(m)
-        equations.look(k, expected)
+        equations.observe(k, expected)
         return expected, slopes.copy()
 
-    return _Linearised(move, look)
+    return _Linearised(move, observe)
 
 
 def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
@@ -273,7 +273,7 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
         moved = settings.step(system.f, t, point[:n_x], u, with_free(p, free, point[n_x:]), dt)
         return np.array(moved, dtype=float), Phi, noise
 
-    def look(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def observe(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         t, u, point = times[samples[k]], [row[k] for row in feed], at.tolist()
 
         def outputs(a: list[Any]) -> list[Any]:
@@ -281,12 +281,12 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
 
         return np.array(outputs(point), dtype=float), _jacobian(outputs, point)
 
-    return _Linearised(move, look)
+    return _Linearised(move, observe)
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
     """Prediction over one sub-step with filterpy, the mean integrated in its ``predict_x``; ``point
-    (n,)`` to linearise at moves along.
+    (n,)`` to linearise at, which is moved over the sub-step as well.
     """
     before = ekf.x[:, 0]
     moved, ekf.F, ekf.Q = equations.move(s, before if point is None else point)
@@ -319,7 +319,7 @@ def _update(
     diverged, if so.
     """
     at = ekf.x[:, 0] if point is None else point
-    expected, slopes = equations.look(k, at)
+    expected, slopes = equations.observe(k, at)
     rows = np.flatnonzero(problem.valid[:, k])
     if point is not None:
         expected = expected + slopes @ (ekf.x[:, 0] - point)
@@ -389,13 +389,15 @@ def run_iterated_ekf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    begun = by(
+    first_pass = by(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
-    return settled(begun, lambda done: by(problem, settings, about=done.mean), iterations)
+    return iterated_to_convergence(
+        first_pass, lambda done: by(problem, settings, about=done.mean), iterations
+    )
 
 
-def settled(
+def iterated_to_convergence(
     estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
 ) -> Estimate:
     """Repeat passes about the last smoothed trajectory until no parameter changes by more than a
@@ -407,11 +409,11 @@ def settled(
         assert estimate.history is not None
         again = further(smooth(estimate.history))
         if again.outcome is not Outcome.CONVERGED:
-            said = (
+            message = (
                 f"pass {done} broke down {again.message}: values and sigmas are those of the pass "
                 "before it, which had not settled"
             )
-            return replace(estimate, outcome=again.outcome, message=said)
+            return replace(estimate, outcome=again.outcome, message=message)
         moved = np.max(
             np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
             initial=0.0,

@@ -9,8 +9,9 @@ The filter equals filterpy's in `ident.filters.ekf`, with Joseph's update in two
 - K H, K]. Results are written into the history, which is checked once at the end.
 
 For such small matrices a call costs more than its arithmetic. So one table, times w = (1, states,
-parameters, inputs), gives all terms that are linear in w: the Jacobian, the halves of the values,
-the factors of the Runge-Kutta step and of the fundamental matrix.
+parameters, inputs), gives all terms that are linear in w: the
+Jacobian, the matrices whose products with w are the values, the factors of the Runge-Kutta step and
+of the fundamental matrix.
 """
 
 from __future__ import annotations
@@ -188,15 +189,15 @@ class FilterEquations:
     move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of
         the fundamental matrix into its second argument and returns Q_k ``(n, n)``, None without
         process noise.
-    look : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument and,
-        where ``varying``, their slopes into ``G``.
+    observe : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument
+        and, where ``varying``, their slopes into ``G``.
     G : ``(m, n + m + 1)``, the slopes, minus the unit matrix, and room for a column.
     varying : whether the slopes of the outputs change.
     """
 
     point: np.ndarray
     move: Callable[[int, np.ndarray], np.ndarray | None]
-    look: Callable[[int, np.ndarray], None]
+    observe: Callable[[int, np.ndarray], None]
     G: np.ndarray
     varying: bool
 
@@ -216,7 +217,7 @@ def filter_one(
     """
     from scipy.linalg.lapack import dposv
 
-    point, look, G = equations.point, equations.look, equations.G
+    point, observe, G = equations.point, equations.observe, equations.G
     varying, dot, subtract = equations.varying, np.dot, np.subtract
     m, n = len(G), len(point)
     predict = _prediction(problem, equations, about, buffers.transition)
@@ -249,12 +250,12 @@ def filter_one(
         x_before[:] = x
         if about is not None:
             point[:] = about[:, k]
-        look(k, expected)
+        observe(k, expected)
         if about is not None:
             expected += H @ (x - point)
         subtract(measured, expected, y)
-        gone = missing.get(k)
-        whole = None if gone is None else _left_out(gone, G, W)
+        absent = missing.get(k)
+        whole = None if absent is None else _leave_out_channels(absent, G, W)
         if varying:
             buffers.sensitivity[k] = H
         W_P[:] = P_before
@@ -277,13 +278,13 @@ def filter_one(
     return True
 
 
-def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Remove the channels ``gone`` from an update: zero slopes and innovation, one in S. Returns
+def _leave_out_channels(absent: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Remove the channels ``absent`` from an update: zero slopes and innovation, one in S. Returns
     the old ``G``.
     """
     n, whole = len(W) - len(G) - 1, G.copy()
-    G[gone, :n] = G[gone, -1] = 0.0
-    W[n + gone, n + gone] = 1.0
+    G[absent, :n] = G[absent, -1] = 0.0
+    W[n + absent, n + absent] = 1.0
     return whole
 
 
@@ -347,8 +348,8 @@ def table_equations(
     w = np.zeros(len(f.table))
     w[0] = 1.0
     move = _motion(f, w, problem, _ORDERS[step], _TERMS[transition])
-    look, G, varying = _outputs(h, w, problem)
-    return FilterEquations(w[1 : 1 + f.n], move, look, G, varying)
+    observe, G, varying = _outputs(h, w, problem)
+    return FilterEquations(w[1 : 1 + f.n], move, observe, G, varying)
 
 
 def _motion(
@@ -384,9 +385,9 @@ def _motion(
     product, F_on_one = workspace[: ends[-1]], workspace[ends[-2] :].reshape(2 * n_x, n)
     states, table, sizes = w[1 : 1 + n_x], np.empty_like(constant), problem.grid.steps.tolist()
     values = np.zeros(n_x)
-    way = [(stage, np.zeros(len(stage))) for stage in stages]
-    change = way[-1][1] if way else values
-    feed = _feeding(w, f.n, problem.drive.stages[0])
+    stages_with_results = [(stage, np.zeros(len(stage))) for stage in stages]
+    change = stages_with_results[-1][1] if stages_with_results else values
+    write_inputs = _input_writer(w, f.n, problem.drive.stages[0])
     noise_of, prepared, dot = _noise(problem, blend[:, :n_x], F, terms), 0.0, np.dot
     add = np.add
 
@@ -397,11 +398,11 @@ def _motion(
             np.multiply(per_step, dt, out=table)
             add(table, constant, out=table)
             prepared = dt
-        feed(s)
+        write_inputs(s)
         dot(w, table, product)
         dot(of_values, w, values)
         last = values
-        for stage, result in way:
+        for stage, result in stages_with_results:
             dot(stage, last, result)
             last = result
         add(states, change, states)
@@ -425,7 +426,7 @@ def _stages(
     return [([[A / steps], [none]], [[one], [one]]), *inner, ([[0.5 * A, none]], [[none, one]])]
 
 
-def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
+def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
     """Function that writes the inputs of a step into the end of ``w``, after one and ``n``
     entries.
     """
@@ -476,7 +477,7 @@ def _noise(
 def _outputs(
     h: Bilinear, w: np.ndarray, problem: FilterProblem
 ) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
-    """``look``, ``G`` and ``varying`` of ``FilterEquations``."""
+    """``observe``, ``G`` and ``varying`` of ``FilterEquations``."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
     beside = np.zeros((width, m, m + 1))
@@ -486,17 +487,17 @@ def _outputs(
     product, cut = table[0].copy(), m * (n + m + 1)
     G, of_values = product[:cut].reshape(m, -1), product[cut:].reshape(m, width)
     varying, dot = bool(np.any(table[1:])), np.dot
-    feed = (
-        _feeding(w, n, [row[problem.grid.sample] for row in problem.drive.begin])
+    write_inputs = (
+        _input_writer(w, n, [row[problem.grid.sample] for row in problem.drive.begin])
         if h.feeds_through
         else None
     )
 
-    def look(k: int, expected: np.ndarray) -> None:
-        if feed is not None:
-            feed(k)
+    def observe(k: int, expected: np.ndarray) -> None:
+        if write_inputs is not None:
+            write_inputs(k)
         if varying:
             dot(w, table, product)
         dot(of_values, w, expected)
 
-    return look, G, varying
+    return observe, G, varying

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, settled
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, iterated_to_convergence
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
@@ -280,10 +280,12 @@ def run_iterated_ukf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    begun = filter_by_points(
+    first_pass = filter_by_points(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
-    return settled(begun, lambda done: _pass_about(problem, settings, done), iterations)
+    return iterated_to_convergence(
+        first_pass, lambda done: _pass_about(problem, settings, done), iterations
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -297,8 +297,8 @@ def advance(
         return sums
     linear = equations.hold is Hold.LINEAR
     mean = _means_between(time, inputs, there, linear=linear)
-    begun = sums.x is not None and sums.u is not None
-    times = np.concatenate([[sums.time] if begun else [], time[there]])
+    has_rows = sums.x is not None and sums.u is not None
+    times = np.concatenate([[sums.time] if has_rows else [], time[there]])
     states = np.concatenate(
         [sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1
     )
@@ -307,7 +307,7 @@ def advance(
     within = np.repeat(u[None, :, :-1], 3, axis=0)
     if linear and times.size > 1:
         # Simpson's rule gets the mean over interpolated rows as its middle value.
-        means = np.concatenate([0.5 * (before + u[:, 1:2]) if begun else before, mean], axis=1)
+        means = np.concatenate([0.5 * (before + u[:, 1:2]) if has_rows else before, mean], axis=1)
         middle = 1.5 * means[:, : times.size - 1] - 0.25 * (u[:, :-1] + u[:, 1:])
         within = np.array([u[:, :-1], middle, u[:, 1:]])
     points = Points(equations, values)
@@ -325,7 +325,7 @@ def advance(
         x=states[:, -1],
         u=u[:, -1],
         recent=kept,
-        first=sums.first if begun else float(times[0]),
+        first=sums.first if has_rows else float(times[0]),
     )
 
 

@@ -1,12 +1,12 @@
-"""The low-order equivalent system on line: equation error with a pseudo-control behind a lag and a
+"""The low-order equivalent system on line: equation error with a pseudo-control after a lag and a
 delay.
 
 The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and
-delay are the two parameters by which the equations are not linear. Given both it follows from the
-stick alone; Gauss-Newton steps over them have its slopes as two more regressors, so that their
-share of all deviations is in the covariance. Low-order equivalents in the frequency domain:
-Morelli, "Identification of Low Order Equivalent System Models from Flight Test Data", NASA
-TM-2000-210117.
+delay are the two parameters by which the equations are not linear. Given both, it follows
+from the stick alone. In the Gauss-Newton steps its derivatives with respect to them are two more
+regressors, so that the covariance of all parameters counts their uncertainty. Low-order equivalents
+in the frequency domain: Morelli, "Identification of Low Order Equivalent System Models from Flight
+Test Data", NASA TM-2000-210117.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class LagStream:
     equations : with lag and delay held.
     sums : of the rows so far, the pseudo-control at zero.
     times, stick : of the rows, ``(N,)``.
-    turns : ``(N, F)``, exp(-j omega t).
-    slopes : ``(e, q)``, how the regressors go with the pseudo-control.
+    phasors : ``(N, F)``, exp(-j omega t).
+    slopes : ``(e, q)``, derivatives of the regressors with respect to the pseudo-control.
     place : the last time constant of the lag and delay, s; ``searched``: rows at the last search
         from everywhere.
     """
@@ -58,7 +58,7 @@ class LagStream:
     sums: Sums
     times: np.ndarray
     stick: np.ndarray
-    turns: np.ndarray
+    phasors: np.ndarray
     slopes: np.ndarray
     place: tuple[float, float]
     searched: int = 0
@@ -78,12 +78,12 @@ def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> La
     held = replace(system, parameters=system.parameters.hold([LAG, DELAY]))
     equations = online_equations(held, omega, measured, (STATE,))
     empty = np.zeros(0)
-    turns = np.zeros((0, omega.size), dtype=complex)
+    phasors = np.zeros((0, omega.size), dtype=complex)
     slopes = _slopes(equations)
-    return LagStream(equations, begin(equations), empty, empty, turns, slopes, start)
+    return LagStream(equations, begin(equations), empty, empty, phasors, slopes, start)
 
 
-def taken(
+def with_rows(
     stream: LagStream,
     time: np.ndarray,
     stick: np.ndarray,
@@ -97,20 +97,20 @@ def taken(
     time, stick, outputs = time[free_rows], stick[free_rows], outputs[:, free_rows]
     if not time.size:
         return stream
-    few = None if values is None else values[: len(stream.equations.names)]
-    sums = advance(stream.equations, stream.sums, time, stick[None], outputs, few)
-    there = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
-    turns = np.exp(-1j * np.outer(time, stream.equations.omega)) * there[:, None]
+    without_lag = None if values is None else values[: len(stream.equations.names)]
+    sums = advance(stream.equations, stream.sums, time, stick[None], outputs, without_lag)
+    complete = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
+    phasors = np.exp(-1j * np.outer(time, stream.equations.omega)) * complete[:, None]
     joined = [
         np.concatenate(each)
-        for each in ((stream.times, time), (stream.stick, stick), (stream.turns, turns))
+        for each in ((stream.times, time), (stream.stick, stick), (stream.phasors, phasors))
     ]
-    return replace(stream, sums=sums, times=joined[0], stick=joined[1], turns=joined[2])
+    return replace(stream, sums=sums, times=joined[0], stick=joined[1], phasors=joined[2])
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
-    """Return the estimate with lag and delay behind the other parameters, and the stream with their
-    place.
+    """Return the estimate, lag and delay after the other parameters, and the stream with their
+    last values.
     """
     if stream.times.size < 4:
         return None, stream
@@ -122,43 +122,46 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
             (factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays
         ]
         stream = replace(stream, searched=stream.times.size)
-    outcome = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
+    outcome = [(each, one) for one in starts if (each := _regression_at(stream, *one)) is not None]
     if not outcome:
         return None, stream
     best, place = min(outcome, key=lambda pair: pair[0].cost)
     q = len(stream.equations.names)
     for _ in range(MOST_STEPS):
-        both = _at(stream, *place, best.values[:q])
-        if both is None:
+        with_slopes = _regression_at(stream, *place, best.values[:q])
+        if with_slopes is None:
             return None, stream
         moved = False
         for share in SHARES:
-            step_ = share * both.values[q:]
-            lag, late = place[0] + step_[0], place[1] + step_[1]
-            there = (
+            change = share * with_slopes.values[q:]
+            lag, delay = place[0] + change[0], place[1] + change[1]
+            place_tried = (
                 float(np.clip(lag, SHORTEST_LAG, LONGEST_LAG)),
-                float(np.clip(late, 0.0, LONGEST_DELAY)),
+                float(np.clip(delay, 0.0, LONGEST_DELAY)),
             )
-            trial = _at(stream, *there)
+            trial = _regression_at(stream, *place_tried)
             if trial is not None and trial.cost < best.cost:
-                gained, best, place, moved = best.cost - trial.cost, trial, there, True
+                gained, best, place, moved = best.cost - trial.cost, trial, place_tried, True
                 break
         if not moved or gained < 1e-3:
             break
-    both = _at(stream, *place, best.values[:q])
-    if both is None:
+    with_slopes = _regression_at(stream, *place, best.values[:q])
+    if with_slopes is None:
         return None, stream
     # From the time constant to its inverse, which the parameter is.
-    turn = np.ones(q + 2)
-    turn[q] = -1.0 / place[0] ** 2
+    to_inverse = np.ones(q + 2)
+    to_inverse[q] = -1.0 / place[0] ** 2
     values = np.concatenate([best.values[:q], [1.0 / place[0], place[1]]])
     result = replace(
-        both, values=values, covariance=both.covariance * np.outer(turn, turn), cost=best.cost
+        with_slopes,
+        values=values,
+        covariance=with_slopes.covariance * np.outer(to_inverse, to_inverse),
+        cost=best.cost,
     )
     return result, replace(stream, place=place)
 
 
-def _at(
+def _regression_at(
     stream: LagStream, time: float, delay: float, values: np.ndarray | None = None
 ) -> OnlineEstimate | None:
     """The regression with time constant of the lag and delay given, s; with ``values`` of the other
@@ -175,16 +178,18 @@ def _at(
     for k, reach in enumerate((1e-3 * time, 1e-4)):
         ends = []
         for sign in (1.0, -1.0):
-            there = [time, delay]
-            there[k] += sign * reach
-            ends.append(_transforms(stream, *there))
+            moved = [time, delay]
+            moved[k] += sign * reach
+            ends.append(_transforms(stream, *moved))
         columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
     more = np.stack(columns, axis=1)
     return estimate(stream.equations, whole, more)
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """Return the slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
+    """Return the derivatives ``(e, q)`` of the regressors of all equations with respect to the
+    pseudo-control.
+    """
     system, points = equations.system, Points(equations, None)
     n, at = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
@@ -204,11 +209,11 @@ def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
     rates, itself for outputs.
     """
     delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
-    recorded = np.abs(stream.turns[:, 0]) > 0.0
-    turns, e = stream.turns[recorded], len(stream.equations.states)
-    out = np.empty((len(stream.slopes), turns.shape[1]), dtype=complex)
-    out[:e] = np.diff(whole[recorded]) @ turns[:-1]
-    out[e:] = delta[recorded] @ turns
+    recorded = np.abs(stream.phasors[:, 0]) > 0.0
+    phasors, e = stream.phasors[recorded], len(stream.equations.states)
+    out = np.empty((len(stream.slopes), phasors.shape[1]), dtype=complex)
+    out[:e] = np.diff(whole[recorded]) @ phasors[:-1]
+    out[e:] = delta[recorded] @ phasors
     return out
 
 

@@ -521,8 +521,8 @@ def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> Fre
     if estimate.names != problem.names or not np.all(np.isfinite(estimate.values)):
         return first
     # The prior stays about the declared values: the data are not to be counted twice.
-    begun = at_start(replace(problem, start=np.clip(estimate.values, problem.low, problem.high)))
-    second = None if begun is None else fit_transforms(problem, begun)
+    moved = at_start(replace(problem, start=np.clip(estimate.values, problem.low, problem.high)))
+    second = None if moved is None else fit_transforms(problem, moved)
     return min(
         (fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None
     )

@@ -29,12 +29,13 @@ from sim.errors import RecordError
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
 
 _CONFIDENCE = 0.95  # probability that a band or circle holds the response
-LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: coherence,
-RANDOM_ERROR = 0.2  # and random error of the magnitude
-# over the window's length: mean distance of an input's power from a usable frequency
+# limits of a usable response: coherence and random error of the magnitude (Tischler and Remple)
+LEAST_COHERENCE = 0.6
+RANDOM_ERROR = 0.2
+# mean distance of an input's power from a usable frequency, times the window's length
 LARGEST_POWER_OFFSET = 0.6
-WINDOW_DERIVATIVES = 2  # derivatives of the window in the regression
-MAIN_LOBE_HALF_WIDTH = 2.0  # over its length: half width of the main lobe of a Hann window
+WINDOW_DERIVATIVES = 2  # orders of derivatives of the window in the regression
+MAIN_LOBE_HALF_WIDTH = 2.0  # of a Hann window's spectrum, times the length of the window
 # periods in a window that alone has enough averages for its derivatives
 FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
 _LEAST_NOISE_DEGREES = 4.0  # real degrees of freedom that must be left for the noise
@@ -50,8 +51,9 @@ class EvenSignals:
 
     Attributes
     ----------
-    step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that
-        the noise does not reach.
+    step : s.
+    inputs, outputs : ``(q, N)`` and ``(m, N)``.
+    references : ``(q, N)`` or ``(0, N)``, excitations that are free of noise.
     """
 
     step: float
@@ -75,7 +77,8 @@ class Spectra:
     ----------
     windows : s, lengths of the Hann windows, the longest first.
     tapers : sine tapers of each whole record instead; 0 for windows.
-    derivatives : of the window, taken along in the regression against the bias of the windows.
+    derivatives : number of derivatives of the window in the regression, which remove bias by the
+        window.
     least_coherence : of the usable band.
     """
 
@@ -155,14 +158,17 @@ class FrequencyResponses:
         """Phases ``(m, q, F)``, rad, without jumps, continued both ways from each usable band."""
         return np.array(
             [
-                [_continued(each, there) for each, there in zip(row, usable, strict=True)]
+                [
+                    _unwrapped_from_band(each, present)
+                    for each, present in zip(row, usable, strict=True)
+                ]
                 for row, usable in zip(self.response, self.usable, strict=True)
             ]
         )
 
     def bands(self) -> list[list[tuple[float, float] | None]]:
         """Lowest and highest usable frequency, Hz, of each output and input; None where none is."""
-        return [[_ends(self.frequency, each) for each in row] for row in self.usable]
+        return [[_band_ends(self.frequency, each) for each in row] for row in self.usable]
 
 
 def estimate_responses(
@@ -201,7 +207,7 @@ def responses_of_segments(
     ------
     RecordError : a frequency too low for every window.
     """
-    z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
+    z, instrument_rows = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
         lowest = LEAST_PERIODS_IN_LONGEST_WINDOW / max(
@@ -215,26 +221,32 @@ def responses_of_segments(
         relaxed = segments.usable(frequency, FEWEST_PERIODS_OF_SINGLE_WINDOW)
     parts = []
     for output in range(m):
-        weights, averages = _weights(segments, output, left, usable_rows, relaxed)
-        response, std, degrees = _pooled(segments, output, z, left, weights, spectra.derivatives)
-        around = np.concatenate([segments.transforms[left, 0], segments.transforms[[output], 0]])
-        multiple, partial = coherences(spectral_matrix(around, weights))
-        of_inputs = _input_coherence(segments, z, left, weights, joint=joint)
-        windows = np.array(segments.lengths)[segments.windows]
-        # Short windows join more neighbours than long ones part: between the harmonic mean, as if
-        # all were of one length alone, and the arithmetic, which is too sure.
-        lengths = np.exp(np.log(windows) @ weights / weights.sum(axis=0))
-        aside = _aside(segments, left, weights)
-        aside = aside if not spectra.tapers else np.zeros_like(aside)
-        parts.append(
-            (response, std, degrees, multiple, partial, of_inputs, averages, lengths, aside)
+        weights, averages = _weights(segments, output, instrument_rows, usable_rows, relaxed)
+        response, std, degrees = _pooled(
+            segments, output, z, instrument_rows, weights, spectra.derivatives
         )
-    response, std, degrees, multiple, partial, of_inputs, averages, lengths, aside = (
+        around = np.concatenate(
+            [segments.transforms[instrument_rows, 0], segments.transforms[[output], 0]]
+        )
+        multiple, partial = coherences(spectral_matrix(around, weights))
+        of_inputs = _input_coherence(segments, z, instrument_rows, weights, joint=joint)
+        windows = np.array(segments.lengths)[segments.windows]
+        # The geometric mean lies between the harmonic mean, which would be right for windows of one
+        # length, and the arithmetic mean, by which neighbours would seem too independent.
+        lengths = np.exp(np.log(windows) @ weights / weights.sum(axis=0))
+        power_offset = _power_offset(segments, instrument_rows, weights)
+        power_offset = power_offset if not spectra.tapers else np.zeros_like(power_offset)
+        parts.append(
+            (response, std, degrees, multiple, partial, of_inputs, averages, lengths, power_offset)
+        )
+    response, std, degrees, multiple, partial, of_inputs, averages, lengths, power_offset = (
         np.stack([part[n] for part in parts]) for n in range(9)
     )
     if joint:
         std = np.where(
-            _instrument_tells(of_inputs[0], averages), std, np.maximum(std, np.abs(response))
+            _instrument_is_significant(of_inputs[0], averages),
+            std,
+            np.maximum(std, np.abs(response)),
         )
     result = FrequencyResponses(
         frequency,
@@ -250,8 +262,10 @@ def responses_of_segments(
         spectra,
         joint,
     )
-    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else result.leaked
-    return replace(result, usable=_usable(result, aside), leaked=leaked)
+    leaked = (
+        _leaked(segments, instrument_rows, usable_rows) if not spectra.tapers else result.leaked
+    )
+    return replace(result, usable=_usable(result, power_offset), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
@@ -292,7 +306,7 @@ def _weights(
     weights = _by_error(segments, errors, usable)
     averages = effective_averages(weights, segments.overlap)
     q = segments.transforms[inputs].shape[0]
-    short = ~_carried(averages, q)
+    short = ~_leaves_noise_degrees(averages, q)
     if relaxed is None or not short.any():
         return weights, averages
     alone = short & enough.any(axis=0)
@@ -319,20 +333,22 @@ def _window_errors(
     for number in range(len(segments.lengths)):
         rows = segments.windows == number
         own = usable[rows].astype(float)
-        there = own.any(axis=0)
-        if not there.any():
+        present = own.any(axis=0)
+        if not present.any():
             continue
         averages = effective_averages(own, segments.overlap[rows][:, rows])
         matrix = spectral_matrix(np.concatenate([x[:, rows], y[:, rows]]), own)
         multiple, _ = coherences(matrix)
         spare = np.maximum(averages - q, 1e-3)
         squared = (1.0 - multiple) / np.maximum(multiple, 1e-9) / (2.0 * spare)
-        errors[number] = np.where(there & (averages > q + 1.0), squared, np.inf)
-        enough[number] = there & _carried(averages, q)
+        errors[number] = np.where(present & (averages > q + 1.0), squared, np.inf)
+        enough[number] = present & _leaves_noise_degrees(averages, q)
     return _smoothed(errors), enough
 
 
-def _carried(averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES) -> np.ndarray:
+def _leaves_noise_degrees(
+    averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES
+) -> np.ndarray:
     """Return whether so many averages leave degrees of freedom beside the derivatives, bool."""
     return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _LEAST_NOISE_DEGREES)
 
@@ -367,7 +383,7 @@ def _pooled(
     segments: Segments,
     output: int,
     inputs: slice,
-    left: slice,
+    instrument_rows: slice,
     weights: np.ndarray,
     derivatives: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -380,7 +396,7 @@ def _pooled(
     degrees, open_ = np.zeros(count), np.ones(count, dtype=bool)
     for order in range(derivatives, -1, -1):
         terms = order + 1
-        here = open_ & (_carried(averages, q, order) | (order == 0))
+        here = open_ & (_leaves_noise_degrees(averages, q, order) | (order == 0))
         if not here.any():
             continue
         rows = np.arange(q) * terms
@@ -389,7 +405,7 @@ def _pooled(
         for at in (places[n : n + together] for n in range(0, places.size, together)):
             z, instruments = (
                 segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
-                for each in (inputs, left)
+                for each in (inputs, instrument_rows)
             )
             result = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
             response[:, at] = result.coefficients[:, rows].T
@@ -415,7 +431,7 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
     return np.asarray(away > MAIN_LOBE_HALF_WIDTH**2 * power)
 
 
-def _aside(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
+def _power_offset(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
     """Mean distance ``(q, F)`` of an input's power from a frequency, in units of one over the
     length of the window; zero without derivatives."""
     rows = segments.transforms[inputs]
@@ -442,7 +458,7 @@ def _input_coherence(
     return np.array(rows)
 
 
-def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
+def _instrument_is_significant(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
     """Return whether each input's coherence ``(q, F)`` with the q references is significant with 95
     %, bool ``(m, q, F)``.
 
@@ -456,13 +472,14 @@ def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray
     return np.asarray(coherence[None] >= least[:, None])
 
 
-def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
+def _usable(responses: FrequencyResponses, power_offset: np.ndarray) -> np.ndarray:
     """Return the longest run of frequencies, in octaves, whose coherence and random error reach
     their limits and whose input has power on both sides.
 
     All are medians over neighbours. A joint estimate wants the coherence of output and of input
-    with the references. ``aside`` : mean distance ``(m, q, F)`` of the input's power; where a sweep
-    ends within a window it lies on one side, and neither coherence nor scatter shows the error.
+    with the references. ``power_offset`` : mean distance ``(m, q, F)`` of the input's power; where
+    a sweep ends within a window it lies on one side, and neither coherence nor scatter shows the
+    error.
     """
     from scipy.ndimage import median_filter
 
@@ -475,7 +492,11 @@ def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
             size = min(_SMOOTHED_NEIGHBOURS, partial.size)
             coherent, error, away = (
                 median_filter(each, size=size, mode="nearest")
-                for each in (partial, responses.random_error[output, one], aside[output, one])
+                for each in (
+                    partial,
+                    responses.random_error[output, one],
+                    power_offset[output, one],
+                )
             )
             good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
             out[output, one] = longest_run(good & (np.abs(away) <= LARGEST_POWER_OFFSET), log)
@@ -493,28 +514,28 @@ def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
     return out
 
 
-def _continued(response: np.ndarray, usable: np.ndarray) -> np.ndarray:
+def _unwrapped_from_band(response: np.ndarray, usable: np.ndarray) -> np.ndarray:
     phase = np.angle(response)
     start = int(np.flatnonzero(usable)[0]) if usable.any() else 0
     ahead, behind = np.unwrap(phase[start:]), np.unwrap(phase[: start + 1][::-1])[::-1]
     return np.asarray(np.concatenate([behind[:-1], ahead]))
 
 
-def _ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | None:
-    there = np.flatnonzero(usable)
-    return (float(frequency[there[0]]), float(frequency[there[-1]])) if there.size else None
+def _band_ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | None:
+    present = np.flatnonzero(usable)
+    return (float(frequency[present[0]]), float(frequency[present[-1]])) if present.size else None
 
 
 # ---- What an estimate needs and a record suggests: band, frequencies, rate, window lengths
 
-FEWEST_SAMPLES_PER_PERIOD = 5.0  # a period, that are left at the highest frequency
+FEWEST_SAMPLES_PER_PERIOD = 5.0  # at the highest frequency, after decimation
 BAND_POWER_SHARE = 0.99  # share of the inputs' power in the default band
-PER_DECADE = 40  # frequencies
+FREQUENCIES_PER_DECADE = 40
 _FEWEST_FREQUENCIES = 12  # frequencies of a narrow band
 WINDOW_COUNT = 4  # lengths, each half of the one before
 _USUAL_WINDOW_SHARE = 0.25  # usual longest window, as a share of the longest record
-_LARGEST_WINDOW_SHARE = 0.5  # largest longest window, as a share of the longest record
-# periods of the lowest frequency, that the longest window holds where it can
+_LARGEST_WINDOW_SHARE = 0.5  # limit of the longest window, as a share of the longest record
+# periods of the lowest frequency in the longest window, where the record is long enough
 _PERIODS_IN_LONGEST_WINDOW = 2.5
 
 
@@ -550,7 +571,7 @@ def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float
 
 def frequencies(low: float, high: float) -> np.ndarray:
     """Return the frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
-    count = max(_FEWEST_FREQUENCIES, round(PER_DECADE * math.log10(high / low)) + 1)
+    count = max(_FEWEST_FREQUENCIES, round(FREQUENCIES_PER_DECADE * math.log10(high / low)) + 1)
     return np.geomspace(low, high, count)
 
 
@@ -560,7 +581,7 @@ def lowest_frequency(windows: Sequence[float]) -> float:
 
 
 def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
-    """The records with every n-th sample behind a zero-phase filter, the same for all signals, so
+    """The records with every n-th sample after a zero-phase filter, the same for all signals, so
     that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
     out."""
     step = records[0].step

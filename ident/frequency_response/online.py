@@ -35,7 +35,7 @@ from sim.errors import DeclarationError
 HALF_LOBE = 1.0  # over the window's length: half of the half width of a Hann window's main lobe
 ONE_SIDED = 0.3  # over the window's length: mean distance of power that has come from one side only
 WINDOW_MEMORY = 600.0  # s, after which a window is forgotten
-_LINE_ROWS = 2  # rows behind the signals: their sums, plain and times the time in the block
+_LINE_ROWS = 2  # rows after the signals: their sums, plain and times the time in the block
 
 
 @dataclass
@@ -150,7 +150,7 @@ def take(stream: OnlineResponses, samples: np.ndarray) -> None:
 
 
 def interrupt(stream: OnlineResponses, lost: int) -> None:
-    """Begin anew behind ``lost`` samples that did not come; complete windows stay."""
+    """Begin anew after ``lost`` samples that did not come; complete windows stay."""
     stream.samples += lost
     for window in stream.windows:
         window.blocks, window.sums, window.taken = [], [], 0

@@ -101,7 +101,11 @@ def _of_pair(coefficients: np.ndarray, prefix: str) -> dict[str, float]:
     return {f"{prefix}frequency": frequency, f"{prefix}damping": damping}
 
 
-_UNITS = {"frequency": "rad/s", "numerator_frequency": "rad/s", "damping": "1", DELAY: "s"} | {
+_UNITS = {
+    "frequency": "rad/s",
+    "numerator_frequency": "rad/s",
+    "damping": "1",
+    DELAY: "s",
     "numerator_damping": "1",
     "inv_T_roll": "1/s",
     "inv_T_theta2": "1/s",

@@ -191,8 +191,8 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
     """
     tried: list[Fit] = []
     plain = without_process_noise.quiet(layout)
-    for begun, levels in _starts(layout, calm or layout.system, plain=plain):
-        fit = fit_with_process_noise(begun, levels=levels)
+    for start_layout, levels in _starts(layout, calm or layout.system, plain=plain):
+        fit = fit_with_process_noise(start_layout, levels=levels)
         if fit is None:
             continue
         tried.append(fit)

@@ -252,11 +252,14 @@ def predictive_log_likelihood(
     Parameters
     ----------
     system : with or without process noise; without, the predictions are those of a free simulation.
-    values : parameters, held. levels : measurement noise by output, and ``process_noise_scale``
-    where needed, held: see ``noise_levels``. local : parameters that each record has of its own,
-    fitted again like initial states and ``bias_*``. masks : ``(m, N)`` a record, False where a
-    sample is set aside. begin : where parameters of its own start in each record, by name; those of
-    the system where it does not say, which no event elsewhere finds.
+    values : parameters, held.
+    levels : measurement noise by output, and ``process_noise_scale`` where needed, held: see
+        ``noise_levels``.
+    local : parameters that each record has of its own, fitted again like initial states and
+        ``bias_*``.
+    masks : ``(m, N)`` a record, False where a sample is set aside.
+    begin : where parameters of its own start in each record, by name; those of the system where it
+        does not say, which no event elsewhere finds.
 
     Two models are comparable for the same records, masks and local parameters.
     """

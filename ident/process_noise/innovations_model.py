@@ -79,26 +79,25 @@ def noise_slopes(
     problem: RecordProblem,
     states: np.ndarray,
     at: Variation,
-    moved: Sequence[tuple[Variation, Variation, float]],
+    pairs: Sequence[tuple[Variation, Variation, float]],
 ) -> NoiseSlopes:
     """Return the derivatives of the process noise at the given trajectory, which itself is held
     fixed.
 
-    ``moved`` holds for each quantity two variations and the distance between them: see
+    ``pairs`` : for each quantity two variations and the distance between them, from
     ``slope_pairs``.
     """
     F, H, density, stationary = linear_motion(
-        problem, states, [at, *(end for low, high, _ in moved for end in (low, high))]
+        problem, states, [at, *(end for low, high, _ in pairs for end in (low, high))]
     )
     parts = (F, H, density[None])
     of = tuple(
         i
-        for i in range(len(moved))
+        for i in range(len(pairs))
         if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts)
     )
-    # quantities without influence are left out
     chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]
-    width = np.array([moved[i][2] for i in of])[:, None, None]
+    width = np.array([pairs[i][2] for i in of])[:, None, None]
 
     def slope(part: np.ndarray) -> np.ndarray:
         return np.asarray((part[:, 2::2] - part[:, 1::2]) / width)
@@ -136,16 +135,16 @@ def slope_pairs(
     return pairs
 
 
-def _computed_steps(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the steps at which derivatives are computed: every eighth if all ``shape (K, D, n,
-    n)`` are smooth, else all.
+def _computed_steps(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the steps at which derivatives are computed: every eighth if all ``values (K, D,
+    n, n)`` are smooth, else all.
     """
-    every = np.arange(len(shape))
-    if len(shape) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
+    every = np.arange(len(values))
+    if len(values) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
         return every
     some = np.append(every[:-1:_STEPS_BETWEEN_SLOPES], every[-1])
-    away = np.abs(_interpolated(shape[some], some, len(shape)) - shape).max(axis=0)
-    largest = np.abs(shape).max(axis=0).max(axis=(-2, -1), keepdims=True)
+    away = np.abs(_interpolated(values[some], some, len(values)) - values).max(axis=0)
+    largest = np.abs(values).max(axis=0).max(axis=(-2, -1), keepdims=True)
     return some if np.all(away <= _LARGEST_INTERPOLATION_ERROR * largest) else every
 
 
@@ -185,17 +184,17 @@ class LikelihoodSlopes:
 def likelihood_slopes(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray
 ) -> LikelihoodSlopes:
-    """Return the derivatives by the quantities of the process noise, then by those of the
-    measurement variances.
+    """Return the derivatives of the log likelihood with respect to the quantities of the process
+    noise, then of the measurement variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
     T, n, D = len(filter.covariance), filter.covariance.shape[-1], len(slopes.of) + len(by_variance)
     by_variance = np.concatenate([np.zeros((len(slopes.of), len(filter.variance))), by_variance])
-    few = max(1, _LARGEST_BATCH // max(1, T * n * n))
+    batch = max(1, _LARGEST_BATCH // max(1, T * n * n))
     parts = [
-        _covariance_derivatives(filter, residual, slopes, by_variance, slice(k, k + few))
-        for k in range(0, D, few)
+        _covariance_derivatives(filter, residual, slopes, by_variance, slice(k, k + batch))
+        for k in range(0, D, batch)
     ]
     flat = (
         np.concatenate([dS for dS, _ in parts])
@@ -241,8 +240,8 @@ def _covariance_derivatives(
     open_loop = np.eye(n) - K @ H
     # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH
     # P.
-    dK_straight = from_left(K, from_right(dH, P))
-    own = from_right(from_left(K, dR), turned(K)) - dK_straight - transposed(dK_straight)
+    K_dH_P = from_left(K, from_right(dH, P))
+    own = from_right(from_left(K, dR), turned(K)) - K_dH_P - transposed(K_dH_P)
     first = (from_right(from_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
     dP = np.empty((T, n, d, n))
     dP_before = np.empty((T, n, d, n))
@@ -278,15 +277,17 @@ def _covariance_derivatives(
     predicted[1:] = Phi @ x[:-1]
     pushed_state = np.zeros((len(e), n, d))
     pushed_state[1:] = from_right(by_Phi, x[:-1])[..., 0]
-    straight = from_right(by_H, predicted)[..., 0]
+    change_by_H = from_right(by_H, predicted)[..., 0]
     source = (
         from_right(every_node(dK, filter), residual.innovation[..., None])[..., 0]
         + every_node(open_loop, filter) @ pushed_state
-        - every_node(K, filter) @ straight
+        - every_node(K, filter) @ change_by_H
     )
     moved = pushed_state
     moved[1:] += Phi @ joined(closed_loop(filter), source)[:-1]
-    return flat, (every_node(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, d)
+    return flat, (every_node(filter.root, filter) @ (change_by_H + filter.seen @ moved)).reshape(
+        -1, d
+    )
 
 
 def _padded(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
@@ -441,7 +442,7 @@ class ProcessNoise:
             zip(layout.problems, lines, filters_of(weighted), strict=True)
         ):
             if self.quick:
-                setting = set(self.setting_noise(layout, theta).tolist())
+                setting = set(self.noise_positions(layout, theta).tolist())
                 acting = [q for q in acting if int(layout.columns(r)[q]) in setting]
             at = Variation(layout.split(theta, r)[0], scale)
             pairs = slope_pairs(
@@ -473,7 +474,7 @@ class ProcessNoise:
         the optimum the likelihood is not quadratic in it.
         """
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
-        for i in self.setting_noise(layout, theta):
+        for i in self.noise_positions(layout, theta):
             if theta[i] > 0:
                 low[i], high[i] = (
                     max(low[i], theta[i] / _LARGEST_NOISE_STEP_FACTOR),
@@ -481,7 +482,7 @@ class ProcessNoise:
                 )
         return low, high
 
-    def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
+    def noise_positions(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
         """Return the positions of the unknowns of the noise: the model's own, and parameters of the
         System that change the density of process noise.
         """
@@ -514,19 +515,21 @@ class ProcessNoise:
             motion = discretised_noise(
                 problem, line.states, Variation(layout.split(theta, r)[0], scale)
             )
-            made = whitener(motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
-            passed = filtered(
-                made,
+            record_whitener = whitener(
+                motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0]
+            )
+            columns = filtered(
+                record_whitener,
                 _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)),
             )
             own = Filtered(
-                passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0]
+                columns.innovation[:, :, 0], columns.standard[:, :, 0], columns.state[:, :, 0]
             )
-            filters.append(Filter(problem, made, own))
-            both = _at_samples(problem, passed.standard)
-            whitened.append(both[:, :, 0])
-            jacobians.append(both[:, :, 1:])
-            cost += 0.5 * (made.log_determinant + float(np.sum(own.standard**2)))
+            filters.append(Filter(problem, record_whitener, own))
+            standard = _at_samples(problem, columns.standard)
+            whitened.append(standard[:, :, 0])
+            jacobians.append(standard[:, :, 1:])
+            cost += 0.5 * (record_whitener.log_determinant + float(np.sum(own.standard**2)))
         if not (np.isfinite(cost) and all(np.all(np.isfinite(jacobian)) for jacobian in jacobians)):
             return None
         return WeightedResiduals(
@@ -632,7 +635,7 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
     """
     noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
     assert isinstance(noise_model, ProcessNoise)
-    setting = noise_model.setting_noise(fit.layout, theta)
+    setting = noise_model.noise_positions(fit.layout, theta)
     inside = (theta[setting] > low[setting]) & (theta[setting] < high[setting])
     moved, others = setting[inside], np.setdiff1d(np.arange(len(theta)), setting)
     base, variance = _information_of(fit, theta, others)

@@ -105,8 +105,9 @@ def _through_sensors(
 
     Parameters
     ----------
-    variations : V sets of parameters. motion : F ``(B, V, n, n)``, H ``(B, V, m, n)``, density
-        ``(V, n)`` and which states are stationary, without sensors.
+    variations : V sets of parameters.
+    motion : F ``(B, V, n, n)``, H ``(B, V, m, n)``, density ``(V, n)`` and which states are
+        stationary, without sensors.
     """
     memories = [problem.system.sensor_memory(variation.p.tolist()) for variation in variations]
     F, H, density, stationary = motion

@@ -118,12 +118,12 @@ def _clipping_finding(
         f"{int(np.count_nonzero(at_level))} samples"
     )
     if is_input:
-        said = f"is {text}: at its stop, or clipped by the recorder"
+        sentence = f"is {text}: at its stop, or clipped by the recorder"
         return RecordFinding(
             series.name,
             Kind.CLIPPED,
             Certainty.NOTED,
-            said,
+            sentence,
             "say which, if you know: a stop is felt by the vehicle",
             times,
             numbers,

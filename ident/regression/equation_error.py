@@ -55,13 +55,14 @@ class RegressionSettings:
 
     Attributes
     ----------
-    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three (weights
-    settle). tolerance : settled when a step moves no parameter by more than this share of its
-    sigma. coloured : correct the covariance for residuals that are not white; they never are,
-    windows overlap. instruments : go on from least squares with instrumental variables. Where no
-    simulation stays with a record (an unstable aircraft)
-        least squares stay, less their bias by noise as far as added noise shows it, and sigmas are
-        larger by that bias.
+    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three, until
+        the weights converge.
+    tolerance : converged when a step moves no parameter by more than this share of its sigma.
+    coloured : correct the covariance for residuals that are not white; as windows overlap, they
+        never are.
+    instruments : continue from least squares with instrumental variables. If no simulation follows
+        a record (unstable aircraft), least squares remain, less their bias by noise as far as added
+        noise shows it, and sigmas are increased by that bias.
     """
 
     iterations: int = 30
@@ -276,7 +277,7 @@ def _equations(
 
     residual, valid, right = [], [], []
     for state, increments in zip(data, gained, strict=True):
-        if not state.defines:
+        if not state.rate_state:
             fit = state.slopes
             left = np.sum(fit.slope * fit.gather(state.raw), axis=1)
             mean = _averaged(fit.slope, fit.first, increments)
@@ -533,7 +534,7 @@ def _with_best_windows(
     n, best, least = len(layout.shared), layout, np.inf
     for share in NARROWER:
         data = tuple(
-            [state if state.defines else _narrower(record, state, share) for state in each]
+            [state if state.rate_state else _narrower(record, state, share) for state in each]
             for record, each in zip(layout.records, layout.data, strict=True)
         )
         trial = replace(layout, data=data)

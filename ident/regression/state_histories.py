@@ -36,9 +36,9 @@ class Windows:
     ----------
     first : ``(N,)`` first row of each window.
     value, slope : ``(N, W)`` weights that give the fit and its derivative (1/s) at each row; zero
-    for missing samples. usable : ``(N,)`` False where fewer than half the window's samples are
-    there, or a gap stretches it to more than
-        twice its usual length; its weights are then zero.
+        for missing samples.
+    usable : ``(N,)`` False where fewer than half the window's samples are there, or a gap stretches
+        it to more than twice its usual length; its weights are then zero.
     """
 
     first: np.ndarray
@@ -63,8 +63,8 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
         # All windows are equal except for the row of evaluation.
         few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
-        like = np.where(place <= half_width, place, place + width)
-        return Windows(first, few.value[like], few.slope[like], few.usable[like])
+        same = np.where(place <= half_width, place, place + width)
+        return Windows(first, few.value[same], few.slope[same], few.usable[same])
     rows = first[:, None] + np.arange(width)
     there = valid[rows]
     offset = time[rows] - time[:, None]
@@ -134,8 +134,8 @@ class StateData:
     smooth : ``(N,)`` values for the regressors.
     slopes : windows whose ``slope`` weights give the left-hand side of its equation.
     bias : position among all parameters of the bias of its channel; None without one.
-    defines : the name of the state that was taken from this one's slope, so that this equation says
-    nothing more.
+    rate_state : the state that was taken from the slope of this one, whose own equation is then
+        fulfilled by construction; empty if there is none.
     """
 
     raw: np.ndarray
@@ -143,7 +143,7 @@ class StateData:
     smooth: np.ndarray
     slopes: Windows
     bias: int | None
-    defines: str = ""
+    rate_state: str = ""
 
 
 def state_data(record: Record, system: System) -> list[StateData]:
@@ -208,7 +208,7 @@ def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
     relations: dict[str, str] = {}
     for shift in (0.37, 0.71):
         point = np.concatenate(
-            [_away(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p]
+            [_generic_point(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p]
         )
 
         def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
@@ -269,7 +269,11 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
     """The output must be the state itself at all times, apart from its own bias."""
     n_x, n_u = len(system.states), len(system.inputs)
     point = np.concatenate(
-        [_away(system.initial.values(), 0.37), np.full(n_u, 0.1), system.parameters.values()]
+        [
+            _generic_point(system.initial.values(), 0.37),
+            np.full(n_u, 0.1),
+            system.parameters.values(),
+        ]
     )
     row = system.output_names.index(name)
 
@@ -290,6 +294,6 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
         )
 
 
-def _away(start: np.ndarray, shift: float) -> np.ndarray:
-    """Return a point off every special value: zero, one, and equal states."""
+def _generic_point(start: np.ndarray, shift: float) -> np.ndarray:
+    """Return a point of the states away from special values, such as zero, one and equal states."""
     return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))

@@ -9,10 +9,11 @@ square distance from the value of the chosen model,
     s_i^2 = sum_m P_m (s_im^2 + (x_im - x_i)^2),
 
 where a model without the term has x_im = 0 and s_im = 0. The models are the chosen one and those
-that differ from it by one term: added, removed, or exchanged. A product takes no place of its own
-factor: both explain the same where the other factor stands still. The probabilities follow from the
-Bayesian information criterion [2]_ with residuals that are not white, and from prior odds: 1 for
-each linear term that the symmetry of the aircraft allows, and 1 for all other terms together [3]_.
+that differ from it by one term: added, removed, or exchanged. A product is not exchanged for one of
+its own factors: where the other factor is constant, both explain the same. The probabilities follow
+from the Bayesian information criterion [2]_ with residuals that are not white, and from prior odds:
+1 for each linear term that the symmetry of the aircraft allows, and 1 for all other terms together
+[3]_.
 
 The criterion compares sums of squares from which the noise of the signals is taken out, as from the
 normal equations [4]_. As measured, they contain the noise that passes through the terms, more of it
@@ -46,8 +47,8 @@ from ident.structure.products import (
     variance_of,
 )
 
-NEGLIGIBLE = 1e-3  # probability over that of the likeliest model, below which one is left out
-CLEARLY_LARGER = 2.0  # standard deviation over that of the chosen model, above which it is told why
+NEGLIGIBLE = 1e-3  # probability over that of the likeliest model, below which a model is left out
+CLEARLY_LARGER = 2.0  # ratio of standard deviations, above which the likeliest other model is named
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class Alternative:
 
     Attributes
     ----------
-    added, removed : columns; None where none is. probability : among the models that were averaged.
+    added, removed : columns; None where there is none.
+    probability : among the models that were averaged.
     """
 
     added: int | None
@@ -68,22 +70,25 @@ def averaged_covariance(
     products: Products,
     chosen: Sequence[int],
     covariance: np.ndarray,
-    even: np.ndarray,
+    equal: np.ndarray,
     linear: Collection[int],
-    made_of: Sequence[Collection[int]],
+    constituents: Sequence[Collection[int]],
 ) -> tuple[np.ndarray, Alternative | None]:
     """Covariance ``(n, n)`` of the chosen values over the models that explain the data as well.
 
     Parameters
     ----------
-    products : of all offered columns. chosen : columns of the model.
-    covariance : ``(n, n)`` of its values; even : their variances ``(n,)`` for coloured residuals of
-        one variance. linear : columns of linear terms. made_of : by column those of
-        its signals or factors alone, which no model with it loses.
+    products : of all offered columns.
+    chosen : columns of the model.
+    covariance : ``(n, n)`` of its values.
+    equal : their variances ``(n,)`` for coloured residuals with equal variances at all samples.
+    linear : columns of linear terms.
+    constituents : by column the terms of its signals or factors alone; a model that contains the
+        column contains them too.
 
     Returns
     -------
-    The same with each standard deviation as large as the models ask, and never smaller than before;
+    The covariance with each standard deviation increased as the models require, never decreased;
     and the likeliest other model where some standard deviation is clearly larger than before.
     """
     chosen = list(chosen)
@@ -101,8 +106,10 @@ def averaged_covariance(
     sse = losses_of(products, chosen)[1]
     n = float(products.counts.sum())
     white = sse / max(n - len(chosen), 1.0)
-    colour = float(np.median(even / np.maximum(own * white, 1e-300)))
-    models = _neighbours(products, chosen, movable, colour * white, n / colour, linear, made_of)
+    colouring = float(np.median(equal / np.maximum(own * white, 1e-300)))
+    models = _neighbours(
+        products, chosen, movable, colouring * white, n / colouring, linear, constituents
+    )
     likeliest = max(log for log, _ in models)
     models = [(log, model) for log, model in models if log > likeliest + math.log(NEGLIGIBLE)]
     shares = np.exp([log - likeliest for log, _ in models])
@@ -147,18 +154,19 @@ def _neighbours(
     variance: float,
     count: float,
     linear: Collection[int],
-    made_of: Sequence[Collection[int]],
+    constituents: Sequence[Collection[int]],
 ) -> list[tuple[float, list[int]]]:
     """Return the chosen model and those with one term added, removed or exchanged, each with the
     logarithm of its probability over that of the chosen one.
 
     Parameters
     ----------
-    variance : of the residual, as of one white residual for each of ``count`` samples.
+    count : of independent residuals, fewer than the samples if residuals are coloured.
+    variance : of each of these residuals.
     """
     others = sum(bool(term.factors) for term in products.terms) - len(linear)
     prior = [0.0 if i in linear else -math.log(max(others, 1)) for i in range(len(products.terms))]
-    entry = np.array(prior) - 0.5 * math.log(max(count, 1.0))
+    gain_to_enter = np.array(prior) - 0.5 * math.log(max(count, 1.0))
     squares = float(products.squares.sum())
     left = normal_of(products, chosen).clean_left(squares)
 
@@ -166,17 +174,17 @@ def _neighbours(
         n, removed = normal_of(products, model), set(chosen) - set(model)
         here = base - 0.5 * (n.clean_left(squares) - left) / variance
         further = further_of(n)
-        logs = here + 0.5 * further.reductions / variance + entry
+        logs = here + 0.5 * further.reductions / variance + gain_to_enter
         every = [
             (float(logs[i]), [*model, i])
             for i in np.flatnonzero(further.good).tolist()
-            if not removed & {i, *made_of[i]}
+            if not removed & {i, *constituents[i]}
         ]
         return [(here, model), *every]
 
     found = with_further(chosen, 0.0)
     for gone in movable:
         rest = [i for i in chosen if i != gone]
-        if not any(gone in made_of[i] for i in rest):
-            found += with_further(rest, -float(entry[gone]))
+        if not any(gone in constituents[i] for i in rest):
+            found += with_further(rest, -float(gain_to_enter[gone]))
     return found

@@ -30,10 +30,10 @@ from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
 DERIVATIVE_BANDWIDTH = 3.0  # Hz, half-power bandwidth of the smoothed derivative
-NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
+NEEDED_CHANNELS = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
 _SIMPSON_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
-_FLOWN = ("airspeed", "alpha", "beta", "p", "q", "r")
+_SMOOTHED_CHANNELS = ("airspeed", "alpha", "beta", "p", "q", "r")
 _LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # reference lengths of non-dimensional rates
 Point = tuple[float, float, float]
 
@@ -67,14 +67,18 @@ class Histories:
 
     Attributes
     ----------
-    name : of the record. time : ``(M,)``, s.
+    name : of the record.
+    time : ``(M,)``, s.
     signals : by name the signals of terms at the beginning, the middle and the end of each interval
-        between samples, ``(3, N - 1)``, for moments; rates non-dimensional. samples : the same at
-        the samples, ``(N,)``, for forces.
-    coefficients : by name, ``(M,)``. sigma : standard deviation of their noise, ``(M,)``.
-    averaging : ``(W,)`` weights over a window, one in sum; rows : ``(M,)`` first samples.
-    bandwidth : of the averaging, Hz. signal_noise : standard deviation of the noise that is left in
-        signals behind smoothing and averaging.
+        between samples, ``(3, N - 1)``, for moments; rates non-dimensional.
+    samples : the same at the samples, ``(N,)``, for forces.
+    coefficients : by name, ``(M,)``.
+    sigma : standard deviation of their noise, ``(M,)``.
+    averaging : ``(W,)`` weights over a window, one in sum.
+    rows : ``(M,)`` first samples.
+    bandwidth : of the averaging, Hz.
+    signal_noise : standard deviation of the noise that is left in signals after smoothing and
+        averaging.
     slopes : of coefficients by the signals from which they are formed, ``(M,)``: lift and drag are
         turned by alpha.
     """
@@ -91,24 +95,25 @@ class Histories:
     signal_noise: Mapping[str, float] = field(default_factory=dict)
     slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
-    def noise_of_coefficient(self, axis: str) -> np.ndarray:
-        """Return the slopes of a measured coefficient by the signals times their standard
-        deviations, ``(s, M)``, in the order of ``signal_noise``.
+    def coefficient_noise(self, axis: str) -> np.ndarray:
+        """Return the error of a measured coefficient by one standard deviation of each signal,
+        ``(s, M)``, in the order of ``signal_noise``.
         """
         slopes, none = self.slopes.get(axis, {}), np.zeros(len(self.time))
         rows = [std * slopes.get(name, none) for name, std in self.signal_noise.items()]
         return np.array(rows).reshape(-1, len(self.time))
 
-    def noise_through(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
+    def noise_variance(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
         """Return the noise variance due to the signals in a coefficient minus the sum of its terms,
         ``(M,)``.
 
         Parameters
         ----------
-        table : values of the terms. axis : the coefficient.
+        table : values of the terms.
+        axis : the coefficient.
         """
         total = np.zeros(len(self.time))
-        own = self.noise_of_coefficient(axis)
+        own = self.coefficient_noise(axis)
         for row, (name, std) in zip(own, self.signal_noise.items(), strict=True):
             terms = {term: value for term, value in table.items() if name in term.signals}
             if std == 0.0:
@@ -147,8 +152,9 @@ def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
 
     Parameters
     ----------
-    rate : samples a second. bandwidth : Hz, where the averaging has half its power.
-    widest : samples, at which the search ends.
+    rate : samples a second.
+    bandwidth : Hz, where the averaging has half its power.
+    widest : limit of the search, samples.
     """
     best, beyond = 1, 2
     while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
@@ -179,7 +185,9 @@ def _slopes(half: int) -> np.ndarray:
 
 
 def _averaging(half: int) -> np.ndarray:
-    """Return the weights ``(2 half,)`` of the increments between samples in a slope."""
+    """Return the weights ``(2 half,)`` with which a window averages the increments between samples
+    to its slope.
+    """
     return -np.cumsum(_slopes(half))[:-1]
 
 
@@ -188,7 +196,7 @@ def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
 
 
 def noise_of(values: np.ndarray) -> float:
-    """Return the standard deviation of a channel's white noise, from what local cubics leave.
+    """Return the standard deviation of a channel's white noise, by the residuals of local quartics.
 
     Parameters
     ----------
@@ -219,10 +227,14 @@ def histories_of(
 
     Parameters
     ----------
-    name : for messages. time : ``(N,)``, s, equal steps.
-    channels : ``NEEDED`` by name, ``(N,)``, finite: m/s, rad, rad/s, m/s2 (without weight).
-    airframe : see `Airframe`. surfaces : further signals of terms, ``(N,)``.
-    thrust : N. bandwidth : Hz, of the angular accelerations.
+    name : for messages.
+    time : ``(N,)``, s, equal steps.
+    channels : ``NEEDED_CHANNELS`` by name, ``(N,)``, finite: m/s, rad, rad/s, m/s2 (without
+        weight).
+    airframe : see `Airframe`.
+    surfaces : further signals of terms, ``(N,)``.
+    thrust : N.
+    bandwidth : Hz, of the angular accelerations.
     held : surfaces and thrust are constant until the next sample; else straight lines.
 
     Returns
@@ -233,7 +245,7 @@ def histories_of(
     ------
     RecordError : a channel is missing, or the record is too short for the bandwidth.
     """
-    for channel in NEEDED:
+    for channel in NEEDED_CHANNELS:
         if channel not in channels:
             raise RecordError(
                 f"it has no {channel}, without which there are no coefficients",
@@ -249,48 +261,53 @@ def histories_of(
             remedy="give a longer record or a larger --bandwidth",
         )
     smooth = _smooth(channels, half)
-    jumps = _half_steps(channels, smooth, surfaces, step) if held else {}
-    s = _at_cg(smooth, airframe, step, jumps)
+    jumps = _acceleration_jumps(channels, smooth, surfaces, step) if held else {}
+    s = _at_centre_of_gravity(smooth, airframe, step, jumps)
     c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
     rows = np.arange(0, len(time) - 2 * half, half)
     kernel = _averaging(half)
     at = rows + half
     slope = _slopes(half) / step
-    turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
+    angular_acceleration = {
+        rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")
+    }
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.asarray(_windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
-    samples = {**_flow(s, c), **surfaces}
+    samples = {**_common_signals(s, c), **surfaces}
     force = _forces(s, c, T, airframe)
     wide = np.convolve(kernel, (0.5, 0.5))
     found = {axis: _windows(force[axis], len(wide), rows) @ wide for axis in airframe.axes[:3]}
-    c = {key: _between(row) for key, row in c.items()}
-    bends = {key: 2.0 * step * row for key, row in jumps.items()}
-    s = {key: _between(row, bends.get(key, 0.0), smooth=key in _FLOWN) for key, row in s.items()}
-    T = _between(T, held=held)
-    moved = {key: _between(row, held=held) for key, row in surfaces.items()}
-    signals = {**_flow(s, c), **moved}
+    c = {key: _on_intervals(row) for key, row in c.items()}
+    slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
+    s = {
+        key: _on_intervals(row, slope_jumps.get(key, 0.0), smooth=key in _SMOOTHED_CHANNELS)
+        for key, row in s.items()
+    }
+    T = _on_intervals(T, held=held)
+    moved = {key: _on_intervals(row, held=held) for key, row in surfaces.items()}
+    signals = {**_common_signals(s, c), **moved}
     s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
-    found |= _moments(s, c, turn, mean, at, T)
-    noises = {key: noise_of(channels[key]) for key in NEEDED}
-    forced = _force_noise(noises, wide, half, step, airframe)
-    scatter = _scatter(forced, noises, slope, c1, s1, at)
+    found |= _moments(s, c, angular_acceleration, mean, at, T)
+    noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
+    force_sigmas = _force_noise(noises, wide, half, step, airframe)
+    scatter = _coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
     sigma = {axis: scatter[axis] for axis in found}
     width = bandwidth_of(half, 1.0 / step)
     left = _signal_noise(noises, wide, half, c1, s1)
-    turned = {}
+    by_alpha = {}
     if airframe.wind_axes:
-        turned = {"CD": {"alpha": found["CL"]}, "CL": {"alpha": -found["CD"]}}
+        by_alpha = {"CD": {"alpha": found["CL"]}, "CL": {"alpha": -found["CD"]}}
     return Histories(
-        name, time[at], signals, samples, found, sigma, kernel, rows, width, left, turned
+        name, time[at], signals, samples, found, sigma, kernel, rows, width, left, by_alpha
     )
 
 
-def _between(
+def _on_intervals(
     values: np.ndarray,
-    bends: np.ndarray | float = 0.0,
+    slope_jumps: np.ndarray | float = 0.0,
     *,
     smooth: bool = False,
     held: bool = False,
@@ -299,14 +316,16 @@ def _between(
 
     Parameters
     ----------
-    values : ``(N,)``. bends : ``(N,)`` jumps of the slope at the samples times the step.
-    smooth : between the bends a cubic through four samples. held : constant until the next sample.
+    values : ``(N,)``.
+    slope_jumps : ``(N,)`` jumps of the slope at the samples, times the step between samples.
+    smooth : between the jumps a cubic through four samples.
+    held : constant until the next sample.
     """
     first, last = values[:-1], values[:-1] if held else values[1:]
     middle = 0.5 * (first + last)
     if smooth and len(values) > 3:
-        curved = _curved(values, bends)
-        middle[1:-1] -= (curved[1:] + curved[:-1]) / 16.0
+        second = _second_differences(values, slope_jumps)
+        middle[1:-1] -= (second[1:] + second[:-1]) / 16.0
     return np.array([first, middle, last])
 
 
@@ -322,18 +341,17 @@ def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarr
     width = max(2 * half + 1, 7)
     return {
         **channels,
-        **{name: savgol_filter(channels[name], width, 4) for name in _FLOWN},
+        **{name: savgol_filter(channels[name], width, 4) for name in _SMOOTHED_CHANNELS},
     }
 
 
-def _half_steps(
+def _acceleration_jumps(
     channels: Mapping[str, np.ndarray],
     smooth: Mapping[str, np.ndarray],
     surfaces: Mapping[str, np.ndarray],
     step: float,
 ) -> dict[str, np.ndarray]:
-    """Return half the step of each angular acceleration due to a step of held surfaces, at its
-    sample.
+    """Return half the jump of each angular acceleration at the samples where held surfaces jump.
 
     A central difference is the mean of both sides of the step, and an accelerometer reads the later
     side. The difference of both sides is regressed on the steps and on the smooth motion.
@@ -353,7 +371,7 @@ def _half_steps(
     return found
 
 
-def _at_cg(
+def _at_centre_of_gravity(
     s: dict[str, np.ndarray], airframe: Airframe, step: float, jumps: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the channels as sensors at the centre of gravity would read them."""
@@ -380,23 +398,25 @@ def _at_cg(
     return s
 
 
-def _slope(values: np.ndarray, step: float, bends: np.ndarray | float = 0.0) -> np.ndarray:
+def _slope(values: np.ndarray, step: float, slope_jumps: np.ndarray | float = 0.0) -> np.ndarray:
     """Return the time derivative ``(N,)`` of a channel by differences that are exact to the fourth
-    degree, but at both ends; ``bends`` as of ``_between``.
+    degree, but at both ends; ``slope_jumps`` as of ``_on_intervals``.
     """
     found = np.gradient(values, step)
-    curved = _curved(values, bends)
-    found[2:-2] -= (curved[2:] - curved[:-2]) / (12.0 * step)
+    second = _second_differences(values, slope_jumps)
+    found[2:-2] -= (second[2:] - second[:-2]) / (12.0 * step)
     return np.asarray(found)
 
 
-def _curved(values: np.ndarray, bends: np.ndarray | float) -> np.ndarray:
-    """Second differences ``(N - 2,)`` without those of bends at the samples."""
-    return np.asarray(np.diff(values, 2) - np.broadcast_to(bends, values.shape)[1:-1])
+def _second_differences(values: np.ndarray, slope_jumps: np.ndarray | float) -> np.ndarray:
+    """Second differences ``(N - 2,)`` of a channel without the jumps of its slope."""
+    return np.asarray(np.diff(values, 2) - np.broadcast_to(slope_jumps, values.shape)[1:-1])
 
 
-def _flow(s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Signals of terms that every aircraft has."""
+def _common_signals(
+    s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Signals of terms that every aircraft has: angles, Mach number, non-dimensional rates."""
     half = 0.5 / s["airspeed"]
     return {
         "alpha": s["alpha"],
@@ -425,7 +445,7 @@ def _forces(
 def _moments(
     s: Mapping[str, np.ndarray],
     c: Mapping[str, np.ndarray],
-    turn: Mapping[str, np.ndarray],
+    angular_acceleration: Mapping[str, np.ndarray],
     mean: Any,
     at: np.ndarray,
     T: np.ndarray,
@@ -445,11 +465,13 @@ def _moments(
         "Cm": (Ix - Iz) * p * r + Ixz * (p * p - r * r) - T * c["thrust_arm"] + (z * X - x * Z),
         "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
     }
-    Qs, span, chord = qS[1, at], c["span"], c["chord"]
+    qS_windows, span, chord = qS[1, at], c["span"], c["chord"]
     turning = {
-        "Cl": (Ix[1, at] * turn["p"] - Ixz[1, at] * turn["r"]) / (Qs * span[1, at]),
-        "Cm": Iy[1, at] * turn["q"] / (Qs * chord[1, at]),
-        "Cn": (Iz[1, at] * turn["r"] - Ixz[1, at] * turn["p"]) / (Qs * span[1, at]),
+        "Cl": (Ix[1, at] * angular_acceleration["p"] - Ixz[1, at] * angular_acceleration["r"])
+        / (qS_windows * span[1, at]),
+        "Cm": Iy[1, at] * angular_acceleration["q"] / (qS_windows * chord[1, at]),
+        "Cn": (Iz[1, at] * angular_acceleration["r"] - Ixz[1, at] * angular_acceleration["p"])
+        / (qS_windows * span[1, at]),
     }
     return {
         axis: turning[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
@@ -464,7 +486,7 @@ def _signal_noise(
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
 ) -> dict[str, float]:
-    """Return the standard deviations of the signals of terms behind smoothing and averaging."""
+    """Return the standard deviations of the signals of terms after smoothing and averaging."""
     from scipy.signal import savgol_coeffs
 
     left = math.sqrt(float(np.sum(np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4)) ** 2)))
@@ -495,28 +517,28 @@ def _force_noise(
     return {name: math.hypot(averaged * noise[name], side) for name, side in sides.items()}
 
 
-def _scatter(
-    forced: Mapping[str, float],
+def _coefficient_sigmas(
+    force_sigmas: Mapping[str, float],
     noise: Mapping[str, float],
     slope: np.ndarray,
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
     at: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the standard deviations of the coefficients by the white noise of the channels."""
-    Qs = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
+    """Return the standard deviations of the coefficients due to white noise of the channels."""
+    qS_windows = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
     sloped = math.sqrt(float(slope @ slope))
     m = c["mass"][at]
-    ax, ay, az = (m * forced[name] / Qs for name in ("ax", "ay", "az"))
+    ax, ay, az = (m * force_sigmas[name] / qS_windows for name in ("ax", "ay", "az"))
     Ix, Iy, Iz, Ixz = (
         c[name][at] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
     )
     b, chord = c["span"][at], c["chord"][at]
     x, y, z = (c[name][at] for name in ("cg_x", "cg_y", "cg_z"))
     sine, cosine = np.sin(s["alpha"][at]), np.cos(s["alpha"][at])
-    roll = np.hypot(Ix * noise["p"], Ixz * noise["r"]) * sloped / (Qs * b)
-    yaw = np.hypot(Iz * noise["r"], Ixz * noise["p"]) * sloped / (Qs * b)
-    pitch = Iy * noise["q"] * sloped / (Qs * chord)
+    roll = np.hypot(Ix * noise["p"], Ixz * noise["r"]) * sloped / (qS_windows * b)
+    yaw = np.hypot(Iz * noise["r"], Ixz * noise["p"]) * sloped / (qS_windows * b)
+    pitch = Iy * noise["q"] * sloped / (qS_windows * chord)
     return {
         "CX": ax,
         "CY": ay,

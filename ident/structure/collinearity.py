@@ -29,9 +29,11 @@ class Collinearity:
 
     Attributes
     ----------
-    axis : the coefficient. terms : without the constant.
-    inflation : variance inflation factors, ``(n,)``. correlations : pairs of terms above
-        ``HIGH_CORRELATION``. indices : condition indices of the columns at unit length, descending.
+    axis : the coefficient.
+    terms : without the constant.
+    inflation : variance inflation factors, ``(n,)``.
+    correlations : pairs of terms above ``HIGH_CORRELATION``.
+    indices : condition indices of the columns at unit length, descending.
     groups : terms whose variances share a condition index above ``HIGH_INDEX``.
     advice : maneuvers that would separate them, a sentence each.
     multiples : chosen terms with offered products of them that were not chosen and are nearly their
@@ -55,7 +57,9 @@ def collinearity_of(
 
     Parameters
     ----------
-    axis : the coefficient. terms : n of them. columns : ``(N, n)`` their values.
+    axis : the coefficient.
+    terms : n of them.
+    columns : ``(N, n)`` their values.
     surfaces : signals that the pilot moves.
     """
     places = [i for i, term in enumerate(terms) if term.factors]
@@ -105,7 +109,9 @@ def multiples_of(
 
     Parameters
     ----------
-    terms : offered. columns : ``(N, k)`` their values. chosen : of the terms.
+    terms : offered.
+    columns : ``(N, k)`` their values.
+    chosen : of the terms.
     """
     X = columns - columns.mean(axis=0)
     square = np.maximum(np.einsum("ij,ij->j", X, X), 1e-300)

@@ -43,8 +43,11 @@ class Products:
 
     Attributes
     ----------
-    terms : k columns. gram : ``(g, k, k)`` by maneuver; cross : ``(g, k)`` with the coefficient;
-        total, squares : ``(g,)`` its sum and sum of squares; counts : ``(g,)`` samples.
+    terms : k columns.
+    gram : ``(g, k, k)`` by maneuver.
+    cross : ``(g, k)`` with the coefficient.
+    total, squares : ``(g,)`` its sum and sum of squares.
+    counts : ``(g,)`` samples.
     gram_noise, cross_noise : what the noise of the signals adds to ``gram`` and ``cross``; 0 where
         it is unknown.
     noise : sum of squares that the sensors' noise explains; infinite where it is unknown.
@@ -110,7 +113,8 @@ def products_of(
 
     Parameters
     ----------
-    blocks, rows : by maneuver. terms : k.
+    blocks, rows : by maneuver.
+    terms : k.
     noises : by maneuver, of `noise_columns` and ``(s, M)`` of the coefficient by the same signals.
     """
     k = len(terms)
@@ -138,10 +142,13 @@ class ScaledEquations:
 
     Attributes
     ----------
-    chosen : their places. scale : ``(k,)`` of all columns. gram, cross : of all, scaled, as
-        measured; clean_gram, clean_cross : without the noise of the signals.
-    inverse : ``(n, n)`` of the chosen ones, clean. share : of the noise that was taken out; below 1
-        where more would leave less of some direction than ``LEAST_MOTION_SHARE``.
+    chosen : their places.
+    scale : ``(k,)`` of all columns.
+    gram, cross : of all, scaled, as measured.
+    clean_gram, clean_cross : without the noise of the signals.
+    inverse : ``(n, n)`` of the chosen ones, clean.
+    share : of the noise that was taken out; below 1 where more would leave less of some direction
+        than ``LEAST_MOTION_SHARE``.
     """
 
     chosen: list[int]
@@ -219,8 +226,9 @@ class FurtherColumns:
 
     Attributes
     ----------
-    value : ``(k,)`` of each beside the chosen ones. clean, measured : sums of squares of its part
-        independent of the others, without and with the noise of the signals.
+    value : ``(k,)`` of each beside the chosen ones.
+    clean, measured : sums of squares of its part independent of the others, without and with the
+        noise of the signals.
     good : columns whose part is motion and not mostly noise; no chosen one is.
     """
 

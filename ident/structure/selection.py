@@ -63,9 +63,12 @@ class SelectionStep:
 
     Attributes
     ----------
-    term : that came or went. added : False where it went. F : its partial F ratio.
-    r2 : of the model after the step. pse : predicted squared error. held_out : R2 on maneuvers left
-        out, each predicted by the others; NaN with one maneuver.
+    term : that came or went.
+    added : False where it went.
+    F : its partial F ratio.
+    r2 : of the model after the step.
+    pse : predicted squared error.
+    held_out : R2 on maneuvers left out, each predicted by the others; NaN with one maneuver.
     """
 
     term: Term
@@ -82,7 +85,9 @@ class TermColumns:
 
     Attributes
     ----------
-    terms : k. blocks : ``(M, k)`` by maneuver. noises : ``(s, M, k)``, see `noise_columns`.
+    terms : k.
+    blocks : ``(M, k)`` by maneuver.
+    noises : ``(s, M, k)``, see `noise_columns`.
     """
 
     terms: tuple[Term, ...]
@@ -100,7 +105,7 @@ class TermColumns:
     def products(self, histories: Sequence[Histories], axis: str) -> Products:
         """Sums of products with the coefficient ``axis``, and what noise adds to them."""
         rows = [h.coefficients[axis] for h in histories]
-        own = [h.noise_of_coefficient(axis) for h in histories]
+        own = [h.coefficient_noise(axis) for h in histories]
         pairs = list(zip(self.noises, own, strict=True))
         return products_of(self.blocks, rows, self.terms, pairs)
 
@@ -138,11 +143,15 @@ class Selection:
 
     Attributes
     ----------
-    axis : its name. method : ``stepwise`` or ``orthogonal``. steps : in order.
-    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``. ratios : partial F ratio of
-        each beside all others, ``(n,)``.
-    r2, held_out : of the chosen model. rms : of the residual. noise : rms of the noise that the
-        sensors explain.
+    axis : its name.
+    method : ``stepwise`` or ``orthogonal``.
+    steps : in order.
+    terms, values, sigma : chosen, ``(n,)``.
+    covariance : ``(n, n)``.
+    ratios : partial F ratio of each beside all others, ``(n,)``.
+    r2, held_out : of the chosen model.
+    rms : of the residual.
+    noise : rms of the noise that the sensors explain.
     lacking : terms that were not offered and would explain the residual, with their F ratios.
     confounders : weak terms that were chosen because the values of others depend on them.
     alternative : terms added and removed in another model that makes standard deviations clearly
@@ -434,10 +443,14 @@ def select(
 
     Parameters
     ----------
-    histories : of all maneuvers. axis : the coefficient. terms : offered; the constant first.
-    method : ``stepwise`` or ``orthogonal``. further : terms that are not offered, by which a
-        residual is explained that is larger than the noise.
-    columns : of ``terms`` where they are known. hierarchical : see ``stepwise``.
+    histories : of all maneuvers.
+    axis : the coefficient.
+    terms : offered; the constant first.
+    method : ``stepwise`` or ``orthogonal``.
+    further : terms that are not offered, by which a residual is explained that is larger than the
+        noise.
+    columns : of ``terms`` where they are known.
+    hierarchical : see ``stepwise``.
     baseline : increments to a model that has the linear terms, which then need not enter first.
 
     Returns
@@ -512,8 +525,8 @@ def _reported_covariance(
         columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
         for local in (True, False)
     )
-    made_of = [_simpler(products.terms, i) for i in range(len(products.terms))]
-    return averaged_covariance(products, chosen, whole, np.diag(even), linear, made_of)
+    constituents = [_simpler(products.terms, i) for i in range(len(products.terms))]
+    return averaged_covariance(products, chosen, whole, np.diag(even), linear, constituents)
 
 
 def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
@@ -523,7 +536,7 @@ def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, T
 
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:
     """Sum of squares that the noise of the sensors explains, that of the terms' signals as well."""
-    return sum(float(np.sum(h.sigma[axis] ** 2 + h.noise_through(table, axis))) for h in histories)
+    return sum(float(np.sum(h.sigma[axis] ** 2 + h.noise_variance(table, axis))) for h in histories)
 
 
 def _with_lacking(

@@ -121,10 +121,10 @@ def _one_by_one(
         for name in fitted.fit.layout.local
         if name in fitted.system.parameters and not name.startswith("bias_")
     ]
-    levels, begun = noise_levels(fitted.fit), (*fitted.values.own, *({} for _ in records))
+    levels, own_values = noise_levels(fitted.fit), (*fitted.values.own, *({} for _ in records))
     settings = replace(problem.roughly, iterations=20)
     values, sigma = [], []
-    for record, mask, begin in zip(records, masks, begun, strict=False):
+    for record, mask, begin in zip(records, masks, own_values, strict=False):
         shared = fitted.values.shared
         fit = fit_under_held_noise(
             [record],

@@ -15,7 +15,7 @@ from ident.tracing.problem import TraceProblem
 from ident.tracing.wrong_samples import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError
-from sim.record import MOST_MEASURED, Record, refuse_beyond_measure
+from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
 # lower bound of a noise level, as a share of the noise at high frequencies: logged signals are
 # filtered
@@ -28,8 +28,10 @@ class Declared:
 
     Attributes
     ----------
-    problem : with inputs mended and provisional spikes masked. root : the fit.
-    spikes : claims of wrong samples in recorded inputs. steps : the steps taken.
+    problem : with inputs mended and provisional spikes masked.
+    root : the fit.
+    spikes : claims of wrong samples in recorded inputs.
+    steps : the steps taken.
     """
 
     problem: TraceProblem
@@ -49,7 +51,7 @@ def fit_declared(problem: TraceProblem) -> Declared:
     for record in problem.records:
         measured = [name for name in problem.outputs if name in record.output_names]
         angles = [name for name in measured if record[name].unit in ("rad", "rad/s")]
-        refuse_beyond_measure(record, angles, MOST_MEASURED)
+        refuse_beyond_measure(record, angles, LARGEST_MEASURED)
     problem.progress("fitting the declared model", 0.0)
     root = problem.fit((), None)
     if root is None:

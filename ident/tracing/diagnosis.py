@@ -65,8 +65,11 @@ class Requirement:
 
     Attributes
     ----------
-    asked : the tested quantity, in words. value : the number found. bar : the number required.
-    at_least : whether ``bar`` is a minimum; else a maximum. unit : of both.
+    asked : the tested quantity, in words.
+    value : the number found.
+    bar : the number required.
+    at_least : whether ``bar`` is a minimum; else a maximum.
+    unit : of both.
     effects : names of the effects that it keeps from being claimed; empty for all of them.
     """
 
@@ -114,8 +117,10 @@ class Claim:
 
     Attributes
     ----------
-    parameters : by local name. alternatives : names of at most two effects that fit as well.
-    claimed : False marks a hint. reasons : of a hint, why it is not claimed, one sentence each.
+    parameters : by local name.
+    alternatives : names of at most two effects that fit as well.
+    claimed : False marks a hint.
+    reasons : of a hint, why it is not claimed, one sentence each.
     records : numbers, from 0, of the records it acts on; empty if it acts on all.
     by_record : its parameters in each fitted record if the residual is not noise; else empty.
     derivatives_under : declared parameters with this effect, and with each alternative instead, by
@@ -228,19 +233,24 @@ class Diagnosis:
 
     Attributes
     ----------
-    before, after : derivatives of the declared model and of the final one. derived_before,
-    derived_after : frequency, damping, ... error_before, error_after : on ``predictions``;
-    ``held_out`` False where these were fitted. noise_floor : sensor noise by channel: the level of
-    the fit where its residual is white, else estimated from the residual's high
-        frequencies. residual_std : the level of the fit, whatever is in it.
-    tests_before, tests_after : residual tests. steps, candidates : how the search went.
-    scatter : standard deviation of declared parameters between fits of
-    single records, where they were made. modes_before, modes_after : numbers of the modes from
-    which levels of flying qualities follow, None where there are none. stopped : a search used all
-    its fits. trained_before, trained_after : what another record is predicted with. not_met :
-    requirements that were not met, where something is not claimed or not all is explained.
+    before, after : derivatives of the declared model and of the final one.
+    derived_before, derived_after : frequency, damping, ...
+    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
+    noise_floor : sensor noise by channel: the level of the fit where its residual is white, else
+        estimated from the residual's high frequencies.
+    residual_std : the level of the fit, whatever is in it.
+    tests_before, tests_after : residual tests.
+    steps, candidates : how the search went.
+    scatter : standard deviation of declared parameters between fits of single records, where they
+        were made.
+    modes_before, modes_after : numbers of the modes from which levels of flying qualities follow,
+        None where there are none.
+    stopped : a search used all its fits.
+    trained_before, trained_after : what another record is predicted with.
+    not_met : requirements that were not met, where something is not claimed or not all is
+        explained.
     inflation : the factor that differences between records put on sigmas of these parameters,
-    after; those before have one of their own.
+        after; those before have one of their own.
     """
 
     verdict: Verdict

@@ -29,7 +29,9 @@ class WeighedSet:
 
     Attributes
     ----------
-    fitted : the fit. evidence : ln p(data | set). weight : with the set's prior odds.
+    fitted : the fit.
+    evidence : ln p(data | set).
+    weight : with the set's prior odds.
     offset : ``(n,)`` from the fit to the posterior's mode.
     covariance : ``(n, n)`` of the posterior.
     """

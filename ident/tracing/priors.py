@@ -75,7 +75,8 @@ def log_odds(
 
     Parameters
     ----------
-    effects : the set. families : number of members of each family (``family_sizes``).
+    effects : the set.
+    families : number of members of each family (``family_sizes``).
     kinematic : names of effects with kinematic evidence.
     """
     total = 0.0
@@ -122,8 +123,10 @@ class SetPrior:
 
     Attributes
     ----------
-    mean, precision : ``(n,)``; zero precision where it is flat. constant : sum of ln(1/sigma).
-    one_sided : position, side (1 or -1) and bound. ranges : position and ends of plausible values.
+    mean, precision : ``(n,)``; zero precision where it is flat.
+    constant : sum of ln(1/sigma).
+    one_sided : position, side (1 or -1) and bound.
+    ranges : position and ends of plausible values.
     """
 
     mean: np.ndarray

@@ -346,8 +346,11 @@ class Judgement:
 
     Attributes
     ----------
-    best : the set. out : its fit to held-out data. claims : its effects and hints.
-    tests : of its residuals. cautions : reasons to doubt more than the verdict states.
+    best : the set.
+    out : its fit to held-out data.
+    claims : its effects and hints.
+    tests : of its residuals.
+    cautions : reasons to doubt more than the verdict states.
     """
 
     verdict: Verdict

@@ -39,10 +39,12 @@ class Lead:
     Attributes
     ----------
     columns : ``(D, k)`` whitened, all records and outputs below each other.
-    probes : where it is placed, one a record; None where it is absent. shifts : in samples.
-    mean, sigma : ``(k,)`` prior of the columns' factors. own : ``(k,)`` the record that a column
-        belongs to, -1 where all share its factor.
-    price : log prior probability of its place. gain : of log evidence, alone.
+    probes : where it is placed, one a record; None where it is absent.
+    shifts : in samples.
+    mean, sigma : ``(k,)`` prior of the columns' factors.
+    own : ``(k,)`` the record that a column belongs to, -1 where all share its factor.
+    price : log prior probability of its place.
+    gain : of log evidence, alone.
     """
 
     effect: Traceable
@@ -63,9 +65,11 @@ class Prepared:
     Attributes
     ----------
     root : ``(D, n)`` with root root' = A P^-1 A', A the sensitivities, P the posterior's precision.
-    e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
+    e : ``(D,)`` residual at the posterior's mode.
+    rows : those of each record.
     whiten : of a record's number, columns ``(c, a, N)`` and the ``a`` outputs that they belong to
-        makes whitened ones ``(c, a N)``. separate : whether outputs are whitened one by one.
+        makes whitened ones ``(c, a N)``.
+    separate : whether outputs are whitened one by one.
     ranking : the same set by averages of neighbouring samples, where that is less work; places of
         smooth signatures are ranked by it.
     """
@@ -84,8 +88,10 @@ class Place:
 
     Attributes
     ----------
-    gain : of log evidence. probe : whose signature ``own (m, N, k)`` is, before it is moved.
-    shift : samples by which it begins later. prior : mean and sigma ``(k,)`` of the factors.
+    gain : of log evidence.
+    probe : whose signature ``own (m, N, k)`` is, before it is moved.
+    shift : samples by which it begins later.
+    prior : mean and sigma ``(k,)`` of the factors.
     """
 
     gain: float
@@ -149,8 +155,9 @@ def closed_forms(
 
     Parameters
     ----------
-    grams : ``(p, k, k)`` and with_e : ``(p, k)`` of ``k`` columns at ``p`` places, projected off
-        the set's own unknowns. mean, sigma : ``(k,)``.
+    grams, with_e : ``(p, k, k)`` and ``(p, k)`` of ``k`` columns at ``p`` places, projected off
+        the set's own unknowns.
+    mean, sigma : ``(k,)``.
 
     Returns
     -------
@@ -442,7 +449,8 @@ class LinearSet:
 
     Attributes
     ----------
-    gain : of log evidence. weight : the same with the prior odds of the leads and their places.
+    gain : of log evidence.
+    weight : the same with the prior odds of the leads and their places.
     factors : posterior means of the factors of each lead's columns.
     """
 
@@ -469,7 +477,8 @@ def weighed_sets(
 
     Parameters
     ----------
-    ready : the fitted set at which the leads were found. odds : log prior odds of a lead.
+    ready : the fitted set at which the leads were found.
+    odds : log prior odds of a lead.
     together : whether two leads may be in one set.
 
     Returns

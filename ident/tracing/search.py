@@ -70,16 +70,19 @@ class Search:
 
     Attributes
     ----------
-    problem : records and declared model. candidates : effects and catch-all terms to add.
+    problem : records and declared model.
+    candidates : effects and catch-all terms to add.
     base : effects of every set that are never claimed, such as a model discrepancy.
-    title : the noise, in words. discrepancy : of the loads; the search ends if it alone is by far
-    likelier than the best set.
+    title : the noise, in words.
+    discrepancy : of the loads; the search ends if it alone is by far likelier than the best set.
     visited : the fitted sets by the names of their effects, ``base`` included.
-    expanded : sets at which all candidates were scanned. refined : sets tried in
-    refined forms, by their parameters. repeated : sets whose failed fit was repeated.
+    expanded : sets at which all candidates were scanned.
+    refined : sets tried in refined forms, by their parameters.
+    repeated : sets whose failed fit was repeated.
     steps, tried : log of the search.
-    alike : of pairs of names, the largest cosine of their signatures. fits : number of fits.
-    shown : signatures of all candidates, last simulated. rivals : weights of a discrepancy alone.
+    alike : by pairs of names, the largest cosine of their signatures.
+    fits : number of fits.
+    shown, rivals : last simulated signatures of all candidates, weights of a discrepancy alone.
 
     Raises
     ------

@@ -184,11 +184,13 @@ def alternative_outputs(
 
     Parameters
     ----------
-    problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
+    problem : the record laid out for a System.
+    p : ``(np,)`` parameters of the base.
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
-    zero in it. alternatives : ``(np, a)`` all parameters, a column an alternative. known : the
-    number of states of the base; further ones are added. base : its motion under these inputs, if
-    computed before.
+        zero in it.
+    alternatives : ``(np, a)`` all parameters, a column an alternative.
+    known : the number of states of the base; further ones are added.
+    base : its motion under these inputs, if computed before.
 
     Returns
     -------

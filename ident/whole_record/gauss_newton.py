@@ -65,8 +65,10 @@ class Fit:
     Attributes
     ----------
     theta : ``(n,)`` unknowns: the layout's, then the noise model's.
-    lines : outputs and sensitivities of each record. weighted : whitened residuals and
-    sensitivities. counts : ``(m,)`` samples. cost : see the module.
+    lines : outputs and sensitivities of each record.
+    weighted : whitened residuals and sensitivities.
+    counts : ``(m,)`` samples.
+    cost : see the module.
     """
 
     problem: FitProblem
@@ -189,10 +191,12 @@ class _Search:
 
     Attributes
     ----------
-    gain : of log likelihood by the last step taken; none is infinite. near : whether that step was
-    small. idle : trials in a row that changed the likelihood by less than is enough. refused :
-    damping of the last step that was not taken. moves : the last steps with their changes of
-    gradient. curved : whether the noise's levels are unknowns, for which these are used.
+    gain : of log likelihood by the last step taken; none is infinite.
+    near : whether that step was small.
+    idle : trials in a row that changed the likelihood by less than is enough.
+    refused : damping of the last step that was not taken.
+    moves : the last steps with their changes of gradient.
+    curved : whether the noise's levels are unknowns, for which these are used.
     """
 
     problem: FitProblem
@@ -299,8 +303,10 @@ class _Valley:
 
     Attributes
     ----------
-    bare : the fit without sensitivities. slow : gain of log likelihood by the last step.
-    straight : steps until the next curved one. wait : the same after a failure.
+    bare : the fit without sensitivities.
+    slow : gain of log likelihood by the last step.
+    straight : steps until the next curved one.
+    wait : the same after a failure.
     share : of the last successful curved step.
 
     References
@@ -489,13 +495,13 @@ def profile_intervals(
     Parameters
     ----------
     covariance : ``(s, s)`` of the shared parameters as reported; its ratio to that of white
-    residuals widens the threshold. noise_at : returns the noise model started at a theta; None
-    keeps it.
+        residuals widens the threshold.
+    noise_at : returns the noise model started at a theta; None keeps it.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
-    layout, begun = fit.layout, noise_at or (lambda at, theta: at.noise_model)
+    layout, noise_model_at = fit.layout, noise_at or (lambda at, theta: at.noise_model)
     places = {name: layout.shared.index(name) for name in names}
-    refits = partial(_refit, fit, noise_at=begun)
+    refits = partial(_refit, fit, noise_at=noise_model_at)
     return intervals.profile_intervals(
         places, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits
     )

@@ -43,15 +43,18 @@ class FitSettings:
     max_step : longest integration sub-step, s.
     iterations : limit of accepted and rejected steps together.
     tolerance : the fit has converged when a step moves no parameter by more than this share of its
-    sigma. use_priors : add the Gaussian priors of parameters and initial states to the cost.
-    coloured : correct the covariance for residuals that are not white. enough : the fit also ends
-    when a step lowers the cost by less than this: for comparing models it need not be lower. quick
-    : leave out how derivatives move the gains of a filter with process noise: for comparing models,
-    its optimum hardly moves. exact : derivatives by complex steps; ten times dearer than
-    differences, which are good to a millionth. least_damping : of a step where noise levels are
-    unknowns: less is of no use there and would have to be undone after a step too far. Only
-        a motion that grows needs less: what its records know best they know by e^15 better than the
-        rest.
+        sigma.
+    use_priors : add the Gaussian priors of parameters and initial states to the cost.
+    coloured : correct the covariance for residuals that are not white.
+    enough : the fit also ends when a step lowers the cost by less than this: for comparing models
+        it need not be lower.
+    quick : leave out how derivatives move the gains of a filter with process noise: for comparing
+        models, its optimum hardly moves.
+    exact : derivatives by complex steps; ten times dearer than differences, which are good to a
+        millionth.
+    least_damping : of a step where noise levels are unknowns: less is of no use there and would
+        have to be undone after a step too far. Only a motion that grows needs less: what its
+        records know best they know by e^15 better than the rest.
     """
 
     max_step: float = 0.01
@@ -83,11 +86,14 @@ class FitLayout:
 
     Attributes
     ----------
-    problems : the records laid out. shared, local : names of parameters. starts : positions of free
-    initial states. start, low, high : of all unknowns, ``(n,)``. order : positions of shared and
-    local among the System's parameters. prior : None where no unknown has one. used : ``(m,)``
-    outputs with at least one sample. smallest : ``(m,)`` variance below which an output is exact to
-    rounding.
+    problems : the records laid out.
+    shared, local : names of parameters.
+    starts : positions of free initial states.
+    start, low, high : of all unknowns, ``(n,)``.
+    order : positions of shared and local among the System's parameters.
+    prior : None where no unknown has one.
+    used : ``(m,)`` outputs with at least one sample.
+    smallest : ``(m,)`` variance below which an output is exact to rounding.
     """
 
     system: System
@@ -277,7 +283,8 @@ def _states_from_outputs(
 
     Parameters
     ----------
-    known : by position, states that are measured. asked : positions of those to find.
+    known : by position, states that are measured.
+    asked : positions of those to find.
     """
     x0, p = system.initial.values(), system.parameters.values().tolist()
     for i, value in known.items():
@@ -394,8 +401,10 @@ class WeightedResiduals:
     Attributes
     ----------
     residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample
-    is missing. variance : ``(m,)`` of the residuals. cost : minus the log likelihood, without 0.5
-    (1 + ln 2 pi) a sample. filters : one a record, for further columns.
+        is missing.
+    variance : ``(m,)`` of the residuals.
+    cost : minus the log likelihood, without 0.5 (1 + ln 2 pi) a sample.
+    filters : one a record, for further columns.
     """
 
     residuals: tuple[np.ndarray, ...]

@@ -81,10 +81,10 @@ def integration_error(fit: Fit) -> np.ndarray | None:
         for r, problem in enumerate(layout.problems)
     )
     bare = without_sensitivities(FitProblem(replace(layout, problems=finer), fit.noise_model))
-    begun = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
-    if begun is None:
+    coarse_fit = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
+    if coarse_fit is None:
         return None
-    better, gradient = with_exact_trajectory(begun), np.zeros(len(fit.theta))
+    better, gradient = with_exact_trajectory(coarse_fit), np.zeros(len(fit.theta))
     for r, problem in enumerate(layout.problems):
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
         moved = weight * (better.lines[r].y - fit.lines[r].y)
@@ -161,10 +161,10 @@ def _simulated(
         records, known, replace(settings, max_step=0.5 * settings.max_step, use_priors=False)
     )
     bare = without_sensitivities(FitProblem(layout))
-    begun = evaluate(bare, layout.start, layout.guesses(layout.start))
-    if begun is None:
+    first_fit = evaluate(bare, layout.start, layout.guesses(layout.start))
+    if first_fit is None:
         return None
-    lines = with_exact_trajectory(begun).lines
+    lines = with_exact_trajectory(first_fit).lines
     out = []
     for record, line in zip(records, lines, strict=True):
         rows = dict(zip(known.output_names, line.y, strict=True))

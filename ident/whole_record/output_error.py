@@ -62,15 +62,15 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
     converge, it also starts from equation error, provided that the record has all states and no
     priors are used. The first converged fit is returned, else the one of least cost.
     """
-    begun = None
+    first_fit = None
     if layout.shared and layout.prior is None and quiet(layout):
-        begun = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
+        first_fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
     if (
         not layout.shared
         or layout.prior is not None
-        or (begun is not None and not runs_away(begun))
+        or (first_fit is not None and not runs_away(first_fit))
     ):
-        first = fit_whole_records(FitProblem(layout), begun=begun)
+        first = fit_whole_records(FitProblem(layout), begun=first_fit)
         if (
             (first is not None and first.outcome is Outcome.CONVERGED)
             or not layout.shared
@@ -173,10 +173,10 @@ def started_unstable(
     layout = lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or not quiet(layout):
         return None
-    begun = next(from_regression(layout), None)
-    if begun is None or quiet(begun):
+    first_fit = next(from_regression(layout), None)
+    if first_fit is None or quiet(first_fit):
         return None
-    return started_at(system, dict(zip(begun.shared, begun.start.tolist(), strict=False)))
+    return started_at(system, dict(zip(first_fit.shared, first_fit.start.tolist(), strict=False)))
 
 
 def started_at(system: System, values: Mapping[str, float]) -> System:
@@ -278,8 +278,8 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
 def _first_converged(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
     """Return the first converged fit over the starts, else the best of all, ``found`` included."""
     fits = list(found)
-    for begun in (each for some in starts for each in some):
-        fit = fit_whole_records(FitProblem(begun)) if quiet(begun) else fit_unstable(begun)
+    for start in (each for some in starts for each in some):
+        fit = fit_whole_records(FitProblem(start)) if quiet(start) else fit_unstable(start)
         if (
             fit is not None
             and fit.outcome is Outcome.CONVERGED
@@ -353,8 +353,10 @@ def _fitted(
         )
     fit = fit_from_best_start(layout)
     found = failed_estimate(layout) if fit is None else estimate_of(fit)
-    said = "; ".join(sentence for sentence in (said_of_pieces(pieces), found.message) if sentence)
-    return replace(found, fitted=put_together(found.fitted, pieces), message=said)
+    message = "; ".join(
+        sentence for sentence in (said_of_pieces(pieces), found.message) if sentence
+    )
+    return replace(found, fitted=put_together(found.fitted, pieces), message=message)
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -485,9 +487,9 @@ def failed_simulation(
 
     Parameters
     ----------
-    channels : units by name. measured, residuals : of each channel the valid samples of all
-    records, ``(K,)``; measured ones about
-        each record's mean.
+    channels : units by name.
+    measured, residuals : of each channel the valid samples of all records, ``(K,)``; measured ones
+        about each record's mean.
     """
     apart = []
     for values, left in zip(measured, residuals, strict=True):
@@ -502,14 +504,16 @@ def failed_simulation(
     if worst is None:
         return ""
     name, unit, motion, error, _ = worst
-    said = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
+    worst_error = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
     if not error <= RUNAWAY_RESIDUAL_RATIO * motion:
-        return f"the free simulation runs away from the record ({said})"
+        return f"the free simulation runs away from the record ({worst_error})"
     likelier = sum(
         count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known
     )
     return (
-        f"the fit explains nothing: constant levels are likelier ({said})" if likelier > 0.0 else ""
+        f"the fit explains nothing: constant levels are likelier ({worst_error})"
+        if likelier > 0.0
+        else ""
     )
 
 
@@ -578,6 +582,6 @@ def _remedy(fit: Fit) -> str:
         )
     return (
         "check units, signs and the declared values; use records or maneuvers that are shorter or "
-        "smaller; an unstable aircraft that a "
-        "controller holds needs flightid identify --method filter-error or equation-error"
+        "smaller; an unstable aircraft that a controller holds needs flightid identify --method "
+        "filter-error or equation-error"
     )

@@ -136,8 +136,8 @@ def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
     """Return a drive with every row changed; a row that occurs several times (held inputs) is
     changed once.
     """
-    begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
-    return Drive((begun, middle, ended), begin, end)
+    first, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
+    return Drive((first, middle, ended), begin, end)
 
 
 def _changed(lists: Sequence[list[Any]], change: Callable[[Any], Any]) -> list[list[Any]]:
@@ -200,14 +200,14 @@ def _all_edges(
     if len(apart) == c:
         return cross_intervals(problem, starts, drive, p)
     chosen = list(apart)
-    few = [value[chosen] if np.ndim(value) else value for value in p]
+    chosen_values = [value[chosen] if np.ndim(value) else value for value in p]
     fewer = changed_rows(drive, lambda row: row[chosen] if np.ndim(row) == 2 else row)
     place = np.zeros(c, dtype=int)
     place[chosen] = np.arange(len(chosen))
     shape = (len(chosen), starts[0].shape[1])
     return [
         [np.broadcast_to(row, shape)[place] for row in rows]
-        for rows in cross_intervals(problem, [row[chosen] for row in starts], fewer, few)
+        for rows in cross_intervals(problem, [row[chosen] for row in starts], fewer, chosen_values)
     ]
 
 
@@ -284,12 +284,12 @@ def _crossed(
         def mine(row: Any, s: int = s) -> Any:
             return np.ascontiguousarray(row.reshape(*row.shape[:-1], -1, substeps)[..., at, s])
 
-        begun, middle, ended = _changed(drive.stages, mine)
+        first, middle, ended = _changed(drive.stages, mine)
         x = problem.step(
             problem.system.f,
             mine(grid.edges[:-1]),
             x,
-            (begun, middle, ended),
+            (first, middle, ended),
             upright,
             mine(grid.steps),
         )

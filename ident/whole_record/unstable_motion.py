@@ -236,12 +236,12 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
     step; at most ``limit`` steps.
     """
     problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
-    begun = evaluate(
+    first_fit = evaluate(
         problem, layout.start, layout.guesses(layout.start) if guesses is None else guesses
     )
-    if begun is None and guesses is not None:
-        begun = evaluate(problem, layout.start, layout.guesses(layout.start))
-    if begun is None:
+    if first_fit is None and guesses is not None:
+        first_fit = evaluate(problem, layout.start, layout.guesses(layout.start))
+    if first_fit is None:
         return None
 
     def model(at: tuple[Fit, _Projected]) -> LocalModel:
@@ -264,7 +264,7 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
     def settled(at: tuple[Fit, _Projected], model: LocalModel) -> bool:
         return has_converged(model, at[0].theta[:n], settings)
 
-    fit = _with_best_own(begun)
+    fit = _with_best_own(first_fit)
     found = minimise(Descent(model, trial, settled), (fit, _projected(fit)), limit)
     outcome = Outcome.CONVERGED if settled(found.point, found.model) else Outcome.MAX_ITERATIONS
     return replace(with_exact_trajectory(found.point[0]), outcome=outcome, iterations=found.steps)

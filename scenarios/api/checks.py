@@ -552,7 +552,7 @@ def frequency_response(
 
     Raises
     ------
-    InputError : anything in records or arguments that keeps them from being used, in one line.
+    InputError : anything in records or arguments that keeps them from being used.
 
     Examples
     --------

@@ -180,7 +180,7 @@ def design(
 
     Raises
     ------
-    InputError : anything wrong in what is asked, in one line.
+    InputError : anything wrong in what is asked.
 
     Examples
     --------
@@ -344,7 +344,7 @@ def structure(
 
     Raises
     ------
-    InputError : anything in records or file that keeps them from being used, in one line.
+    InputError : anything in records or file that keeps them from being used.
 
     References
     ----------

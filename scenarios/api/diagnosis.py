@@ -44,7 +44,7 @@ from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
     derivatives_table,
-    drifts,
+    drift_phrases,
     effects_table,
     outlying,
     survey_text,
@@ -300,11 +300,12 @@ def diagnose(
     Parameters
     ----------
     records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers, hold, rate,
-    lowpass, trust_record, aircraft_class,
-        category : as in ``identify``.
+        lowpass, trust_record, aircraft_class, category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of
-    one. effects : effects of your own, or the path of a Python file with them. effort :
-    ``"normal"`` or ``"thorough"``. progress : called with the stage and the share done, 0 to 1.
+        one.
+    effects : effects of your own, or the path of a Python file with them.
+    effort : ``"normal"`` or ``"thorough"``.
+    progress : called with the stage and the share done, 0 to 1.
 
     Raises
     ------
@@ -381,7 +382,7 @@ class Survey:
     @property
     def trends(self) -> tuple[str, ...]:
         """Derivatives that change with a flight condition, one sentence each."""
-        return tuple(drifts(self.details))
+        return tuple(drift_phrases(self.details))
 
     @property
     def standing_out(self) -> tuple[tuple[str, str, float], ...]:
@@ -475,7 +476,7 @@ def survey(
 
     Raises
     ------
-    InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
+    InputError : anything wrong in the file. A flight that cannot be used is told in
         ``failed``.
 
     Examples

@@ -517,7 +517,7 @@ def predict(
 
     Raises
     ------
-    InputError : the folder keeps no model, or the record cannot be used, in one line.
+    InputError : the folder keeps no model, or the record cannot be used.
 
     Examples
     --------

@@ -162,7 +162,7 @@ class Record:
             return replace(self, file=rows_of_file(self.file, start, stop))
 
     def resample(self, rate: float) -> Record:
-        """Return the record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
+        """Return the record at a lower rate, after a zero-phase low-pass at 0.4 times that rate.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Record:
         return self._filtered(rate=rate)
 
     def lowpass(self, corner: float) -> Record:
-        """Return the record behind one zero-phase Butterworth low-pass, the same for all channels.
+        """Return the record after one zero-phase Butterworth low-pass, the same for all channels.
 
         Parameters
         ----------
@@ -315,7 +315,7 @@ def read_record(
 
     Raises
     ------
-    InputError : it is no record, has no time, or what is said of it does not fit, in one line.
+    InputError : it is no record, has no time, or what is said of it does not fit.
 
     Examples
     --------

@@ -113,7 +113,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
                     ChannelColumn(
                         choice.unit or split_header(cell)[1] or under[index] or "1",
                         cell,
-                        partial(_raw, file, index),
+                        partial(raw_column, file, index),
                     ),
                 )
     for index, cell in enumerate(file.table.header):
@@ -133,7 +133,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             )
             taken[index] = (
                 name if name not in CHANNEL_UNITS else cell,
-                ChannelColumn(shown_unit, cell, partial(_raw, file, index)),
+                ChannelColumn(shown_unit, cell, partial(raw_column, file, index)),
             )
     clock = clock_place(file.table)
     return {
@@ -199,24 +199,24 @@ def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
     table, where = file.table, f"{file.table.file}, units"
     columns = {choice.column for choice in file.choices.values()}
     for name, unit in units.items():
-        said = {
+        stated_units = {
             cell: split_header(cell)[1] or (table.units[i] if table.units else "")
             for i, cell in enumerate(table.header)
             if _called(cell, name)
         }
         suffixed = [cell for cell in table.header if suffix_unit(cell, name) is not None]
-        if not said and suffixed:
+        if not stated_units and suffixed:
             raise RecordError(
                 f"column {suffixed[0]!r} says its unit itself",
                 where=where,
                 remedy="leave the unit out, or rename the column",
             )
-        if not said and name not in columns:
+        if not stated_units and name not in columns:
             names = [split_header(cell)[0] for cell in table.header if cell]
             raise RecordError(
                 f"there is no column {name!r}", where=where, remedy=closest(name, names)
             )
-        for told in (told for told in said.values() if told and told != unit):
+        for told in (told for told in stated_units.values() if told and told != unit):
             what = f"column {name!r} is in {told}, as it says itself, not in {unit}"
             raise RecordError(what, where=where, remedy="leave one of the two out")
 
@@ -234,10 +234,6 @@ def _found(file: RecordFile, name: str) -> Found | None:
 
 def _channel(file: RecordFile, name: str) -> np.ndarray:
     return read_record(file, (), (name,)).outputs[0].with_gaps()
-
-
-def _raw(file: RecordFile, index: int) -> np.ndarray:
-    return raw_column(file, index)
 
 
 def _numeric(file: RecordFile, index: int) -> bool:
@@ -525,8 +521,8 @@ def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
 
 
 def _attributes(record: Recorded) -> dict[str, Any]:
-    said = {"hold": record.hold} if record.file.sidecar.says_hold else {}
-    return {"name": record.name, **said, "inputs": list(record.input_names)}
+    stated_hold = {"hold": record.hold} if record.file.sidecar.says_hold else {}
+    return {"name": record.name, **stated_hold, "inputs": list(record.input_names)}
 
 
 def to_pandas(record: Recorded) -> pandas.DataFrame:

@@ -538,12 +538,22 @@ def campaign(
     if kind != IDENTIFICATION:
         what = f"there is no campaign of a scenario of kind {kind}"
         raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
-    manner = Execution(jobs, None if out is None else path_given(out), resume, cluster, time_limit)
+    execution = Execution(
+        jobs, None if out is None else path_given(out), resume, cluster, time_limit
+    )
     document, short, where = load_document(text, changes_of(set))
-    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    rebuilt_scenario = Rebuilt(
+        {key: value for key, value in document.items() if key != "kind"}, short, where
+    )
     with named_after(where):
         found = campaigns.fly_campaign(
-            again.scenario(), count, seed_of(seed), method or "main", no_progress, manner, again
+            rebuilt_scenario.scenario(),
+            count,
+            seed_of(seed),
+            method or "main",
+            no_progress,
+            execution,
+            rebuilt_scenario,
         )
     if len(found.seeds) < found.asked:
         # a program must not go on as if all had

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
-# An option with its value, a word, and a command with the files and options behind it.
+# An option with its value, a word, and a command with the files and options after it.
 _WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
 _COMMAND = re.compile(
     r"\bflightid ([a-z]+)"

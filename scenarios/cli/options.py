@@ -148,7 +148,7 @@ Rate = Annotated[
     valued(
         "--rate",
         "HZ",
-        "Resample all channels to this rate behind one filter; of a record without a clock: "
+        "Resample all channels to this rate after one filter; of a record without a clock: "
         "its rate.",
     ),
 ]

@@ -485,7 +485,7 @@ WatchMargins = Annotated[
     ),
 ]
 WatchInputs = Annotated[
-    list[str] | None, valued("--input", "A", "With --margins: the command behind the sum.")
+    list[str] | None, valued("--input", "A", "With --margins: the command after the sum.")
 ]
 WatchOutputs = Annotated[
     list[str] | None, valued("--output", "B", "With --margins: the signal that returns.")

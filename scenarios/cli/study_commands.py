@@ -183,7 +183,7 @@ def campaign(
             run_campaign if isinstance(what, str) else own_campaign,
             runs=runs,
             seed=seed,
-            manner=Execution(jobs, target.out, resume, cluster, time_limit),
+            execution=Execution(jobs, target.out, resume, cluster, time_limit),
             changes=changes or [],
             figures=target.figures,
             levels=noise_levels,

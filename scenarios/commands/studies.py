@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 def compare_studies(
     studies: Sequence[str], out: Path | None, every: bool, figures: Formats
 ) -> None:
-    """Studies side by side, read from their folders: print the tables, and write them with figures
-    where a folder is named.
+    """Compare studies, read from their folders: print the tables, and write them with figures if a
+    folder is named.
 
     Raises
     ------
@@ -142,12 +142,13 @@ def run_scenarios(
     changes: Sequence[str],
     figures: Formats,
     *,
-    told: bool = True,
+    print_folder: bool = True,
     progress: bool = True,
 ) -> None:
     """Run scenarios one after the other; several get separate folders under ``out``.
 
-    ``told``: print the folder. ``progress``: show progress. After Ctrl-C, finished studies remain.
+    ``print_folder``: print the folder. ``progress``: show progress. After Ctrl-C, finished studies
+    remain.
     """
     from scenarios.studies.catalogue import scenario_kind
 
@@ -158,28 +159,30 @@ def run_scenarios(
     folders = [
         None if out is None else out if len(runners) == 1 else out / short for short in shorts
     ]
-    begun = time.monotonic()
+    started = time.monotonic()
     for done, (name, folder, runner) in enumerate(zip(names, folders, runners, strict=True)):
         try:
             with progress_bar(
-                progress, counted=runner.counted, before=(done, len(names), begun)
+                progress, counted=runner.counted, before=(done, len(names), started)
             ) as tell:
                 tell(name, 0.0)
                 study = _studied(runner, name, seed, folder, figures, tell)
         except KeyboardInterrupt as stopped:
             raise KeyboardInterrupt(
-                "; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))
+                "; ".join(
+                    filter(None, (str(stopped), _kept(folders[:done], len(names), print_folder)))
+                )
             ) from None
-        runner.show(study, details_in(folder if told else None))
-        if folder is not None and told:
+        runner.show(study, details_in(folder if print_folder else None))
+        if folder is not None and print_folder:
             print(written_to(folder))
 
 
-def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
+def _kept(folders: Sequence[Path | None], of: int, print_folder: bool) -> str:
     """Return a sentence on the results that remain if ``run`` is stopped; empty if there are
     none.
     """
-    if not folders or not told:
+    if not folders or not print_folder:
         return ""
     written = [str(folder) for folder in folders if folder is not None]
     return (
@@ -196,7 +199,7 @@ def _studied(
     figures: Formats,
     tell: Progress,
 ) -> Any:
-    """Run, and write where a folder is named; the study."""
+    """Run a scenario, write it if a folder is named, and return the study."""
     from scenarios.studies.catalogue import scenario_file
 
     with named_after(scenario_file(name)):
@@ -207,8 +210,8 @@ def _studied(
 
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
-    """Return the JSON documents of such a run by their paths in its folder: of a comparison its
-    own, else one a study.
+    """Return the paths of the JSON documents that ``run`` writes, relative to its folder: one for a
+    comparison, else one a study.
     """
     if compare:
         return ["compared.json"]
@@ -249,7 +252,9 @@ def run_and_compare(
         compare_studies([str(out / short) for short in shorts], out, False, figures)
         return
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        run_scenarios(names, seed, Path(scratch), changes, (), told=False, progress=progress)
+        run_scenarios(
+            names, seed, Path(scratch), changes, (), print_folder=False, progress=progress
+        )
         print()
         compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
 
@@ -257,8 +262,8 @@ def run_and_compare(
 def simulate(
     what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
 ) -> list[Path]:
-    """Write the record of a scenario, or of a flight of a user's own model, its truth left out; the
-    files.
+    """Write the record of a scenario, or of a flight of a user's own model, without the truth;
+    return the files.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.studies.catalogue import scenario_kind
@@ -270,23 +275,27 @@ def simulate(
     try:
         if not isinstance(what, str):
             return simulate_own(what, out, seed, changes)
-        whole = {"trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
-        if whole is not None:
-            return whole(what, out, seed, changes)
+        write_flight = {"trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
+        if write_flight is not None:
+            return write_flight(what, out, seed, changes)
         record = flown_record(what, seed, changes)
-        named = _flown_vehicle(what)
+        vehicle_name = _flown_vehicle(what)
         vehicle = out.parent / f"{out.stem}_vehicle.toml"
-        own = named.endswith(AIRCRAFT_SUFFIX)  # a file, which goes with the record
+        own = vehicle_name.endswith(AIRCRAFT_SUFFIX)  # a file, which goes with the record
         with files_together(out) as scratch:
             written = write_record(scratch, record, out.stem, simulated=True)
             if own:
-                write_text(scratch / vehicle.name, Path(named).read_text(encoding="utf-8"))
+                write_text(scratch / vehicle.name, Path(vehicle_name).read_text(encoding="utf-8"))
         if own:
             command = ["identify", str(out), "--model", "aircraft", "--vehicle", str(vehicle)]
             print(f"written: {out.name} and {vehicle.name} (for --vehicle), with true values")
             print(f"next: flightid {shlex.join(command)}")
         else:
-            words = f"; --vehicle {named} names its vehicle, with true values" if named else ""
+            words = (
+                f"; --vehicle {vehicle_name} names its vehicle, with true values"
+                if vehicle_name
+                else ""
+            )
             print(f"written: {out.name}{words}")
         return [*(out.parent / path.name for path in written), *([vehicle] if own else [])]
     except OSError as error:
@@ -332,30 +341,34 @@ def own_campaign(
     asked: OwnFlight,
     runs: int,
     seed: int | None,
-    manner: Execution,
+    execution: Execution,
     changes: Sequence[str],
     figures: Formats = USUAL,
     *,
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """The same of a user's own model in a flight that the command line describes."""
+    """Run a campaign as ``run_campaign``, of a user's model in a flight that the command line
+    describes.
+    """
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
-    again = Rebuilt(
+    rebuilt_scenario = Rebuilt(
         with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model
     )
-    scenario = scenario_of(again.document, again.name, again.where)
-    _run(scenario, again, runs, seed, manner, figures, levels=levels, progress=progress)
+    scenario = scenario_of(rebuilt_scenario.document, rebuilt_scenario.name, rebuilt_scenario.where)
+    _run(
+        scenario, rebuilt_scenario, runs, seed, execution, figures, levels=levels, progress=progress
+    )
 
 
 def run_campaign(
     name: str,
     runs: int,
     seed: int | None,
-    manner: Execution,
+    execution: Execution,
     changes: Sequence[str],
     method: str | None = None,
     figures: Formats = USUAL,
@@ -363,11 +376,12 @@ def run_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of
-    estimators by one ``method``, else its main.
+    """Run a campaign of a scenario of estimators by one ``method``, print it, and write
+    ``campaign.json`` and the runs into ``execution.out``.
 
-    ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing
-    is shown of how far it is. Ctrl-C leaves the table of the runs that had ended.
+    ``method``: the main one of the scenario when None. ``levels``: noise levels by likelihood even
+    where no sigma is wrong. ``progress``: show progress. After Ctrl-C, the runs that had ended are
+    printed and written.
     """
     from scenarios.studies.catalogue import (
         IDENTIFICATION,
@@ -384,13 +398,15 @@ def run_campaign(
         what = f"there is no campaign of a scenario of kind {kind}"
         raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
     document, short, where = load_document(name, changes)
-    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    rebuilt_scenario = Rebuilt(
+        {key: value for key, value in document.items() if key != "kind"}, short, where
+    )
     _run(
         load_scenario(name, changes),
-        again,
+        rebuilt_scenario,
         runs,
         seed,
-        manner,
+        execution,
         figures,
         method or "main",
         levels=levels,
@@ -399,7 +415,7 @@ def run_campaign(
 
 
 def refuse_method(method: str | None) -> None:
-    """Raise DeclarationError if a method is named for what has one alone."""
+    """Raise DeclarationError if a method is named for a campaign that has only one."""
     if method is not None:
         raise DeclarationError(
             "this campaign has no methods to choose from", where="--method", remedy="leave it out"
@@ -408,20 +424,20 @@ def refuse_method(method: str | None) -> None:
 
 def _run(
     scenario: Scenario,
-    again: Rebuilt,
+    rebuilt_scenario: Rebuilt,
     runs: int,
     seed: int | None,
-    manner: Execution,
+    execution: Execution,
     figures: Formats,
     method: str = "main",
     *,
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    with named_after(again.where), progress_bar(progress) as tell:
-        campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
+    with named_after(rebuilt_scenario.where), progress_bar(progress) as tell:
+        campaign = fly_campaign(scenario, runs, seed, method, tell, execution, rebuilt_scenario)
         judgement, ended = _assessed(campaign, levels, tell)
-    out = manner.out
+    out = execution.out
     print_campaign(campaign, details=details_in(out), judgement=judgement)
     if out is not None:
         write_campaign(campaign, judgement, out, figures=figures)
@@ -474,8 +490,8 @@ def design_maneuver(
 
 
 def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
-    """Make ``report.html`` of each folder again and say where it is; ``tables``: write its tables
-    as Markdown, LaTeX and XLSX as well; ``pdf``: print it as ``report.pdf``.
+    """Make ``report.html`` of each folder again and say where it is; ``tables``: write
+    its tables as Markdown, LaTeX and XLSX as well; ``pdf``: print it as ``report.pdf``.
 
     Raises FlightidError for the first folder that has no content of a page.
     """

@@ -131,7 +131,7 @@ def check_files(request: Request) -> CompatibilityCheck:
 
     Raises
     ------
-    FlightidError : anything in the files that keeps them from being used, in one line.
+    FlightidError : anything in the files that keeps them from being used.
     """
     refuse_twice(request.records)
     beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
@@ -268,7 +268,7 @@ def record_to_check(
             remedy=f"name its columns so beside {TIME}, or give --channels a map",
         )
     record, of_filter = filtered(record, plan)
-    return record, tuple(said for said in (*notes, of_speed, of_filter) if said), look
+    return record, tuple(note for note in (*notes, of_speed, of_filter) if note), look
 
 
 def _unwrapped(record: Record) -> Record:
@@ -310,5 +310,5 @@ def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, st
     speed = np.sqrt(
         2.0 * np.maximum(np.where(pressure.valid, pressure.values, np.nan), 0.0) / density
     )
-    said = f"{record.name}: {MADE_OF_PRESSURE}, in air of {density:g} kg/m3"
-    return replace(rest, outputs=(*rest.outputs, Channel.of("airspeed", "m/s", speed))), said
+    note = f"{record.name}: {MADE_OF_PRESSURE}, in air of {density:g} kg/m3"
+    return replace(rest, outputs=(*rest.outputs, Channel.of("airspeed", "m/s", speed))), note

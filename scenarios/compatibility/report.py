@@ -84,7 +84,8 @@ WORDS = {
     "lag": "{} lags with {} s",
     "scale": "{} reads {} times the true value",
     "drift": "{} drifts by {}",
-} | {"bias": "{} reads {} too much"}
+    "bias": "{} reads {} too much",
+}
 # Of a positive and of a negative arm.
 PLACES = {
     "arm": ("ahead of", "behind"),
@@ -129,11 +130,11 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
     """Return the summary: records, relations, accepted faults with sizes, remaining noise."""
     result, lines = check.result, finding_lines(check)
     samples = sum(len(record) for record in check.records)
-    said: set[str] = set()
+    named_faults: set[str] = set()
     standing: list[str] = []
     for finding in result.findings:
-        if finding.stands and finding.name not in said:
-            said |= {finding.name, *finding.group}
+        if finding.stands and finding.name not in named_faults:
+            named_faults |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
     sentences = [
         line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")
@@ -166,10 +167,10 @@ def _noise(check: CompatibilityCheck) -> str:
 def finding_lines(check: CompatibilityCheck) -> list[str]:
     """Return the accepted findings in sentences, and where the two methods disagree."""
     result, lines = check.result, []
-    said: set[str] = set()
+    named: set[str] = set()
     for finding in result.findings:
-        if finding.stands and finding.name not in said:
-            said |= {finding.name, *finding.group}
+        if finding.stands and finding.name not in named:
+            named |= {finding.name, *finding.group}
             other = equivalent_constant(check, finding)
             lines.append(f"fault found: {sentence(finding)}{f'; {other}' if other else ''}")
             lines += [said_of] if (said_of := odds(finding, result.findings)) else []
@@ -485,7 +486,7 @@ def _equivalents(check: CompatibilityCheck) -> list[str]:
         for finding in check.result.findings
         if finding.stands
     ]
-    return [f"{name}: {said}" for name, said in found if said]
+    return [f"{name}: {sentence}" for name, sentence in found if sentence]
 
 
 def _result(check: CompatibilityCheck, result: CheckResult) -> dict[str, Any]:

@@ -59,7 +59,7 @@ from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.preparation.declared_model import step_for
-from scenarios.preparation.filtering import Parted, parts_of, put_together
+from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED, WHOLE, Plan, Request
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
 from sim.declaration.model import Model
@@ -374,7 +374,7 @@ def diagnose_files(
 
     Raises
     ------
-    FlightidError : anything in the files that keeps them from being used, in one line.
+    FlightidError : anything in the files that keeps them from being used.
     """
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
@@ -393,9 +393,9 @@ def diagnose_files(
     candidates = tuple(  # a sensor that is not recorded cannot be what is missing
         each for each in candidates if each in own or getattr(each, "channel", "") not in absent
     )
-    if said := right_clock(posed.measured):
+    if note := right_clock(posed.measured):
         candidates = tuple(each for each in candidates if each.name != CLOCK)
-        posed = replace(posed, notes=(*posed.notes, said))
+        posed = replace(posed, notes=(*posed.notes, note))
     run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
 
@@ -492,7 +492,9 @@ class _Study:
         )
 
 
-def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple[Prediction, ...]:
+def _whole(
+    predictions: Sequence[Prediction], parted: Sequence[PartedRecord]
+) -> tuple[Prediction, ...]:
     """Return the predictions with the parts of each record that was named for it put together."""
     if not parted:
         return tuple(predictions)

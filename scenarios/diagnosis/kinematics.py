@@ -118,13 +118,15 @@ def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFindi
     """Return one kinematic fault of each group without a claim or an equivalent claim."""
     from sim.effects.library import traits_of
 
-    said = {name for claim in claims for name in (claim.name, *claim.alternatives)}
-    said |= {twin for name in tuple(said) if not _is_sensor(name) for twin in traits_of(name).twins}
+    named = {name for claim in claims for name in (claim.name, *claim.alternatives)}
+    named |= {
+        twin for name in tuple(named) if not _is_sensor(name) for twin in traits_of(name).twins
+    }
     out = []
     for finding in kinematics.result.findings if kinematics.result is not None else ():
-        if finding.stands and not said.intersection((finding.name, *finding.group)):
+        if finding.stands and not named.intersection((finding.name, *finding.group)):
             out.append(finding)
-            said |= {finding.name, *finding.group}
+            named |= {finding.name, *finding.group}
     return out
 
 
@@ -307,7 +309,7 @@ def worth_of(item: SensorEstimate | SensorFinding) -> float:
     """
     from ident.compatibility.kinematics import SensorFault
 
-    return SensorFault(item.channel, item.kind).worth
+    return SensorFault(item.channel, item.kind).smallest_finding
 
 
 def _differ(a: Quantity, b: Quantity, worth: float) -> bool:
@@ -456,9 +458,9 @@ def _level(
         unbanked = replace(
             record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
         )
-        said = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
-        notes += said
-        kept += [] if said else [record]
+        sentences = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
+        notes += sentences
+        kept += [] if sentences else [record]
     return kept, notes
 
 

@@ -34,7 +34,7 @@ from scenarios.files.user_models import (
 )
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, outputs_with_bias
-from scenarios.preparation.filtering import Parted
+from scenarios.preparation.filtering import PartedRecord
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
 from scenarios.preparation.plausibility import split_off
 from scenarios.preparation.recording import RecordCheck
@@ -335,7 +335,7 @@ class Posed:
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
     look: RecordCheck
-    parted: tuple[Parted, ...] = ()
+    parted: tuple[PartedRecord, ...] = ()
     measured: tuple[Record, ...] = ()
 
 

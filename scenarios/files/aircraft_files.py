@@ -153,8 +153,8 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
         for name, value in laid_down[table].items()
         if value is not True
     }
-    begun = {name: value for name, value in starts.items() if name not in given}
-    with_starts = {**laid_down, "derivatives": begun}
+    free_starts = {name: value for name, value in starts.items() if name not in given}
+    with_starts = {**laid_down, "derivatives": free_starts}
     constraints = take_constraints(with_starts, units, path)
     refuse_nothing_left(constraints, list(units), path)
     return aircraft.with_values(with_starts["derivatives"]), constraints

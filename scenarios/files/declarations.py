@@ -36,7 +36,7 @@ _LIMITS = {
 }
 # Order of errors: a misspelt key is both unknown and missing.
 _ORDER = ("extra_forbidden", "missing")
-# of a value that may be several: pydantic puts them behind the key
+# of a value that may be several: pydantic puts them after the key
 _KINDS = ("float", "int", "str", "constrained-str")
 
 

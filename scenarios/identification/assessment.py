@@ -27,7 +27,7 @@ from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
-from scenarios.preparation.filtering import Parted, parts_of, put_together
+from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
@@ -185,13 +185,13 @@ def profiled(
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
         # Priors stay where the file's starts are: only a fit without them may begin elsewhere.
-        begun = (
+        start_system = (
             system
             if settings.use_priors
             else replace(system, parameters=system.parameters.with_values(known))
         )
         found, _ = frequency_fit(
-            records, begun, FrequencySettings(band, settings.use_priors), delays=delays
+            records, start_system, FrequencySettings(band, settings.use_priors), delays=delays
         )
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
@@ -199,12 +199,12 @@ def profiled(
     pieces = [
         piece for each in in_pieces(records, calm or system, settings, local) for piece in each
     ]
-    begun = (
+    start_system = (
         system
         if settings.use_priors
         else replace(system, parameters=system.parameters.with_values(known))
     )
-    layout = lay_out(pieces, begun, settings, local=local)
+    layout = lay_out(pieces, start_system, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
         from ident.process_noise.innovations_model import noise_started_at
@@ -409,7 +409,7 @@ def record_fits(
     )
 
 
-def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[RecordFit, ...]:
+def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[PartedRecord]) -> tuple[RecordFit, ...]:
     """The fits with the parts of each record that was predicted put together: the errors are those
     of all its parts."""
     fitted, held = [fit for fit in fits if not fit.held_out], [fit for fit in fits if fit.held_out]
@@ -419,7 +419,7 @@ def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[Re
     )
 
 
-def _whole(parted: Parted, parts: Sequence[RecordFit]) -> RecordFit:
+def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
     record, (rows,) = put_together(
         parted, [part.record for part in parts], [[part.simulated for part in parts]]
     )

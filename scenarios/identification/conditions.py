@@ -211,9 +211,9 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
     if outcome is not Outcome.CONVERGED:
         hint = advice(vehicle.model, estimate)
         sentences.append(f"{outcome.value}; {hint}" if hint else outcome.value)
-    sentences += [said] if (said := coloured(estimate)) else []
+    sentences += [caution] if (caution := coloured(estimate)) else []
     if vehicle.model in AIRCRAFT:
-        sentences += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
+        sentences += [caution] if (caution := contradicted(rows, vehicle.derivatives)) else []
     return tuple(sentences)
 
 

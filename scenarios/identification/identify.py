@@ -154,7 +154,7 @@ def identify(
     if vehicle.model == "loes" and method == "ekf":
         _refuse_uncertainty(vehicle)
         return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
-    model, records, held_out, said = _declared(
+    model, records, held_out, weight_note = _declared(
         model or model_of_file(vehicle), records, held_out, vehicle, method
     )
     outputs = _measured(model, records)
@@ -200,7 +200,7 @@ def identify(
         _fixed(biased, model.ties),
         tests,
         tuple(others),
-        notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
+        notes=(*filter(None, (weight_note, estimate.message)), *_laid_down(vehicle, model)),
         cautions=(
             *cautions,
             *(record_cautions(records, tests, alone) if method in SIMULATED else ()),
@@ -261,8 +261,8 @@ def _declared(
     if not uses_attitude(vehicle, method):
         model, every = without_theta(model, [*records, *held_out])
         records, held_out = every[: len(records)], every[len(records) :]
-    model, said = with_weight_if_needed(model, records, _measured(model, records))
-    return model, records, held_out, said
+    model, weight_note = with_weight_if_needed(model, records, _measured(model, records))
+    return model, records, held_out, weight_note
 
 
 def _measured(model: Model, records: Sequence[Record]) -> list[str]:
@@ -426,7 +426,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
 
     Raises
     ------
-    FlightidError : anything asked or in the files that keeps them from being used, in one line.
+    FlightidError : anything asked or in the files that keeps them from being used.
     """
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:

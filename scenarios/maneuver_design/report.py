@@ -310,8 +310,8 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
 
 RULE = (
     "A maneuver decides where the loop would find the effect that acts and prefer it to the other "
-    "by more than the three units of twice the log "
-    "likelihood below which it calls two names ambiguous"
+    "by more than the three units of twice the log likelihood below which it calls two names "
+    "ambiguous"
 )
 
 

@@ -259,18 +259,20 @@ PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": 
 
 # Default noise standard deviations, SI and g.
 INSTRUMENTS: Mapping[str, float] = {
-    **{
-        "alpha": 0.0012,
-        "q": 0.0015,
-        "nz": 0.012,
-        "beta": 0.0012,
-        "p": 0.0015,
-        "r": 0.0015,
-        "phi": 0.0015,
-        "ny": 0.005,
-    },
-    **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
-    **{"ax": 0.04, "ay": 0.05, "az": 0.12},
+    "alpha": 0.0012,
+    "q": 0.0015,
+    "nz": 0.012,
+    "beta": 0.0012,
+    "p": 0.0015,
+    "r": 0.0015,
+    "phi": 0.0015,
+    "ny": 0.005,
+    "airspeed": 0.2,
+    "theta": 0.0015,
+    "nx": 0.004,
+    "ax": 0.04,
+    "ay": 0.05,
+    "az": 0.12,
 }
 NOISE_SHARE = 0.01  # user models: noise over the largest response to doublets
 SAMPLE_RATE = 50.0  # samples a second
@@ -343,15 +345,12 @@ def setting_of(request: DesignRequest) -> Setting:
 
     Raises
     ------
-    DeclarationError : anything wrong in the files or texts, a model without an input, in one line.
+    DeclarationError : anything wrong in the files or texts, a model without an input.
     """
     vehicle = read_vehicle(request.vehicle, request.model)
     model = model_of_file(vehicle).with_noise(Noise())
     if not model.equations.inputs:
-        what = (
-            f"the {model.name} model has no input to design: what it does follows from where it "
-            "begins"
-        )
+        what = f"the {model.name} model has no input to design: its start determines its motion"
         raise DeclarationError(
             what,
             where="--model",

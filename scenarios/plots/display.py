@@ -35,29 +35,24 @@ MEASURED_DATA, SIMULATED_DATA = "measured", "simulated record"
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
 _SIGNALS = {
-    **{
-        "alpha": r"$\alpha$",
-        "q": "$q$",
-        "nz": "$n_z$",
-        "theta": r"$\theta$",
-        "airspeed": "$V$",
-        "nx": "$n_x$",
-    },
-    **{
-        "beta": r"$\beta$",
-        "p": "$p$",
-        "r": "$r$",
-        "phi": r"$\phi$",
-        "ny": "$n_y$",
-        "psi": r"$\psi$",
-        "height": "height $h$",
-    },
-    **{
-        "elevator": r"elevator $\delta_e$",
-        "aileron": r"aileron $\delta_a$",
-        "rudder": r"rudder $\delta_r$",
-    },
-    **{"thrust": "thrust $T$", "stick": r"stick $\delta_p$"},
+    "alpha": r"$\alpha$",
+    "q": "$q$",
+    "nz": "$n_z$",
+    "theta": r"$\theta$",
+    "airspeed": "$V$",
+    "nx": "$n_x$",
+    "beta": r"$\beta$",
+    "p": "$p$",
+    "r": "$r$",
+    "phi": r"$\phi$",
+    "ny": "$n_y$",
+    "psi": r"$\psi$",
+    "height": "height $h$",
+    "elevator": r"elevator $\delta_e$",
+    "aileron": r"aileron $\delta_a$",
+    "rudder": r"rudder $\delta_r$",
+    "thrust": "thrust $T$",
+    "stick": r"stick $\delta_p$",
 }
 _SYMBOLS = {
     "inv_tau": r"$1/\tau$",
@@ -70,13 +65,25 @@ _SYMBOLS = {
 }
 # Nested subscripts are flattened: they would be too small in tick labels.
 _ARGUMENTS = {
-    **{"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0", "V": "V"},
-    **{"beta": r"\beta", "p": "p", "r": "r", "da": r"\delta a", "dr": r"\delta r"},
+    "alpha": r"\alpha",
+    "q": "q",
+    "de": r"\delta e",
+    "delta": r"\delta",
+    "0": "0",
+    "V": "V",
+    "beta": r"\beta",
+    "p": "p",
+    "r": "r",
+    "da": r"\delta a",
+    "dr": r"\delta r",
 }
 # Names of signals in products, as in parameter names.
 _FACTORS = {
     **{name: _ARGUMENTS[name] for name in ("alpha", "beta", "p", "q", "r")},
-    **{"elevator": r"\delta e", "aileron": r"\delta a", "rudder": r"\delta r", "mach": "M"},
+    "elevator": r"\delta e",
+    "aileron": r"\delta a",
+    "rudder": r"\delta r",
+    "mach": "M",
 }
 
 

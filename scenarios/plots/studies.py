@@ -168,7 +168,7 @@ def figure_coverage(
         for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
             share, low, high = row.shares[at]
             covered = low <= expected <= high
-            said = (
+            legend = (
                 "95 % interval"
                 if covered
                 else "95 % interval without the normal distribution's share"
@@ -179,7 +179,7 @@ def figure_coverage(
                 "-",
                 color=BLUE if covered else VERMILION,
                 linewidth=1.4,
-                label=said,
+                label=legend,
             )
             panel.plot(
                 [share],

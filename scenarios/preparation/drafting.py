@@ -30,7 +30,7 @@ COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
 # PX4 columns with the type of vehicle, and the number of a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
-SPELT = {  # Units as they stand behind a name without brackets.
+SPELT = {  # Units as they stand after a name without brackets.
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
@@ -379,23 +379,23 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     path = f"{topic.name}.{cell}" if topic.name else cell
     inside = CHANNEL_UNITS[channel]
     reason = f"named {split_header(cell)[0]}"
-    said = stated_unit(topic.table, index)
+    stated = stated_unit(topic.table, index)
     if channel == TIME:
-        if said is not None and not _converts(said, inside):
+        if stated is not None and not _converts(stated, inside):
             # The brackets hold the name of a message or a sensor.
-            said = next(
+            stated = next(
                 (unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")),
                 None,
             )
         return Guess(
             channel,
-            ColumnChoice(path, said),
-            f"{reason}; its unit: {said or 'by the rate of the rows'}",
+            ColumnChoice(path, stated),
+            f"{reason}; its unit: {stated or 'by the rate of the rows'}",
         )
-    if said is None:
-        said = _suffix(cell)
-    if said is not None and _converts(said, inside):
-        return Guess(channel, ColumnChoice(path, said), f"{reason}, in {said}")
+    if stated is None:
+        stated = _suffix(cell)
+    if stated is not None and _converts(stated, inside):
+        return Guess(channel, ColumnChoice(path, stated), f"{reason}, in {stated}")
     values = _numbers(topic, index)
     fill = fill_value(values)
     if fill is not None:
@@ -556,7 +556,7 @@ def _letters_and_digits(name: str) -> str:
 
 
 def _suffix(cell: str) -> str | None:
-    """Return a unit behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
+    """Return a unit after an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
     return SPELT.get(word)
 

@@ -31,7 +31,7 @@ def gaps_of(record: Record) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Parted:
+class PartedRecord:
     """A record that is predicted in parts.
 
     Attributes
@@ -46,29 +46,31 @@ class Parted:
     count: int
 
 
-def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Parted, slice]]:
-    """Each record with the slice of its parts in ``each``, the list of all parts of all records."""
+def parts_of(
+    parted: Sequence[PartedRecord], all_parts: Sequence[Record]
+) -> list[tuple[PartedRecord, slice]]:
+    """Return each record with the slice of its parts among the parts of all records."""
     ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
-    assert ends[-1] == len(each)
+    assert ends[-1] == len(all_parts)
     return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
 
 
 def put_together(
-    parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]
+    parted: PartedRecord, parts: Sequence[Record], predictions: Sequence[Sequence[np.ndarray]]
 ) -> tuple[Record, list[np.ndarray]]:
     """Join the parts of a record, and predictions ``(m, N)`` of the parts.
 
-    Rows outside the parts have no measurement, the inputs of the last row before them, and the mean
-    of the prediction, as where a simulation fails.
+    In rows outside the parts the outputs are missing, the inputs are those of the last row before,
+    and the prediction is its mean, as where a simulation fails.
 
     Parameters
     ----------
     parted : the record.
     parts : in the order of their times.
-    rows : predictions, each ``(m, n)`` for each part.
+    predictions : one or several; of each, the arrays ``(m, n)`` of all parts.
     """
     if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
-        return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in rows]
+        return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in predictions]
     times = np.concatenate([part.time for part in parts])
     time = times if parted.time is None else parted.time
     places = np.searchsorted(time, times)
@@ -103,9 +105,9 @@ def put_together(
         parted.name,
     )
     out = []
-    for of_parts in rows:
-        all_parts = np.concatenate(of_parts, axis=1)
-        out.append(np.where(valid, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
+    for of_parts in predictions:
+        joined = np.concatenate(of_parts, axis=1)
+        out.append(np.where(valid, joined[:, before], joined.mean(axis=1, keepdims=True)))
     return record, out
 
 
@@ -174,7 +176,8 @@ EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
 # Relative difference of rates below which a record is not resampled.
 SAME_RATE_TOLERANCE = 1e-6
 FILTERING_FEWEST = 40  # samples that a filter needs to be of use
-# periods of the corner, about a gap, in which a filtered sample rests on what was filled in
+# half width of the neighbourhood of a gap whose filtered samples count as missing, as they depend
+# on the interpolation across it; in periods of the corner frequency
 GAP_REACH_PERIODS = 0.5
 
 
@@ -196,9 +199,9 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         or (abs(plan.rate * step - 1.0) < SAME_RATE_TOLERANCE and _is_even(record.time, step))
     ):
         return record, ""
-    corner, sentence = _corner(record, plan, 1.0 / step)
-    time = _even(record.time, step)
-    rows = {channel.name: _on(time, record, channel) for channel in record.channels}
+    corner, sentence = _corner_frequency(record, plan, 1.0 / step)
+    time = _even_times(record.time, step)
+    rows = {channel.name: _interpolated(time, record, channel) for channel in record.channels}
     if len(time) < FILTERING_FEWEST:
         raise RecordError(
             f"{len(time)} samples are too few for a filter",
@@ -226,7 +229,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         smooth_inputs = smooth
         smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
         smooth |= {
-            channel.name: _for_lines(time, smooth_inputs[channel.name], new)
+            channel.name: _knots_of_lines(time, smooth_inputs[channel.name], new)
             for channel in record.inputs
         }
         near = {name: np.interp(new, time, bad.astype(float)) > 0.0 for name, bad in near.items()}
@@ -240,7 +243,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), sentence
 
 
-def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
+def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
     corners, sentence = [], ""
     if plan.rate is not None:
         if plan.rate > rate * (1.0 + EVEN_SAMPLING_TOLERANCE):
@@ -283,19 +286,19 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
         corners.append(plan.lowpass)
     corner = min(corners)
     remark = (
-        "; its inputs were held: loads that follow them at once are then read half a sample late"
+        "; its inputs were held: the response of a load without lag then appears half a sample late"
         if record.hold is Hold.PREVIOUS
         else ""
     )
     inputs = f", inputs linear since then{remark}" if record.inputs else ""
     return (
         corner,
-        f"{record.name}: {sentence}all channels behind one zero-phase low-pass of {corner:.3g} "
+        f"{record.name}: {sentence}all channels after one zero-phase low-pass of {corner:.3g} "
         f"Hz{inputs}",
     )
 
 
-def _even(time: np.ndarray, step: float) -> np.ndarray:
+def _even_times(time: np.ndarray, step: float) -> np.ndarray:
     if _is_even(time, step):
         return time
     count = (time[-1] - time[0]) / step * (1.0 + 1e-9) + 1
@@ -313,7 +316,9 @@ def _is_even(time: np.ndarray, step: float) -> bool:
     return bool(np.all(np.abs(np.diff(time) - step) <= EVEN_SAMPLING_TOLERANCE * step))
 
 
-def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+def _interpolated(
+    time: np.ndarray, record: Record, channel: Channel
+) -> tuple[np.ndarray, np.ndarray]:
     """Return a channel at ``time``, gaps bridged, and where its samples on both sides are there."""
     t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
@@ -328,7 +333,7 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
     ) > 1.0 - 1e-9
 
 
-def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
+def _knots_of_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Return values at ``new`` whose linear interpolation fits the signal by least squares.
 
     Interpolation of its samples would cut its peaks.
@@ -345,6 +350,7 @@ def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndar
 
 
 def _near_gaps(valid: np.ndarray, reach: int) -> np.ndarray:
+    """Return whether a missing sample is at most ``reach`` samples away, ``(N,)``."""
     return (
         np.asarray(np.convolve(~valid, np.ones(2 * reach + 1), mode="same") > 0.5)
         if not np.all(valid)

@@ -236,7 +236,8 @@ def unused_airspeed(
     file : the record as opened.
     model : whose parameter ``airspeed`` is a constant, m/s.
     channels : channel map, None: by the names of the columns.
-    start, stop : part of the record, s. rate : Hz, of rows without a clock.
+    start, stop : part of the record, s.
+    rate : Hz, of rows without a clock.
     """
     outputs = [signal.name for signal in model.equations.outputs]
     if is_own(model) or able(model) or SPEED_NAME in outputs or SPEED_NAME not in model.parameters:
@@ -252,14 +253,14 @@ def unused_airspeed(
     name = model.equations.name
     least, most = np.percentile(values, [1.0, 99.0])
     declared = model.parameters[SPEED_NAME].value
-    said = (
+    sentence = (
         f"the recorded airspeed, {least:.4g} to {most:.4g} m/s, is not used: the {name} model "
         f"holds the airspeed of the vehicle file, {declared:.4g} m/s"
     )
     usual = float(np.median(values))
     if abs(usual - declared) <= NOTABLE_DIFFERENCE_SHARE * declared:
-        return said, ""
-    return said, (
+        return sentence, ""
+    return sentence, (
         f"the recorded airspeed, {usual:.4g} m/s, is far from {declared:.4g} m/s in the vehicle "
         f"file, which the {name} model holds: derivatives are in error with it; mend airspeed "
         "there, or check the unit of the column and whether it is a true airspeed"

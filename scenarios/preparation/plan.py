@@ -50,7 +50,7 @@ class Plan:
     ----------
     segments : each becomes a separate record.
     hold : inputs between samples; None: by the file's sidecar, else by the data.
-    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
+    rate : Hz, to which all channels are resampled after one anti-alias filter; None keeps the
         samples. Of a file without a clock it is the rate of its rows, and of a log of several
         topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
@@ -88,7 +88,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
+def refuse_reversed(start: float | None, stop: float | None, where: str) -> None:
     """Raise DeclarationError if a part of a record, as a file declares it, ends before it
     begins."""
     if start is not None and stop is not None and not start < stop:
@@ -323,7 +323,7 @@ def read_parts(path: str | Path) -> DeclaredParts:
     for each in entry.maneuvers:
         number = each.number if each.number is not None else (parts[-1].number + 1 if parts else 1)
         part = Part(number, each.name or str(number), each.from_, each.to)
-        refuse_turned(part.start, part.stop, f"{where}, maneuver {part.number}")
+        refuse_reversed(part.start, part.stop, f"{where}, maneuver {part.number}")
         for other in parts:
             if number == other.number or part.name == other.name:
                 what = (

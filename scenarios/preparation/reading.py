@@ -26,7 +26,7 @@ from scenarios.preparation.declared_model import (
 )
 from scenarios.preparation.drafting import NEVER, recorder_names
 from scenarios.preparation.filtering import (
-    Parted,
+    PartedRecord,
     filtered,
     named,
     parts_of,
@@ -255,7 +255,7 @@ class PreparedData:
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     look: RecordCheck = NOTHING_SEEN
-    parted: tuple[Parted, ...] = ()
+    parted: tuple[PartedRecord, ...] = ()
 
     @property
     def predicted(self) -> tuple[Record, ...]:
@@ -318,11 +318,11 @@ def prepare(
     """
     split = len(files) * len(plan.segments)
     beside = [
-        (named(file.identity.name, each, several=len(plan.segments) > 1), *said)
+        (named(file.identity.name, each, several=len(plan.segments) > 1), *unused)
         for file in files
         for each in plan.segments
         if any(
-            said := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
+            unused := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
         )
     ]
     parts = [(file, segment) for file in files for segment in plan.segments] + [
@@ -337,7 +337,7 @@ def prepare(
         for n, (file, segment) in enumerate(parts)
     ]
     texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
-    texts += [f"{name}: {said}" for name, said, _ in beside]
+    texts += [f"{name}: {sentence}" for name, sentence, _ in beside]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
         pieces, of_gaps = split_at_gaps(record)
@@ -348,7 +348,9 @@ def prepare(
     for (record, stated), _ in parted[first:]:
         pieces, of_gaps = split_at_gaps(record, IN_PARTS)
         read += [(piece, stated) for piece in pieces]
-        whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
+        whole.append(
+            PartedRecord(record.name, record.time if plan.rate is None else None, len(pieces))
+        )
         texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
@@ -406,16 +408,16 @@ def for_model(
         ]
     if not of_totals(model):
         told += [
-            said
+            sentence
             for record, trims in trimmed
             for name in record.input_names
-            if name not in trims and (said := trim_sentence(record, name))
+            if name not in trims and (sentence := trim_sentence(record, name))
         ]
-    told += [said for record in records if (said := flow_sentence(record, model))]
+    told += [sentence for record in records if (sentence := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     flown = wider is not model
-    wider, ready, said = with_attitude(wider, ready)
-    told += [said] if said else []
+    wider, ready, sentence = with_attitude(wider, ready)
+    told += [sentence] if sentence else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = (*_idle_motors(records), *flow_doubts(records, model))
     return PreparedData(

@@ -165,7 +165,7 @@ def as_sentence(text: str) -> str:
 
 
 def as_warning(text: str) -> str:
-    """Return the same, without an end where a command to copy stands last, behind ``NEXT``."""
+    """Return the same, without an end where a command to copy stands last, after ``NEXT``."""
     return capital(text) if NEXT in text else as_sentence(text)
 
 

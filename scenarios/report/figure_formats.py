@@ -222,11 +222,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def caption_of(
-    stem: str,
-    captions: Mapping[str, str] = CAPTIONS,
-    methods: Mapping[str, str] = MappingProxyType({}),
-) -> str:
+def caption_of(stem: str, methods: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return the caption of a figure by its file stem: ``fit``, ``fit_2`` or ``fit_METHOD``.
 
     With the number of the record, or the method's label in ``methods``. Without a known caption,
@@ -239,6 +235,6 @@ def caption_of(
     name = max(known, key=len)
     rest = stem[len(name) + 1 :]
     if not rest:
-        return captions[name]
+        return CAPTIONS[name]
     rest = methods.get(rest, rest.replace("_", " "))
-    return f"{captions[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"
+    return f"{CAPTIONS[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"

@@ -226,7 +226,7 @@ def _sheet_name(caption: str, there: Sequence[str]) -> str:
 
 
 def _sheet_rows(shown: Table) -> list[list[str | float | None]]:
-    """Return the headings, then the rows; a sigma in the column behind its value."""
+    """Return the headings, then the rows; a sigma in the column after its value."""
     sigmas = [
         any(isinstance(row[at], Number) and row[at].sigma for row in shown.rows)  # type: ignore[union-attr]
         for at in range(len(shown.columns))

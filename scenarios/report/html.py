@@ -255,40 +255,32 @@ def _drawing(value: Any) -> str:
 # limit of drawings and their data on one page, in characters
 MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
-    **{
-        "paper": "#14171b",
-        "ink": "#e8eaed",
-        "soft": "#a9b0b8",
-        "line": "#363c44",
-        "fill": "#1d2127",
-        "accent": "#7cc0f0",
-    },
+    "paper": "#14171b",
+    "ink": "#e8eaed",
+    "soft": "#a9b0b8",
+    "line": "#363c44",
+    "fill": "#1d2127",
+    "accent": "#7cc0f0",
     **{"good": "#5fd0ae", "fair": "#f0b45c", "open": "#ff9a70"},
-    **{
-        "f-black": "#e8eaed",
-        "f-white": "#14171b",
-        "f-light": "#363c44",
-        "f-grey": "#9aa1a9",
-        "f-blue": "#4fb0ea",
-    },
-    **{
-        "f-vermilion": "#ff8f45",
-        "f-green": "#2fc99b",
-        "f-purple": "#e29ac3",
-        "f-sky": "#3d82ad",
-        "f-orange": "#f0b23a",
-    },
+    "f-black": "#e8eaed",
+    "f-white": "#14171b",
+    "f-light": "#363c44",
+    "f-grey": "#9aa1a9",
+    "f-blue": "#4fb0ea",
+    "f-vermilion": "#ff8f45",
+    "f-green": "#2fc99b",
+    "f-purple": "#e29ac3",
+    "f-sky": "#3d82ad",
+    "f-orange": "#f0b23a",
 }
 # Colour of the figures (`scenarios/plots/style.py`) -> CSS variable.
 _FIGURES = {
-    **{
-        "#000000": "f-black",
-        "#ffffff": "f-white",
-        "#d9d9d9": "f-light",
-        "#7f7f7f": "f-grey",
-        "#0072b2": "f-blue",
-        "#d55e00": "f-vermilion",
-    },
+    "#000000": "f-black",
+    "#ffffff": "f-white",
+    "#d9d9d9": "f-light",
+    "#7f7f7f": "f-grey",
+    "#0072b2": "f-blue",
+    "#d55e00": "f-vermilion",
     **{"#009e73": "f-green", "#cc79a7": "f-purple", "#56b4e9": "f-sky", "#e69f00": "f-orange"},
 }
 

@@ -72,7 +72,7 @@ def unit_cell(unit: str) -> str:
 
 
 def spaced(unit: str) -> str:
-    """Return a unit behind its number: a blank and the unit, nothing for a pure number."""
+    """Return a unit after its number: a blank and the unit, nothing for a pure number."""
     return f" {unit}" if unit not in NO_UNIT else ""
 
 
@@ -80,33 +80,31 @@ def spaced(unit: str) -> str:
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
-    **{
-        "alpha": "angle of attack",
-        "q": "pitch rate",
-        "nz": "load factor",
-        "theta": "pitch attitude",
-        "nx": "axial load factor",
-    },
-    **{
-        "beta": "angle of sideslip",
-        "p": "roll rate",
-        "r": "yaw rate",
-        "phi": "bank angle",
-        "ny": "lateral load factor",
-    },
+    "alpha": "angle of attack",
+    "q": "pitch rate",
+    "nz": "load factor",
+    "theta": "pitch attitude",
+    "nx": "axial load factor",
+    "beta": "angle of sideslip",
+    "p": "roll rate",
+    "r": "yaw rate",
+    "phi": "bank angle",
+    "ny": "lateral load factor",
 }
 
 
 AXES = {  # Which equation of motion a channel is measured along.
-    **{
-        "airspeed": "speed",
-        "nx": "speed",
-        "alpha": "lift",
-        "nz": "lift",
-        "q": "pitch",
-        "theta": "pitch",
-    },
-    **{"beta": "side force", "ny": "side force", "p": "roll", "phi": "roll", "r": "yaw"},
+    "airspeed": "speed",
+    "nx": "speed",
+    "alpha": "lift",
+    "nz": "lift",
+    "q": "pitch",
+    "theta": "pitch",
+    "beta": "side force",
+    "ny": "side force",
+    "p": "roll",
+    "phi": "roll",
+    "r": "yaw",
 }
 
 UNDETERMINED = "not determined by these data"
@@ -291,7 +289,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
 
 
 def _place(channel: str, axes: Sequence[str]) -> int:
-    """Place of a channel's axis among ``axes``; of a channel without one behind them all."""
+    """Place of a channel's axis among ``axes``; of a channel without one after them all."""
     axis = AXES.get(channel)
     return axes.index(axis) if axis in axes else len(axes)
 

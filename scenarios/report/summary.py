@@ -67,7 +67,7 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """Return one line of ``width`` characters behind ``label``, with dots for what has no room:
+    """Return one line of ``width`` characters after ``label``, with dots for what has no room:
     whole clauses if they fill most of it, else whole words.
     """
     limit = max(width - len(label), 1)
@@ -99,7 +99,7 @@ NEXT = "; next: "  # before the command that a caution leads to
 
 
 def print_caution(out: Console, text: str) -> None:
-    """Print a sentence folded at words, and the command behind ``NEXT`` on one line, to copy."""
+    """Print a sentence folded at words, and the command after ``NEXT`` on one line, to copy."""
     told, found, command = text.partition(NEXT)
     print_paragraph(out, f"{told}; next:" if found else told, 0)
     if found:
@@ -272,7 +272,7 @@ def _widest_word(heading: str) -> int:
 
 def _cell(text: str, size: int) -> list[str]:
     """Return a cell of words on as many lines as it takes; a name too long for its column is parted
-    behind a colon or a hyphen.
+    after a colon or a hyphen.
     """
     if len(text) <= size:
         return [text]

@@ -268,7 +268,7 @@ def estimates_table(
     """Return a table of estimates with sigmas, and true, condensed, published and start values."""
     shown = [(row, shown_in(row.unit, row.name)) for row in rows]
     scaled = [(row, each.factor) for row, each in shown]
-    begun = starts or {}
+    start_values = starts or {}
     published: list[Cell] = [
         Number(
             factor * row.published.value,
@@ -303,7 +303,7 @@ def estimates_table(
             Column("its error", "its σ", printed="its error, sigmas", beside=True),
             [formatted(row.published_sigmas, "+.1f") if row.published else "" for row in rows],
         ),
-        (Column("start", BY_ROW), [_times(f, begun.get(row.name)) for row, f in scaled]),
+        (Column("start", BY_ROW), [_times(f, start_values.get(row.name)) for row, f in scaled]),
     ]
     return table(
         caption,

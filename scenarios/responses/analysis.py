@@ -188,7 +188,7 @@ def responses_of(
 
     Raises
     ------
-    FlightidError : anything in files or options that keeps them from being used, in one line.
+    FlightidError : anything in files or options that keeps them from being used.
     """
     refuse_kind(bandwidth)
     refuse_loop(margins, names)
@@ -296,7 +296,7 @@ def estimated(
     step = factor * read.step
     notes += ["linear trends are removed from all signals of each part"]
     if factor > 1:
-        notes += [f"decimated from {rate:.4g} to {1.0 / step:.4g} Hz behind one zero-phase filter"]
+        notes += [f"decimated from {rate:.4g} to {1.0 / step:.4g} Hz after one zero-phase filter"]
     spectra = Spectra(windows, options.tapers, least_coherence=options.least_coherence)
     frequency = frequencies(low, high)
     result = estimate_responses(signals, frequency, spectra)

@@ -88,12 +88,12 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False)
 class Mismatch:
-    """Fitted response over estimated one along its usable band.
+    """Estimated response over fitted one along the usable band.
 
     Attributes
     ----------
     frequency : Hz.
-    gain : dB, phase : deg, of the estimate over the model.
+    gain, phase : of this ratio, dB and deg.
     gain_error, phase_error : half widths of their 95 % bands.
     """
 
@@ -155,14 +155,14 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
     by_output = _by_output(options.forms, names.outputs)
     places, targets, forms = [], [], []
     for row, output in enumerate(names.outputs):
-        for column, one in enumerate(names.inputs):
+        for column, input_name in enumerate(names.inputs):
             if output not in by_output:
                 continue
             usable = responses.usable[row, column]
             if not usable.any():
-                what = f"no usable band of {output}/{one} to fit"
+                what = f"no usable band of {output}/{input_name} to fit"
                 raise RecordError(what, where="--fit", remedy="lower --coherence, or leave it out")
-            targets.append(target_of(responses, (row, column), f"{output}/{one}"))
+            targets.append(target_of(responses, (row, column), f"{output}/{input_name}"))
             places.append((row, column))
             forms.append(form_of(by_output[output]))
     try:
@@ -182,14 +182,14 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
 def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
     """Return the usable band of a response, as it is fitted."""
     usable = responses.usable[place]
-    likeness = (
+    coherence = (
         responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
     )
     return ResponseTarget(
         name,
         2.0 * math.pi * responses.frequency[usable],
         responses.response[place][usable],
-        likeness[usable],
+        coherence[usable],
         responses.std[place][usable],
         responses.lengths[place[0]][usable],
     )
@@ -224,13 +224,13 @@ def _mismatch(
     share = np.minimum(
         (responses.half_width()[place] / np.abs(responses.response[place]))[usable], 0.999
     )
-    turn = responses.phase_half_width()[place][usable]
+    phase_half_width = responses.phase_half_width()[place][usable]
     return Mismatch(
         frequency,
         20.0 * np.log10(np.abs(ratio)),
         np.degrees(np.angle(ratio)),
         -20.0 * np.log10(1.0 - share),
-        np.degrees(turn),
+        np.degrees(phase_half_width),
     )
 
 
@@ -266,8 +266,8 @@ def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
 def transfer_text(function: FittedResponse) -> str:
     """``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
     top, bottom = _polynomial(function.numerator), _polynomial(function.denominator)
-    late = function.values["delay"]
-    return f"({top}) / ({bottom})" + (f" exp(-{late:.4g} s)" if late > NO_DELAY else "")
+    delay = function.values["delay"]
+    return f"({top}) / ({bottom})" + (f" exp(-{delay:.4g} s)" if delay > NO_DELAY else "")
 
 
 def _polynomial(coefficients: np.ndarray) -> str:
@@ -294,8 +294,8 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
         out += _outside_band(function, mismatch)
         uncertain = [name for name in function.std if _hardly_determined(function, name)]
         if _may_be_none(function):
-            late, std = function.values["delay"], function.std["delay"]
-            shown = late if late > NO_DELAY else 0.0
+            delay, std = function.values["delay"], function.std["delay"]
+            shown = delay if delay > NO_DELAY else 0.0
             out.append(
                 f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; "
                 "--fix delay=0 leaves it out"
@@ -345,8 +345,8 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Options of a model fit: ``model`` its name or file, None for no fit; ``vehicle`` its
-    constants and starting values; ``fixed`` parameters.
+    """Options of a model fit: name or file of the ``model`` (None: no fit), constants and starting
+    values in ``vehicle``, and ``fixed`` parameters.
     """
 
     model: str | None = None
@@ -358,7 +358,8 @@ class ModelOptions:
 class FittedResponseModel:
     """A linear model fitted to the responses at ``places`` ``(row, column)``.
 
-    ``model``: its name. ``units``: by parameter. ``sentences``: notes. ``file``: vehicle file.
+    ``model``, ``vehicle``: names. ``pairs``: ``OUTPUT/INPUT`` of each response. ``omegas``: rad/s,
+    of each response. ``units``: by parameter. ``sentences``: notes. ``file``: vehicle file.
     """
 
     model: str
@@ -392,15 +393,15 @@ class FittedResponseModel:
         weak = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
             fit.insensitivity > LARGEST_INSENSITIVITY_SHARE * size
         )
-        named = [name for name, each in zip(fit.names, weak.tolist(), strict=True) if each]
-        if named:
+        uncertain = [name for name, each in zip(fit.names, weak.tolist(), strict=True) if each]
+        if uncertain:
             limits = (
                 f"{100 * LARGEST_CRAMER_RAO_SHARE:.0f} % and insensitivity "
                 f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} %"
             )
             out.append(
-                f"{', '.join(named)} hardly determined (Cramer-Rao bound {limits}); hold one of "
-                "them with --fix"
+                f"{', '.join(uncertain)} hardly determined (Cramer-Rao bound {limits}); hold "
+                "one of them with --fix"
             )
         return tuple(out)
 
@@ -411,16 +412,17 @@ def model_fit_of(
     options: ModelOptions,
     hold_step: float | None = None,
 ) -> FittedResponseModel | None:
-    """Fit the model to all responses that have a usable band; None if none is named.
+    """Fit the model to all responses that have a usable band; None if no model is
+    named.
 
     The model is linearised about rest, or about level flight at the starting values. A delay of all
-    inputs is free unless fixed. ``hold_step``: s, hold of the inputs, which was removed from the
-    responses. Outputs with direct feedthrough have no lag by the hold, so the model is sampled as
-    the record is.
+    inputs is free unless fixed. ``hold_step``: s, time for which the inputs are held. The
+    estimated responses were divided by the lag of the hold, which an output with direct feedthrough
+    does not have; so the model is discretised with held inputs and divided by the same lag.
 
     Raises
     ------
-    DeclarationError, RecordError : signals that the model has not, nothing usable, in one line.
+    DeclarationError, RecordError : signals that the model lacks, or no usable band.
     """
     if options.model is None:
         if options.vehicle is not None:
@@ -432,9 +434,9 @@ def model_fit_of(
     _refuse_other_signals(system, names)
     places, targets, pairs = [], [], []
     for row, output in enumerate(names.outputs):
-        for column, one in enumerate(names.inputs):
+        for column, input_name in enumerate(names.inputs):
             if np.count_nonzero(estimated_responses.usable[row, column]) >= 3:
-                name = f"{output}/{one}"
+                name = f"{output}/{input_name}"
                 places.append((row, column))
                 pairs.append(name)
                 targets.append(target_of(estimated_responses, (row, column), name))
@@ -453,22 +455,23 @@ def model_fit_of(
         eye, out = np.eye(len(space.A)), []
         A, B = space.A, space.B
         if hold_step is not None:
-            # Phi and Gamma of a step over which the inputs are held.
             n, r = B.shape
-            both = np.zeros((n + r, n + r))
-            both[:n, :n], both[:n, n:] = A, B
-            whole = expm(hold_step * both)
-            A, B = whole[:n, :n], whole[:n, n:]
+            block = np.zeros((n + r, n + r))
+            block[:n, :n], block[:n, n:] = A, B
+            transition = expm(hold_step * block)
+            A, B = transition[:n, :n], transition[:n, n:]
         for target, k, m in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
             z = s if hold_step is None else np.exp(s * hold_step)
             inside = np.linalg.solve(z[:, None, None] * eye - A, B[None, :, m, None])
             row = (space.C[k] @ inside)[:, 0] + space.D[k, m]
-            between = 1.0 if hold_step is None else (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
-            out.append(row * np.exp(-s * delay_value) / between)
+            hold_response = (
+                1.0 if hold_step is None else (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
+            )
+            out.append(row * np.exp(-s * delay_value) / hold_response)
         return out
 
-    start, fixed = _starts(system, options.fixed or {})
+    start, fixed = _starting_values(system, options.fixed or {})
     try:
         fit = fit_model(targets, responses, start, fixed, {DELAY: 0.0})
     except ModelError as error:
@@ -484,19 +487,19 @@ def model_fit_of(
         tuple(pairs),
         units,
         tuple(target.omega for target in targets),
-        (_fitted(options.model, vehicle, about, len(pairs)),),
+        (_fit_sentence(options.model, vehicle, about, len(pairs)),),
         vehicle.identity,
     )
 
 
-def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
+def _fit_sentence(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
     """Sentence on the model, the vehicle and the number of responses that were fitted."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     responses = f"{count} response{'s' * (count != 1)}"
     return f"{model} model of {named}, linearised about {about}, fitted to {responses}"
 
 
-def _starts(
+def _starting_values(
     system: System, fixed: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Starting values of the free parameters, with a delay of all inputs, and the fixed ones."""
@@ -527,14 +530,14 @@ def model_lines(fitted: FittedResponseModel) -> list[str]:
     """Return the costs of the fitted model, one sentence each."""
     lines = list(fitted.sentences)
     for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
-        said = (
+        verdict = (
             "close to the data"
             if cost <= NEARLY_PERFECT_COST
             else "acceptable"
             if cost <= ACCEPTABLE_COST
             else "poor"
         )
-        lines.append(f"{name}: cost {cost:.3g}, {said}")
+        lines.append(f"{name}: cost {cost:.3g}, {verdict}")
     return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 

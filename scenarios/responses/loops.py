@@ -77,7 +77,7 @@ def refuse_loop(sign: str | None, names: Names) -> None:
         raise DeclarationError(f"there is no sign {sign!r}", where="--margins", remedy=remedy)
     if len(names.inputs) != 1 or len(names.outputs) != 1:
         what = f"{len(names.inputs)} inputs and {len(names.outputs)} outputs are no single loop"
-        remedy = "name the signal behind the sum as --input, the one that returns as --output"
+        remedy = "name the signal after the sum as --input, the one that returns as --output"
         raise DeclarationError(what, where="--margins", remedy=remedy)
 
 
@@ -142,8 +142,7 @@ def _cautions(
     if not responses.joint:
         out.append(
             "margins from the direct estimate: what noise and turbulence bring back through the "
-            "loop "
-            "biases them; record the excitation and name it with --reference"
+            "loop biases them; record the excitation and name it with --reference"
         )
     elif contradicted:
         out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))

@@ -170,9 +170,9 @@ class Qualities:
         """Levels and undetermined quantities, one sentence each."""
         out = []
         for level in self.levels:
-            said = quality_name(level.quality.name)
+            name = quality_name(level.quality.name)
             reached = level_text(level.level, level.best, level.worst)
-            out.append(f"{self.name}: {said}: {reached} ({level.criterion.source})")
+            out.append(f"{self.name}: {name}: {reached} ({level.criterion.source})")
         out += [f"{self.name}: {line}" for line in _chart_lines(self)]
         notes = self.bandwidth.notes if self.bandwidth is not None else ()
         return out + [f"{self.name}: {note}" for note in notes]

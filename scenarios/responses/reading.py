@@ -59,10 +59,10 @@ class ReadSignals:
     Attributes
     ----------
     signals : one a part.
-    names, durations, rates : of the parts; s and Hz.
+    names, durations : of the parts; s.
     units : by the name of the signal.
-    hold_steps : s, the step between input samples that the record says are held between them; 0
-        where it does not.
+    hold : of the inputs as recorded; None where it is unknown, or ended by filtering.
+    step : s, between samples.
     notes : what was done, one sentence each.
     """
 
@@ -85,7 +85,7 @@ def read_signals(
 
     Raises
     ------
-    RecordError : a column that is not there, a gap, a part that is too short, in one line.
+    RecordError : a column that is not there, a gap, a part that is too short.
     """
     records: list[Record] = []
     of_file: list[Path] = []
@@ -96,10 +96,10 @@ def read_signals(
         says = file.sidecar.hold if file.sidecar.says_hold else None
         holds.add(plan.hold or says)
         for segment in plan.segments:
-            record, said = _read(file, names, plan, channels, segment.start, segment.stop)
-            notes += said
-            record, said = _rows_with_outputs(record)
-            notes += said
+            record, sentences = _read(file, names, plan, channels, segment.start, segment.stop)
+            notes += sentences
+            record, sentences = _rows_with_outputs(record)
+            notes += sentences
             parts, gaps = split_at_gaps(record)
             notes += [f"{record.name}: {gaps}"] if gaps else []
             for part in parts:
@@ -112,8 +112,8 @@ def read_signals(
     _refuse_other_kinds(records, step)
     signals = []
     for record in records:
-        even, said = _even(record, step)
-        notes += said
+        even, sentences = _even(record, step)
+        notes += sentences
         signals.append(_signals(even, names, step))
     units = {channel.name: channel.unit for channel in records[0].channels}
     hold = holds.pop() if len(holds) == 1 else None
@@ -211,8 +211,8 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
     own = float(np.median(np.diff(record.time[valid])))
     if own > 1.5 * step:
         names = [each.name for each in record.outputs if not each.valid.all()]
-        said = f"{', '.join(names)} has a sample every {own:.3g} s: rows between are left out"
-        return record.rows(valid), [f"{record.name}: {said}"]
+        sentence = f"{', '.join(names)} has a sample every {own:.3g} s: rows between are left out"
+        return record.rows(valid), [f"{record.name}: {sentence}"]
     edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(int)))
     keep = np.ones(len(record), dtype=bool)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

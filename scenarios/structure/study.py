@@ -13,7 +13,7 @@ import numpy as np
 from ident.structure.coefficients import (
     DERIVATIVE_BANDWIDTH,
     MOMENTS,
-    NEEDED,
+    NEEDED_CHANNELS,
     Airframe,
     Histories,
     filled,
@@ -162,8 +162,8 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
         refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
     open_hold = request.plan.hold is None and not any(each.sidecar.says_hold for each in sources)
     if open_hold:
-        hold, said = hold_of_inputs(fitted, aircraft, options.bandwidth)
-        fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *said)
+        hold, sentence = hold_of_inputs(fitted, aircraft, options.bandwidth)
+        fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *sentence)
     left_out = read_record_files(request.validate)
     identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
     found = structure_of(fitted, aircraft, options, identities, notes)
@@ -362,7 +362,7 @@ def coefficients_of(
     RecordError : a channel is missing or half of it is.
     """
     names = (*record.input_names, *record.output_names)
-    for name in (*NEEDED, *aircraft.surfaces):
+    for name in (*NEEDED_CHANNELS, *aircraft.surfaces):
         if name not in names:
             raise RecordError(
                 f"it has no {name}", where=record.name, remedy="map its column with --channels"
@@ -377,7 +377,8 @@ def coefficients_of(
         if signal == "throttle":
             thrust = np.interp(thrust, *aircraft.thrust.table)
     channels = {
-        name: filled(record[name].values, record[name].valid, name, record.name) for name in NEEDED
+        name: filled(record[name].values, record[name].valid, name, record.name)
+        for name in NEEDED_CHANNELS
     }
     moved = {name: record[name].values for name in aircraft.surfaces}
     for name, parts in aircraft.mixes.items():

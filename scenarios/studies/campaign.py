@@ -106,13 +106,13 @@ class _Common(NamedTuple):
 class EstimatorRuns:
     """Runs of ``scenario`` by its method ``estimation``.
 
-    ``again`` : content from which another process rebuilds the scenario. Only needed if the
-    scenario holds functions of a user's file, which cannot be sent.
+    ``rebuilt_scenario`` : content from which another process rebuilds the scenario. Only needed if
+    the scenario holds functions of a user's file, which cannot be sent.
     """
 
     scenario: Scenario
     estimation: Estimation
-    again: Rebuilt | None = None
+    rebuilt_scenario: Rebuilt | None = None
 
     quick = True
 
@@ -217,9 +217,9 @@ class EstimatorRuns:
         )
 
     def __reduce__(self) -> tuple[Callable[..., EstimatorRuns], tuple[Any, ...]]:
-        if self.again is None:
+        if self.rebuilt_scenario is None:
             return EstimatorRuns, (self.scenario, self.estimation)
-        return _rebuilt, (self.again, self.estimation.name)
+        return _rebuilt, (self.rebuilt_scenario, self.estimation.name)
 
 
 @dataclass(frozen=True)
@@ -237,10 +237,12 @@ class Rebuilt:
         return scenario_of(self.document, self.name, self.where)
 
 
-def _rebuilt(again: Rebuilt, method: str) -> EstimatorRuns:
-    scenario = again.scenario()
+def _rebuilt(rebuilt_scenario: Rebuilt, method: str) -> EstimatorRuns:
+    scenario = rebuilt_scenario.scenario()
     return EstimatorRuns(
-        scenario, next(each for each in scenario.estimations if each.name == method), again
+        scenario,
+        next(each for each in scenario.estimations if each.name == method),
+        rebuilt_scenario,
     )
 
 
@@ -347,8 +349,8 @@ def fly_campaign(
     seed: int | None = None,
     method: str = "main",
     progress: Progress = lambda stage, share: None,
-    manner: Execution = ALONE,
-    again: Rebuilt | None = None,
+    execution: Execution = ALONE,
+    rebuilt_scenario: Rebuilt | None = None,
 ) -> CampaignRuns:
     """Run one of a scenario's estimations ``runs`` times.
 
@@ -357,8 +359,9 @@ def fly_campaign(
 
     Parameters
     ----------
-    manner : number of processes, folder of the rows, time limit; does not affect the numbers.
-    again : content from which other processes rebuild a scenario with a user's functions.
+    execution : number of processes, folder of the rows, time limit; does not affect the numbers.
+    rebuilt_scenario : content from which other processes rebuild a scenario with a user's
+        functions.
 
     Raises
     ------
@@ -371,8 +374,8 @@ def fly_campaign(
             f"there is no method {method!r}", where="--method", remedy=closest(method, known)
         )
     root = scenario.seed if seed is None else seed
-    work = EstimatorRuns(scenario, known[method], again)
-    table = run_study(work, manner.asked(runs, root, work.block, "runs"), progress)
+    work = EstimatorRuns(scenario, known[method], rebuilt_scenario)
+    table = run_study(work, execution.asked(runs, root, work.block, "runs"), progress)
     if not table.whole and len(table) < FEWEST_RUNS:
         raise KeyboardInterrupt(f"{len(table)} of {runs} runs had ended")
     return campaign_of(work, table, root)

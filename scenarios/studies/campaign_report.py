@@ -210,12 +210,13 @@ def cause_sentences(found: Findings) -> list[str]:
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
-    said = {
+    sentences = {
         key: "; and ".join(_SAID[cause](group, found) for cause in key[0])
         for key, group in groups.items()
     }
     return [
-        f"{_directions(group)}: {said[key]}{_how(group, found)}" for key, group in groups.items()
+        f"{_directions(group)}: {sentences[key]}{_how(group, found)}"
+        for key, group in groups.items()
     ]
 
 
@@ -344,12 +345,12 @@ _SAID: dict[str, Callable[[list[Finding], Findings], str]] = {
 
 def _names(group: list[Finding]) -> str:
     names = [each.name for each in group]
-    few = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    first_names = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     return (
-        f"{few} ({100 * group[0].wrong.statistics.two.share:.1f} % within two sigmas, not "
+        f"{first_names} ({100 * group[0].wrong.statistics.two.share:.1f} % within two sigmas, not "
         f"{100 * NORMAL[2]:.1f} %)"
         if len(names) == 1
-        else few
+        else first_names
     )
 
 

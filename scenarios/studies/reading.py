@@ -98,7 +98,7 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
     free = [name for name in model.parameters.free_names if name not in estimation.held]
     prior = with_priors(model, free).parameters
     starts = {name: Start(prior[name].value, prior[name].prior_std) for name in free}
-    begun = {
+    initial = {
         item.name: Start(item.value, max(abs(item.value), ZERO_START_RANGE))
         for item in model.initial
     }
@@ -107,7 +107,7 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
         outputs=estimation.outputs
         or tuple(signal.name for signal in model.equations.outputs if signal.name in noisy),
         start={**starts, **estimation.start},
-        initial={**begun, **estimation.initial},
+        initial={**initial, **estimation.initial},
     )
 
 
@@ -164,7 +164,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
     free = started.parameters.only_free(estimation.start).with_prior(
         {name: start.std for name, start in estimation.start.items()}
     )
-    begun = (
+    initial = (
         replace(
             item,
             value=estimation.initial[item.name].value,
@@ -173,7 +173,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
         for item in model.initial
     )
     noise = Noise(dict(noise_std), dict(estimation.process_noise))
-    return replace(started, parameters=free, initial=ParameterSet(tuple(begun)), noise=noise)
+    return replace(started, parameters=free, initial=ParameterSet(tuple(initial)), noise=noise)
 
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:

@@ -181,12 +181,13 @@ class MethodDetermination:
         return tuple(
             name
             for name, value in zip(self.found.names, ratio.tolist(), strict=True)
-            if value < LEAST_HONEST_RATIO
+            if value < LEAST_SIGMA_RATIO
         )
 
 
-# Least ratio of reported to allowed sigma: nonlinearity and estimated noise change it by 10 %.
-LEAST_HONEST_RATIO = 0.8
+# Smallest ratio of reported to attainable sigma that is no overclaim: nonlinearity and estimated
+# noise change it by 10 %.
+LEAST_SIGMA_RATIO = 0.8
 
 
 def determine(
@@ -211,8 +212,8 @@ def determine(
 
 # ---- Notes on a study
 
-# Ratio of posterior to prior sigma above which the prior dominates.
-LITTLE_LEARNT = 0.5
+# Ratio of posterior to prior sigma above which the prior determines more than the record.
+LARGEST_SIGMA_SHARE_OF_PRIOR = 0.5
 
 
 def prior_note(result: Result) -> str:
@@ -232,7 +233,7 @@ def prior_note(result: Result) -> str:
     named = [
         f"{name} {value / priors[name].std:.2f}"
         for name, value in sigma.items()
-        if name in priors and value > LITTLE_LEARNT * priors[name].std
+        if name in priors and value > LARGEST_SIGMA_SHARE_OF_PRIOR * priors[name].std
     ]
     if not named:
         return ""
@@ -264,10 +265,9 @@ def residual_note(result: Result, model: Model) -> str:
             else ""
         )
         shares.append(f"{name} {100 * share:.0f} %{strongest}")
-    turn = 2.0 * math.pi
     band = (
-        f"between {low:.1f} and {high:.1f} rad/s ({low / turn:.2g} and {high / turn:.2g} Hz), "
-        "about the elastic modes"
+        f"between {low:.1f} and {high:.1f} rad/s ({low / (2.0 * math.pi):.2g} and "
+        f"{high / (2.0 * math.pi):.2g} Hz), about the elastic modes"
     )
     return (
         f"{result.estimation.name}: share of the residual's power {band}: {', '.join(shares)}; "
@@ -278,17 +278,16 @@ def residual_note(result: Result, model: Model) -> str:
 def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
     """Return sentences that compare the degree of flexibility with its threshold."""
     degree = (
-        f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at "
-        "once gets wrong at the short period "
-        f"of {_frequency(found.short_period)}; deflection takes {100 * found.stiffness_loss:.0f} % "
-        "of the rigid short period's stiffness"
+        f"degree of flexibility {found.degree:.3g}: error of a quasi-static structure at the short "
+        f"period of {_frequency(found.short_period)}; deflection takes "
+        f"{100 * found.stiffness_loss:.0f} % of the rigid short period's stiffness"
     )
     if math.isfinite(found.separation):
         degree += f", the lowest elastic frequency is {found.separation:.2g} times its frequency"
     noise = ", ".join(_level(name, std) for name, std in noise_std.items())
     misfit = (
-        f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in "
-        f"rms (noise: {noise})"
+        f"the part of this maneuver that no rigid model explains is {found.misfit:.2g} times the "
+        f"noise in rms (noise: {noise})"
     )
     if not found.rigid_serves:
         return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model no longer serves"
@@ -396,18 +395,22 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        flown = seen_by(scenario, estimation)
+        flown_scenario = seen_by(scenario, estimation)
         seen, actual = (
             (record, truth)
-            if flown is scenario
-            else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
+            if flown_scenario is scenario
+            else fly_scenario(flown_scenario, chosen, f"method {estimation.name}, key flight")
         )
         seen = (
             measured_again(seen, actual, estimation.flown_noise_std, chosen)
             if estimation.flown_noise_std
             else seen
         )
-        methods.append(_method(flown, estimation, seen, actual, references(flown, estimation)))
+        methods.append(
+            _method(
+                flown_scenario, estimation, seen, actual, references(flown_scenario, estimation)
+            )
+        )
     return StudyResult(
         scenario,
         chosen,
@@ -491,9 +494,9 @@ def _method(
     )
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-    rests = estimation.model != "ballistic" and moves_about_rest(model)
+    is_about_rest = estimation.model != "ballistic" and moves_about_rest(model)
     own_parameters = estimate.only(model.parameters.names)
-    derived = modal_estimate(compiled(estimation, model), own_parameters) if rests else {}
+    derived = modal_estimate(compiled(estimation, model), own_parameters) if is_about_rest else {}
     modes = (
         characteristics(compiled(estimation, model), own_parameters)
         if scenario.flown is not None

@@ -127,10 +127,10 @@ def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
     sentences.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
     sentences.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
     if method.overclaimed:
-        few = ", ".join(method.overclaimed[:8]) + (", ..." if len(method.overclaimed) > 8 else "")
+        names = ", ".join(method.overclaimed[:8]) + (", ..." if len(method.overclaimed) > 8 else "")
         sentences.append(
             f"{label}: claims {len(method.overclaimed)} parameters better than record and prior "
-            f"allow: {few}"
+            f"allow: {names}"
         )
     return tuple(sentences)
 

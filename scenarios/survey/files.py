@@ -30,15 +30,15 @@ from scenarios.survey.growing import MAIN
 from scenarios.survey.recurring import LIBRARY_SIZE, Derivative
 from scenarios.survey.report import (
     belongs_phrase,
+    counts_phrase,
     derivatives_table,
     derivatives_text,
-    drifts,
+    drift_phrases,
     effects_table,
     flights_table,
-    fresh,
-    hints,
     listed,
-    news,
+    new_flight_phrases,
+    other_cause_phrases,
     outlying_table,
     rivals_phrase,
     single_phrases,
@@ -198,7 +198,11 @@ def survey_page(
             map(
                 as_sentence,
                 map(
-                    capital, filter(None, [news(survey), verdicts_phrase(survey), *drifts(survey)])
+                    capital,
+                    filter(
+                        None,
+                        [counts_phrase(survey), verdicts_phrase(survey), *drift_phrases(survey)],
+                    ),
                 ),
             )
         ),
@@ -207,7 +211,7 @@ def survey_page(
             *section("Figures", *figures(figure_files)),
             *section(
                 "New since the last survey",
-                Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
+                Bullets(tuple(map(as_sentence, map(capital, new_flight_phrases(survey))))),
             ),
             *section(
                 "Recurring effects",
@@ -218,7 +222,7 @@ def survey_page(
             *section(
                 "Derivatives",
                 derivatives_table(survey),
-                Bullets(tuple(map(as_sentence, hints(survey)))),
+                Bullets(tuple(map(as_sentence, other_cause_phrases(survey)))),
             ),
             *section("Flights that stand out", outlying_table(survey)),
             *section(

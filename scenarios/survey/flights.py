@@ -16,7 +16,7 @@ from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_next_to
 from scenarios.files.writing import unportable, write_json
-from scenarios.preparation.plan import Plan, Request, plan_of, refuse_turned
+from scenarios.preparation.plan import Plan, Request, plan_of, refuse_reversed
 from scenarios.report.figure_formats import Formats
 from scenarios.tasks.work import Row, Task
 from sim.errors import DeclarationError, FlightidError
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content with ``changes`` replaced; tables key by key."""
-    both = {
+    replaced = {
         key: {**content[key], **value}
         if isinstance(value, dict) and isinstance(content.get(key), dict)
         else value
         for key, value in changes.items()
     }
-    return {**content, **both}
+    return {**content, **replaced}
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
@@ -63,24 +63,20 @@ def _text(value: str) -> str:
 
 # ---- The flights of a survey as its file declares them
 
-FORM = "1"  # version of stored results; others are recomputed
+RESULT_VERSION = "1"  # version of stored results; others are recomputed
 # Quantities that are conditions wherever they are given, in the unit in which they are kept.
 CONDITIONS = {
-    **{
-        "mass": "kg",
-        "airspeed": "m/s",
-        "reference_airspeed": "m/s",
-        "air_density": "kg/m3",
-        "pitch_inertia": "kg m2",
-    },
-    **{
-        "altitude": "m",
-        "mach": "1",
-        "dynamic_pressure": "Pa",
-        "trim_alpha": "rad",
-        "roll_inertia": "kg m2",
-        "yaw_inertia": "kg m2",
-    },
+    "mass": "kg",
+    "airspeed": "m/s",
+    "reference_airspeed": "m/s",
+    "air_density": "kg/m3",
+    "pitch_inertia": "kg m2",
+    "altitude": "m",
+    "mach": "1",
+    "dynamic_pressure": "Pa",
+    "trim_alpha": "rad",
+    "roll_inertia": "kg m2",
+    "yaw_inertia": "kg m2",
 }
 
 
@@ -147,8 +143,8 @@ def read_flights(path: str | Path) -> Flights:
     Raises
     ------
     DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two
-        flights of one name, no flight; a line with file, flight and remedy. Records that are not
-        there are no error here: their flights are told as failed.
+        flights of one name, no flight; a line with file, flight and remedy. A record that does not
+        exist is no error here: its flight is reported as failed.
     """
     from scenarios.files.schemas import SurveyEntry
 
@@ -258,12 +254,13 @@ def _flight(
     where: str,
 ) -> SurveyFlight:
     place = f"{where}, flight {name}"
-    start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
+    start, stop = _own_or_shared(entry.from_, shared.from_), _own_or_shared(entry.to, shared.to)
     hold, rate, lowpass = (
-        _either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass")
+        _own_or_shared(getattr(entry, key), getattr(shared, key))
+        for key in ("hold", "rate", "lowpass")
     )
-    refuse_turned(start, stop, place)
-    columns = _either(entry.columns, shared.columns)
+    refuse_reversed(start, stop, place)
+    columns = _own_or_shared(entry.columns, shared.columns)
     names = ",".join(columns) if isinstance(columns, list) else columns
     try:
         plan = plan_of(
@@ -277,8 +274,8 @@ def _flight(
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     records = tuple(root / each for each in (entry.records or [str(entry.record)]))
-    maneuver = _either(entry.maneuver, shared.maneuver)
-    file = _either(entry.maneuvers, shared.maneuvers)
+    maneuver = _own_or_shared(entry.maneuver, shared.maneuver)
+    file = _own_or_shared(entry.maneuvers, shared.maneuvers)
     plan = _with_maneuvers(
         plan, records, maneuver, root / file if file is not None else None, place
     )
@@ -292,7 +289,7 @@ def _flight(
     given: dict[str, Any] = {
         key: value for key, value in content.items() if key in CONDITIONS
     } | entry.condition
-    channels = _either(entry.channels, shared.channels)
+    channels = _own_or_shared(entry.channels, shared.channels)
     flight = SurveyFlight(
         name,
         records,
@@ -363,7 +360,7 @@ def _refuse_unreadable(
             raise DeclarationError(error.what, where=origin, remedy=error.remedy) from None
 
 
-def _either(own: Any, shared: Any) -> Any:
+def _own_or_shared(own: Any, shared: Any) -> Any:
     return own if own is not None else shared
 
 
@@ -408,8 +405,8 @@ def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFli
 
 
 def _digest(flight: SurveyFlight) -> str:
-    """Return a hash of everything that a flight's results depend on; of a file that is not there,
-    that it is not.
+    """Return a hash of everything that a flight's results depend on, also of which files are
+    missing.
     """
     files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
     files += [
@@ -418,15 +415,15 @@ def _digest(flight: SurveyFlight) -> str:
             flight.channels,
             flight.effects,
             Path(flight.model) if is_model_file(flight.model) else None,
+            flight.vehicle_beside,
         )
         if each is not None
     ]
-    files += [each for each in (flight.vehicle_beside,) if each is not None]
     contents = [
         hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files
     ]
     rest = [
-        FORM,
+        RESULT_VERSION,
         own_version(),
         flight.name,
         flight.model,
@@ -484,7 +481,7 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
     started = time.perf_counter()
     tracing = diagnose_files(flight.request())
-    (folder / KEPT).unlink(missing_ok=True)  # what it says is no longer of this folder
+    (folder / KEPT).unlink(missing_ok=True)  # the old result no longer belongs to the folder
     write_diagnosis(tracing, folder, figures=figures)
     d = tracing.diagnosis
     content = {

@@ -14,7 +14,7 @@ from ident.pooling import (
     Pooled,
     Recurrence,
     Trend,
-    adjusted,
+    adjusted_p_values,
     conditioned,
     outlying_flights,
     pooled,
@@ -512,7 +512,7 @@ def effects_over(
                 line = trend(each.values[at, place], each.sigmas[at, place], where)
                 if line is not None:
                     trends_found.append(((each.name, local), condition, line))
-    rates = adjusted(np.array([line.p_value for *_, line in trends_found]))
+    rates = adjusted_p_values(np.array([line.p_value for *_, line in trends_found]))
     out: dict[tuple[str, str], tuple[str, Trend]] = {}
     for (key, condition, line), rate in zip(trends_found, rates, strict=True):
         if rate < FALSE_DISCOVERY_RATE and (key not in out or line.p_value < out[key][1].p_value):
@@ -553,9 +553,9 @@ def over_flights(
             )
         )
     rates = iter(
-        adjusted(np.array([line.p_value for *_, lines in made for line in lines.values()]))
+        adjusted_p_values(np.array([line.p_value for *_, lines in made for line in lines.values()]))
     )
-    differ = adjusted(np.array([common.p_same for *_, common, _ in made]))
+    differ = adjusted_p_values(np.array([common.p_same for *_, common, _ in made]))
     out = []
     for (name, here, values, sigmas, common, lines), rate in zip(made, differ, strict=True):
         trends = {condition: (line, float(next(rates))) for condition, line in lines.items()}

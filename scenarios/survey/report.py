@@ -72,9 +72,9 @@ def verdicts_phrase(survey: SurveyResult) -> str:
     return f"each flight diagnosed alone: {', '.join(counts)}" if counts else ""
 
 
-def effect_phrase(each: Recurring) -> str:
+def effect_phrase(effect: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
-    values = values_of(each)
+    values = values_of(effect)
     text = (
         f" {values[0].partition(' ')[2]}"
         if len(values) == 1
@@ -82,15 +82,15 @@ def effect_phrase(each: Recurring) -> str:
         if len(values) == 2
         else ""
     )
-    return f"{each.name}{text} in {len(each.has)} of {len(each.flights)} flights"
+    return f"{effect.name}{text} in {len(effect.has)} of {len(effect.flights)} flights"
 
 
-def values_of(each: Recurring) -> list[str]:
+def values_of(effect: Recurring) -> list[str]:
     """Return the common values with sigmas, in display units."""
     out = []
-    sigmas = np.sqrt(np.diag(each.recurrence.covariance))
+    sigmas = np.sqrt(np.diag(effect.recurrence.covariance))
     for (local, unit), value, sigma in zip(
-        each.parameters.items(), each.recurrence.value, sigmas, strict=True
+        effect.parameters.items(), effect.recurrence.value, sigmas, strict=True
     ):
         factor, text = shown_in(unit, local)
         out.append(
@@ -100,42 +100,45 @@ def values_of(each: Recurring) -> list[str]:
     return out
 
 
-def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
+def belongs_phrase(effect: Recurring, survey: SurveyResult) -> str:
     """Return the flights in which an effect is present, and whether its value is constant or
     changes with a condition.
     """
-    text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
+    text = (
+        f"{len(effect.has)} have it, {len(effect.has_not)} do not, "
+        f"{len(effect.untold)} are undecided"
+    )
     whose = (
         f"it belongs to the aircraft: no flight excludes it ({text})"
-        if each.recurrence.belongs == "aircraft"
+        if effect.recurrence.belongs == "aircraft"
         else f"it acts in some flights only: {text}"
     )
     same = (
         "the values of all flights agree"
-        if each.recurrence.agrees
-        else f"its values differ by {100 * each.recurrence.scatter:.0f} % (one sigma) between "
+        if effect.recurrence.agrees
+        else f"its values differ by {100 * effect.recurrence.scatter:.0f} % (one sigma) between "
         "flights"
     )
     changes = [
         f"{local} {change}"
-        for local in each.parameters
-        if (change := _effect_change(survey, each, local))
+        for local in effect.parameters
+        if (change := _effect_change(survey, effect, local))
     ]
     return "; ".join([whose, same, *changes])
 
 
-def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
-    result = survey.effect_trends.get((each.name, local))
+def _effect_change(survey: SurveyResult, effect: Recurring, local: str) -> str:
+    result = survey.effect_trends.get((effect.name, local))
     if result is None:
         return ""
-    factor, text = shown_in(each.parameters[local], local)
+    factor, text = shown_in(effect.parameters[local], local)
     return _change(*result, survey.condition_units.get(result[0], "1"), text, factor)
 
 
-def rivals_phrase(each: Recurring) -> str:
+def rivals_phrase(effect: Recurring) -> str:
     """Return the effects that the evidence excludes, and those that it does not."""
-    equal = [name for name, margin in each.rivals.items() if margin < EQUAL_CHI_SQUARE]
-    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL_CHI_SQUARE}
+    equal = [name for name, margin in effect.rivals.items() if margin < EQUAL_CHI_SQUARE]
+    margins = {name: margin for name, margin in effect.rivals.items() if margin >= EQUAL_CHI_SQUARE}
     out = []
     if equal:
         out.append(
@@ -143,14 +146,12 @@ def rivals_phrase(each: Recurring) -> str:
             "between flights, or by the flights' diagnoses"
         )
     if margins:
-        more = " at least" if len(margins) > 1 else ""
-        least = f"(likelihood ratio test: {min(margins.values()):.4g}{more})"
-        out.append(
-            "preferred to "
-            f"{' and '.join((', '.join(list(margins)[:-1]), list(margins)[-1])) if len(margins) > 1 else next(iter(margins))} "  # noqa: E501
-            f"{least}"
-        )
-    if each.name in AT_THE_INPUT:
+        *others, last = margins
+        names = f"{', '.join(others)} and {last}" if others else last
+        more = " at least" if others else ""
+        least = f"likelihood ratio test: {min(margins.values()):.4g}{more}"
+        out.append(f"preferred to {names} ({least})")
+    if effect.name in AT_THE_INPUT:
         out.append(
             "the same lag or delay in all recorded outputs fits as well: a linear model cannot "
             "tell the two apart"
@@ -158,14 +159,15 @@ def rivals_phrase(each: Recurring) -> str:
     return "; ".join(out)
 
 
-def drift_phrase(survey: SurveyResult, each: Derivative) -> str:
+def drift_phrase(survey: SurveyResult, derivative: Derivative) -> str:
     """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty if it does not
     change.
     """
-    drift = each.drifts
+    drift = derivative.drifts
     if drift is None:
         return ""
-    return f"{each.name} {_change(*drift, survey.condition_units.get(drift[0], '1'), each.unit)}"
+    per = survey.condition_units.get(drift[0], "1")
+    return f"{derivative.name} {_change(*drift, per, derivative.unit)}"
 
 
 def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.0) -> str:
@@ -178,13 +180,13 @@ def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.
     )
 
 
-def drifts(survey: SurveyResult) -> list[str]:
+def drift_phrases(survey: SurveyResult) -> list[str]:
     """Return every derivative that changes with a condition."""
     return [phrase for each in survey.derivatives if (phrase := drift_phrase(survey, each))]
 
 
-def hints(survey: SurveyResult) -> list[str]:
-    """Other possible causes of a change with a condition."""
+def other_cause_phrases(survey: SurveyResult) -> list[str]:
+    """Other possible causes of the changes with a condition, such as wrong masses."""
     forces = [
         each.name
         for each in survey.derivatives
@@ -209,16 +211,16 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
     ]
 
 
-def news(survey: SurveyResult) -> str:
-    """Return the counts of this survey: computed, new, failed and removed flights."""
-    grown = survey.survey_files
+def counts_phrase(survey: SurveyResult) -> str:
+    """Counts of flights in this survey: all, computed, kept, new, failed and removed."""
+    files = survey.survey_files
     parts = [
-        f"{len(grown.diagnoses)} flights",
-        f"{len(grown.computed)} computed now, {len(grown.diagnoses) - len(grown.computed)} kept",
+        f"{len(files.diagnoses)} flights",
+        f"{len(files.computed)} computed now, {len(files.diagnoses) - len(files.computed)} kept",
     ]
-    parts += [f"new: {listed(grown.new)}"] if grown.new else []
-    parts += [f"{len(grown.failed)} failed: {listed(list(grown.failed))}"] if grown.failed else []
-    parts += [f"removed since the last survey: {listed(grown.removed)}"] if grown.removed else []
+    parts += [f"new: {listed(files.new)}"] if files.new else []
+    parts += [f"{len(files.failed)} failed: {listed(list(files.failed))}"] if files.failed else []
+    parts += [f"removed since the last survey: {listed(files.removed)}"] if files.removed else []
     return "; ".join(parts)
 
 
@@ -234,7 +236,7 @@ def single_phrases(survey: SurveyResult) -> list[str]:
     ]
 
 
-def fresh(survey: SurveyResult) -> list[str]:
+def new_flight_phrases(survey: SurveyResult) -> list[str]:
     """Return the new flights, each with its own verdict and the recurring effects that it has."""
     out = []
     for name in survey.survey_files.new:
@@ -256,22 +258,22 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def state(each: Recurring, flight: str) -> str:
+def status_in_flight(effect: Recurring, flight: str) -> str:
     """Status of an effect in one flight."""
-    if flight not in each.flights:
+    if flight not in effect.flights:
         return "–"
-    return HAS if flight in each.has else HAS_NOT if flight in each.has_not else UNTOLD
+    return HAS if flight in effect.has else HAS_NOT if flight in effect.has_not else UNTOLD
 
 
 def newest_first(survey: SurveyResult) -> list[str]:
-    """Return the names of the flights: new ones first, then by date, the last first, then in the
-    order of the file from its end.
+    """Return the names of the flights, the newest first: those new in this survey, then by date,
+    without dates by their place in the file.
     """
     order = list(survey.survey_files.diagnoses)
-    fresh = set(survey.survey_files.new)
+    new = set(survey.survey_files.new)
     return sorted(
         order,
-        key=lambda name: (name in fresh, survey.survey_files.flights[name].date, order.index(name)),
+        key=lambda name: (name in new, survey.survey_files.flights[name].date, order.index(name)),
         reverse=True,
     )
 
@@ -343,8 +345,8 @@ def outlying_table(survey: SurveyResult) -> Table:
 
 def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     """Return the table of flights, newest first; ``linked`` flights have links to their pages."""
-    order, grown = newest_first(survey), survey.survey_files
-    diagnosis = [grown.diagnoses[name] for name in order]
+    order, files = newest_first(survey), survey.survey_files
+    diagnosis = [files.diagnoses[name] for name in order]
 
     def alone(name: str) -> str:
         return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
@@ -357,11 +359,14 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     columns: list[tuple[Column, Sequence[Cell]]] = [
         (Column("number", PURE), [numbers.get(name, MISSING) for name in order]),
         (Column("flight"), names),
-        (Column("since"), ["new" if name in grown.new else "" for name in order]),
-        (Column("date"), [grown.flights[name].date or MISSING for name in order]),
-        (Column("tail"), [grown.flights[name].tail or MISSING for name in order]),
+        (Column("this survey"), ["new" if name in files.new else "" for name in order]),
+        (Column("date"), [files.flights[name].date or MISSING for name in order]),
+        (Column("tail"), [files.flights[name].tail or MISSING for name in order]),
         (Column("verdict"), [each["verdict"] for each in diagnosis]),
-        *((Column(each.name), [state(each, name) for name in order]) for each in survey.recurs),
+        *(
+            (Column(each.name), [status_in_flight(each, name) for name in order])
+            for each in survey.recurs
+        ),
         (Column("alone"), [alone(name) for name in order]),
         (Column("kinematics"), [kinematics(each) for each in diagnosis]),
     ]
@@ -391,7 +396,7 @@ def kinematics(diagnosis: Mapping[str, Any]) -> str:
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
     """Return the content of a survey (SI), with the folders of its flights' studies."""
-    grown, (word, rest) = survey.survey_files, verdict_of(survey)
+    files, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,
         "created": created,
@@ -410,11 +415,11 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
             {"flight": flight, "derivative": name, "sigmas": off}
             for flight, name, off in outlying(survey)
         ],
-        "flights": {name: _flight(survey, name) for name in grown.diagnoses},
-        "failed": dict(grown.failed),
-        "removed": list(grown.removed),
-        "computed": list(grown.computed),
-        "new": list(grown.new),
+        "flights": {name: _flight(survey, name) for name in files.diagnoses},
+        "failed": dict(files.failed),
+        "removed": list(files.removed),
+        "computed": list(files.computed),
+        "new": list(files.new),
         "refitted": survey.refitted,
         "verdicts": dict(survey.verdicts),
         "warnings": list(survey.warnings),
@@ -424,16 +429,16 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
     }
 
 
-def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
+def effect_content(effect: Recurring, survey: SurveyResult) -> dict[str, Any]:
     """JSON content of one recurring effect."""
-    result = each.recurrence
+    result = effect.recurrence
     sigmas = np.sqrt(np.diag(result.covariance))
-    common = zip(each.parameters.items(), result.value, sigmas, strict=True)
+    common = zip(effect.parameters.items(), result.value, sigmas, strict=True)
     return {
-        "name": each.name,
+        "name": effect.name,
         "belongs_to": result.belongs,
-        "sentence": belongs_phrase(each, survey),
-        "rivals_sentence": rivals_phrase(each),
+        "sentence": belongs_phrase(effect, survey),
+        "rivals_sentence": rivals_phrase(effect),
         "parameters": {
             local: {"value": float(value), "std": float(sigma), "unit": unit}
             for (local, unit), value, sigma in common
@@ -449,38 +454,38 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
                 "p": line.p_value,
             }
             for (name, local), (condition, line) in survey.effect_trends.items()
-            if name == each.name
+            if name == effect.name
         },
         "share": result.share,
         "log_likelihood": result.log_likelihood,
         "chance_of_as_much": result.p_value,
-        "rivals": dict(each.rivals),
-        "named_alone": list(each.named),
+        "rivals": dict(effect.rivals),
+        "named_alone": list(effect.named),
         "flights": {
             name: {
-                "state": state(each, name),
+                "state": status_in_flight(effect, name),
                 "probability": float(p),
-                "values": dict(zip(each.parameters, map(float, v), strict=True)),
+                "values": dict(zip(effect.parameters, map(float, v), strict=True)),
                 "stds": list(s),
             }
             for name, p, v, s in zip(
-                each.flights, result.probability, each.values, each.sigmas, strict=True
+                effect.flights, result.probability, effect.values, effect.sigmas, strict=True
             )
         },
     }
 
 
-def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]:
+def derivative_content(derivative: Derivative, survey: SurveyResult) -> dict[str, Any]:
     """JSON content of one derivative over the flights."""
-    common = each.common
+    common = derivative.common
     return {
-        "unit": each.unit,
+        "unit": derivative.unit,
         "value": common.value,
         "std": common.sigma,
         "interval": [common.low, common.high],
         "scatter": common.scatter,
         "p_one_value": common.p_same,
-        "false_discovery_rate": each.differs,
+        "false_discovery_rate": derivative.differs,
         "trends": {
             name: {
                 "slope": line.slope,
@@ -492,11 +497,13 @@ def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]
                 "p": line.p_value,
                 "false_discovery_rate": rate,
             }
-            for name, (line, rate) in each.trends.items()
+            for name, (line, rate) in derivative.trends.items()
         },
         "flights": {
             name: {"value": float(v), "std": float(s)}
-            for name, v, s in zip(each.flights, each.values, each.sigmas, strict=True)
+            for name, v, s in zip(
+                derivative.flights, derivative.values, derivative.sigmas, strict=True
+            )
         },
     }
 
@@ -522,18 +529,8 @@ def derivatives_text(survey: SurveyResult) -> str:
     """``derivatives.csv``: one row per flight and derivative, with the flight's conditions; SI."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        [
-            "flight",
-            "derivative",
-            "unit",
-            "value",
-            "std",
-            "sigmas_off",
-            "stands_out",
-            *survey.conditions,
-        ]
-    )
+    columns = ("flight", "derivative", "unit", "value", "std", "sigmas_off", "stands_out")
+    writer.writerow([*columns, *survey.conditions])
     for each in survey.derivatives:
         for name, value, sigma, off, out in zip(
             each.flights, each.values, each.sigmas, each.off, each.out, strict=True
@@ -542,18 +539,8 @@ def derivatives_text(survey: SurveyResult) -> str:
                 repr(by_flight[name]) if name in by_flight else ""
                 for by_flight in survey.conditions.values()
             ]
-            writer.writerow(
-                [
-                    name,
-                    each.name,
-                    each.unit,
-                    repr(float(value)),
-                    repr(float(sigma)),
-                    f"{off:.4g}",
-                    int(out),
-                    *at,
-                ]
-            )
+            numbers = (repr(float(value)), repr(float(sigma)), f"{off:.4g}", int(out))
+            writer.writerow([name, each.name, each.unit, *numbers, *at])
     return text.getvalue()
 
 
@@ -576,7 +563,7 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
     for text in (
         *survey.warnings,
         *(f"note: {note}" for note in survey.notes),
-        *hints(survey),
+        *other_cause_phrases(survey),
         *single_phrases(survey),
     ):
         lines += wrapped(text, width)
@@ -586,7 +573,9 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
 def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
     """Summary: the survey, recurring effects, changes with a condition, outlying flights."""
     word, rest = verdict_of(survey)
-    changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
+    changes = (
+        "; ".join(drift_phrases(survey)) or "no derivative changes with a condition beyond chance"
+    )
     far = outlying(survey)
     stands = (
         f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}"
@@ -595,5 +584,9 @@ def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
     )
     stands = "; ".join(filter(None, (stands, verdicts_phrase(survey))))
     return Summary(
-        f"{survey.flights.title}: {news(survey)}", f"{word}: {rest}", changes, stands, details
+        f"{survey.flights.title}: {counts_phrase(survey)}",
+        f"{word}: {rest}",
+        changes,
+        stands,
+        details,
     )

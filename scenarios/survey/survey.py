@@ -121,7 +121,7 @@ def survey_flights(
         cluster,
     )
     names = candidates(had.diagnoses)
-    begun = (
+    share_done = (
         DIAGNOSIS_SHARE if had.computed else 0.0
     )  # so that the time that is left follows from the share
     fits, refitted, unfitted = _fits(
@@ -129,7 +129,7 @@ def survey_flights(
         names,
         folder,
         jobs,
-        lambda stage, share: tell(stage, begun + (0.95 - begun) * share),
+        lambda stage, share: tell(stage, share_done + (0.95 - share_done) * share),
         cluster,
     )
     fitted = tuple(fits)

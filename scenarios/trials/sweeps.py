@@ -69,7 +69,8 @@ class RollLoop:
 
     Attributes
     ----------
-    gain : rad/s2 of a full command. inv_T_roll : 1/s.
+    gain : rad/s2 of a full command.
+    inv_T_roll : 1/s.
     delay : s, of servo and computer.
     proportional, integral : command per rad/s, per rad.
     rate : frames a second.

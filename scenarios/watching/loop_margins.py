@@ -60,7 +60,7 @@ MAIN, HISTORY = "margins.json", "history.csv"
 
 @dataclass(frozen=True)
 class LoopNames:
-    """The signals of a loop: ``command`` behind the sum, ``returned`` into it with ``sign``, and
+    """The signals of a loop: ``command`` after the sum, ``returned`` into it with ``sign``, and
     the ``excitation`` that is added; None if it is not recorded."""
 
     sign: str

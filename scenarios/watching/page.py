@@ -525,8 +525,8 @@ class Follow:
         self._counted.append((now, rows))
         while len(self._counted) > 2 and now - self._counted[0][0] > RATE_AVERAGING_TIME:
             self._counted.popleft()
-        begun, before = self._counted[0]
-        passed = now - begun
+        first_time, before = self._counted[0]
+        passed = now - first_time
         rate = (rows - before) / passed if passed > 0 else 0.0
         numbers = {
             "rows": rows,

@@ -518,9 +518,12 @@ def in_order(
                     continue
                 order = _accept(ahead, ahead_row, order, rows, faults)
             else:
-                begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
+                time_before = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
                 faults.append(
-                    Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back")
+                    Fault(
+                        ahead_row,
+                        f"time jumps ahead ({time_before}{ahead[0]:.9g} s) and comes back",
+                    )
                 )
         ahead_of_all = time - order.time > ROWS_AHEAD
         order = (

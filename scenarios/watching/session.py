@@ -37,12 +37,12 @@ from ident.banks.online import (
 )
 from ident.banks.relinearised import (
     Relinearised,
-    along,
-    due,
+    advanced,
+    bank_that_continues,
     informative_enough,
+    linearisation_due,
     linearise,
-    on_a_grid_that_fits,
-    sharper_of,
+    with_fitting_grid,
 )
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
@@ -264,12 +264,12 @@ def _refined(
         passed = (
             [None] * (row + 1 - len(out))
             if session.refined is None
-            else along(session.refined, Rows(*(part[..., stretch] for part in given)))
+            else advanced(session.refined, Rows(*(part[..., stretch] for part in given)))
         )
         session.refined = passed[-1]
         if row in new_seconds:
             if session.refined is not None:
-                session.refined = on_a_grid_that_fits(session.refined)
+                session.refined = with_fitting_grid(session.refined)
             if _wanted(session, states[row]):
                 session.tried, before = states[row].rows_seen, session.first
                 result = _linearised(session, states[row], ends.mean[row].T)
@@ -277,7 +277,7 @@ def _refined(
                 session.refined = (
                     result
                     if same and result is not None
-                    else sharper_of(session.refined, result, STARTED)
+                    else bank_that_continues(session.refined, result, STARTED)
                 )
         out += [*passed[:-1], session.refined]
     return out
@@ -289,10 +289,12 @@ def _wanted(session: Session, state: BankState) -> bool:
         return False
     if session.refined is None:
         return informative_enough(session.bank, state, STARTED)
-    return due(session.refined, STARTED)
+    return linearisation_due(session.refined, STARTED)
 
 
-def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:
+def _linearised(
+    session: Session, state: BankState, other_starts: np.ndarray
+) -> Relinearised | None:
     """Linearise over the rows up to a state, of many the last, from where the aircraft was
     steady.
     """
@@ -315,7 +317,7 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
             if name in record.output_names and record[name].valid[0]
         }
         system = replace(system, initial=system.initial.with_values(levels))
-    return linearise(record, system, session.bank, state, elsewhere)
+    return linearise(record, system, session.bank, state, other_starts)
 
 
 def onset(record: Record, first: int) -> int:

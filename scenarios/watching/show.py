@@ -474,7 +474,9 @@ def loop_page(
 ) -> Page:
     """Return the page of a loop that was watched."""
     stream = content["stream"]
-    said = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['gaps']} gaps"
+    sentence = (
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['gaps']} gaps"
+    )
     margins: list[Block] = []
     if loop is not None:
         margins += loop_tables(loop)
@@ -487,7 +489,7 @@ def loop_page(
         kind=f"Watch of {name}, broken-loop response by recursive Fourier transforms",
         verdict="margins" if loop is not None else "not determined",
         tone="plain" if loop is not None else "open",
-        sentence=as_sentence(said),
+        sentence=as_sentence(sentence),
         summary=(),
         warnings=tuple(map(as_sentence, content["warnings"])),
         sections=(

@@ -23,7 +23,7 @@ from ident.frequency_domain.online import (
     estimate,
     online_equations,
 )
-from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, taken
+from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of
@@ -213,7 +213,7 @@ def regress(session: SpectralSession) -> list[Point]:
         inputs = np.concatenate([inputs, _flow_rows(session)])
     values = None if session.last is None else session.last.values
     if session.lag is not None:
-        session.lag = taken(session.lag, time, inputs[0], outputs, values)
+        session.lag = with_rows(session.lag, time, inputs[0], outputs, values)
         equations, session.lag = estimated(session.lag)
     else:
         equations = _likelier(session, time, inputs, outputs, values)

@@ -168,9 +168,9 @@ def _at_start(
     bank = session.bank
     assert bank is not None
     n_x = len(bank.system.states)
-    begun = replace(estimate, values=bank.start[n_x:])
+    start_estimate = replace(estimate, values=bank.start[n_x:])
     moved = (moved_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
-    return begun, derived_of(begun, session.vehicle, (0.0, 0.0)), moved
+    return start_estimate, derived_of(start_estimate, session.vehicle, (0.0, 0.0)), moved
 
 
 def _derived_spread(

@@ -206,8 +206,8 @@ class Misfit:
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
-    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero if
-    it has none.
+    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero if it
+        has none.
     peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s;
         zero if it has none.
     lag_one : lag-one correlation of the normalised q innovations.

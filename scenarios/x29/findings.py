@@ -327,10 +327,9 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
     if all(result[0] == (delay > refined) for delay, result in grid.items()):
         cause += (
             f". The record's delay is {refined:.4f} s: held longer, the lag grows shorter from "
-            "pass to pass, held shorter it grows longer, and M_q "
-            "and M_alpha follow. The direction is that of the grid point which the bank has taken; "
-            "the paper's is that of a delay longer than its "
-            "aircraft's"
+            "pass to pass, held shorter it grows longer, and M_q and M_alpha follow. The direction "
+            "is that of the grid point which the bank has taken; the paper's is that of a delay "
+            "longer than its aircraft's"
         )
     taken = (
         "as the paper's" if ways[study.single_pass.delay][0] else "the other way than the paper's"

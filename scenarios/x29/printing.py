@@ -537,9 +537,8 @@ def _variants(study: LoopStudy) -> list[Block]:
     )
     note = (
         "rms q: free simulation against the measurement over the sensor's sigma; lag 1, Ljung-Box "
-        "(25 lags, white: 25 +- 7), low share "
-        "(power below a fifth of the Nyquist frequency, white: 0.20) of the normalised pitch-rate "
-        "innovations; size of all of them, 1 expected"
+        "(25 lags, white: 25 +- 7), low share (power below a fifth of the Nyquist frequency, "
+        "white: 0.20) of the normalised pitch-rate innovations; size of all of them, 1 expected"
     )
     return [shown, Prose(note, "note")]
 

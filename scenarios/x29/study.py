@@ -421,7 +421,7 @@ def _equivalent(study: LoopStudy) -> Iterator[str]:
     }
     largest = max(DERIVATIVES, key=lambda name: abs(off[name][0]))
     beyond = [name for name, (value, bound) in off.items() if abs(value) > bound]
-    verdict = f"beyond the bound: {_list(beyond)}" if beyond else "all within"
+    verdict = f"beyond the bound: {', '.join(beyond)}" if beyond else "all within"
     yield (
         f"against the loop's own low-order equivalent: frequency {_percent(off['frequency'][0])} "
         f"(bound {_bound(FREQUENCY)}), "
@@ -452,7 +452,7 @@ def _against_other(study: LoopStudy) -> Iterator[str]:
     verdict = "both by less than a sigma" if most < 1.0 else f"both by less than {MOVED:g} sigmas"
     spectra, record = "", study.check.record
     if beyond:
-        verdict = f"{_list(beyond)} by more than {MOVED:g} sigmas"
+        verdict = f"{', '.join(beyond)} by more than {MOVED:g} sigmas"
         spectra = (
             ""
             if record is None
@@ -552,7 +552,7 @@ def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> st
         (yes, [shown[label] for label, is_so in off.items() if is_so]),
         (no, [shown[label] for label, is_so in off.items() if not is_so]),
     )
-    return "; ".join(f"{word} with {_list(result)}" for word, result in groups if result)
+    return "; ".join(f"{word} with {', '.join(result)}" for word, result in groups if result)
 
 
 def _signed(value: float) -> str:
@@ -566,7 +566,3 @@ def _percent(share: float) -> str:
 
 def _bound(share: float) -> str:
     return f"{100.0 * share:g} %"
-
-
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(names)

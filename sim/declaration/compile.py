@@ -321,7 +321,7 @@ def measured_of(parts: EffectStages) -> Measured:
 def dynamics_of(
     parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
-    """``f``: the rates of all states, those of effects behind those of the equations."""
+    """``f``: the rates of all states, those of effects after those of the equations."""
     equations, own, slices = parts.model.equations, parts.own, parts.slices
     input_names = parts.input_names
     moved_in, moved_out = parts.moved_in, parts.moved_out

@@ -312,8 +312,8 @@ class Model:
 
     def without(self, name: str) -> Model:
         """Return the model without one effect and its parameters."""
-        gone = [effect for effect in self.effects if effect.name == name]
-        if not gone:
+        removed = [effect for effect in self.effects if effect.name == name]
+        if not removed:
             available = ", ".join(effect.name for effect in self.effects) or "none"
             raise ModelError(
                 f"there is no effect {name!r}",
@@ -322,7 +322,7 @@ class Model:
             )
         others = tuple(effect for effect in self.effects if effect.name != name)
         shared = {full_name(effect, item.name) for effect in others for item in effect.parameters}
-        names = {full_name(gone[0], item.name) for item in gone[0].parameters} - shared
+        names = {full_name(removed[0], item.name) for item in removed[0].parameters} - shared
         kept = ParameterSet(tuple(item for item in self.parameters if item.name not in names))
         return replace(self, effects=others, parameters=kept)
 

@@ -360,7 +360,7 @@ def _model(
         )
         if all_biases:
             equations = replace(equations, biased_outputs=observable_biases(equations, starts))
-    begun = [
+    initial = [
         Parameter(
             s.name,
             start.get(s.name, 0.0),
@@ -369,7 +369,7 @@ def _model(
         )
         for s in equations.states
     ]
-    return Model(equations, numbers, ParameterSet(tuple(begun)))
+    return Model(equations, numbers, ParameterSet(tuple(initial)))
 
 
 def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:

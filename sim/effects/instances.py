@@ -203,8 +203,8 @@ ANOTHER_FALL = (
 )
 BEYOND_PRODUCTS = (
     "both signals moved far, together and one after the other: as long as a derivative grows "
-    "evenly with a signal, all that a record shows is the "
-    "product of two signals, whichever of the two derivatives it is"
+    "evenly with a signal, all that a record shows is the product of two signals, whichever of the "
+    "two derivatives it is"
 )
 
 
@@ -425,7 +425,7 @@ def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
     return (Parameter("half_width", typical, unit, bounds=(0.0, 1e9)),)
 
 
-def believed(typical: float) -> Mapping[str, tuple[float, float]]:
+def plausible_half_width(typical: float) -> Mapping[str, tuple[float, float]]:
     """Return the plausible range: up to ten times the typical value."""
     return {"half_width": (0.0, 10.0 * typical)}
 

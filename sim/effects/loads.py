@@ -129,7 +129,7 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
 
 def moved_ahead(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: behind the last
+    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: after the last
     edge the last value holds.
     """
     return moved_back(-edges[::-1], u[::-1], delay)[::-1]
@@ -258,8 +258,16 @@ _COEFFICIENTS = {  # Coefficients by port, of the aircraft and of the low-order 
 # Signal multiplied by a derivative of the built-in models, by the suffix of its name; and the
 # suffix by signal.
 MULTIPLIED = {
-    **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
-    **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
+    "alpha": "alpha",
+    "q": "q",
+    "V": "airspeed",
+    "beta": "beta",
+    "p": "p",
+    "r": "r",
+    "de": "elevator",
+    "da": "aileron",
+    "dr": "rudder",
+    "delta": "delta",
 }
 _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
     "alpha_air": "alpha",

@@ -166,11 +166,11 @@ class _Loop:
         """
         system, command = self.system, self.command(t)
         felt = self.outputs(t, x, command)
-        said = {
+        readings = {
             key: felt[i] + float(noise[i]) - start[i] for i, key in enumerate(system.output_names)
         }
         added = [
-            sum(gain * said[key] for key, gain in self.gains.get(name, {}).items())
+            sum(gain * readings[key] for key, gain in self.gains.get(name, {}).items())
             for name in system.input_names
         ]
         u = [value + more for value, more in zip(command, added, strict=True)]

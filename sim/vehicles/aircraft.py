@@ -125,15 +125,16 @@ class Aircraft:
 
     Attributes
     ----------
-    name : of the vehicle. constants : see ``CONSTANTS``. surfaces : recorded inputs with their
-        units. mixes : signals of terms that are sums of recorded inputs, with their factors.
+    name, constants : of the vehicle; see ``CONSTANTS``.
+    surfaces, mixes : recorded inputs with units; sums of them that terms use, with factors.
     coefficients : of CX CY CZ or CD CY CL, Cl Cm Cn, terms and their values.
     sensors : places of ``SENSORS``, m from the centre of gravity, body axes.
-    thrust : see ``Thrust``. wind : axes in which its components are recorded inputs, a key of
-        ``WIND``; empty where they are not.
+    thrust : see ``Thrust``.
+    wind : axes in which its components are recorded inputs, a key of ``WIND``, or empty.
     recorded : states that are columns of the record and not simulated; alpha and beta as their
-        vanes read. varying : constants that are columns. start : states at the start.
-    biases : outputs with a free constant bias. further : states beyond ``STATES``.
+        vanes read.
+    varying, start : constants that are columns; states at the start.
+    biases, further : outputs with a free constant bias; states beyond ``STATES``.
     attitude : ``euler`` or ``quaternion``, by which it is integrated.
     estimated : coordinates of sensors that are parameters, ``accelerometer_y``; they begin at
         ``sensors``.
@@ -245,7 +246,7 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
 
     Parameters
     ----------
-    axes : a key of ``WIND``, or empty. further : states beyond ``STATES``. where : for the message.
+    axes, further, where : a key of ``WIND`` or empty; states beyond ``STATES``; for the message.
     """
     if axes and axes not in WIND:
         raise DeclarationError(
@@ -270,8 +271,8 @@ def refuse_recorded(
 
     Parameters
     ----------
-    recorded : states that are columns. wind : a key of ``WIND``, or empty. where : for the message.
-    attitude : a key of ``ATTITUDES``.
+    recorded, where : states that are columns; for the message.
+    wind, attitude : a key of ``WIND`` or empty, and a key of ``ATTITUDES``.
     """
     if attitude not in ATTITUDES:
         raise DeclarationError(
@@ -344,9 +345,10 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
     motion = _AircraftEquations(aircraft)
     turned = ATTITUDES[aircraft.attitude]
-    at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
-    begun = {name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")}
-    begun |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
+    angles, given = ("phi", "theta", "psi"), aircraft.start
+    at = [given.get(name, 0.0) for name in angles]
+    starts_of_states = {name: v for name, v in given.items() if name not in angles}
+    starts_of_states |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
     units = {**STATES, **FURTHER, **turned.states, **turned.headed}
     try:
         model = own_model(
@@ -360,7 +362,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             constants,
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
-            {**begun, **rest},
+            {**starts_of_states, **rest},
             biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:

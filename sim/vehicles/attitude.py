@@ -66,11 +66,11 @@ class EulerAngles:
     def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
         sin_phi, cos_phi = sin(s.phi), cos(s.phi)
         sin_theta, cos_theta = sin(s.theta), cos(s.theta)
-        turn = (s.q * sin_phi + s.r * cos_phi) / cos_theta
+        psi_dot = (s.q * sin_phi + s.r * cos_phi) / cos_theta
         return (-sin_theta, sin_phi * cos_theta, cos_phi * cos_theta), {
-            "phi": s.p + sin_theta * turn,
+            "phi": s.p + sin_theta * psi_dot,
             "theta": s.q * cos_phi - s.r * sin_phi,
-            "psi": turn,
+            "psi": psi_dot,
         }
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:

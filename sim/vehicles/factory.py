@@ -61,7 +61,7 @@ MODE_DERIVATIVES = {
     **dict.fromkeys(("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot"), "1"),
     **dict.fromkeys(("Ceta_alpha", "Ceta_q", "Ceta_de"), "1/rad"),
 }
-_NOT_ABOVE_ZERO = {"zeta"}
+_MAY_BE_ZERO = {"zeta"}
 Family = tuple[Equations, Mapping[str, str], Mapping[str, str]]
 # Equations whose derivatives may be left out, which holds them at zero.
 WHOLE_AXES: Mapping[str, Family] = {
@@ -154,7 +154,7 @@ def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The low-order equivalent system with a set's numbers, in the gauge of whole-record fits.
+    """The low-order equivalent system with a set's numbers, for whole-record fits.
 
     Free are the seven derivatives of ``LOES_DERIVATIVES`` and ``delay``, an InputDelay on the stick
     with its parameter under that plain name; constants and the constant terms ``LOES_OFFSETS`` are
@@ -233,7 +233,7 @@ def loes_filter_model(model: Model) -> Model:
     """Return the fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free,
     no other bias.
 
-    Priors, initial variances and noise are the filter's own affair and still to be declared.
+    Priors, initial variances and noise are those of the filter, and are still to be declared.
     """
     return model.with_parameters(model.parameters.hold(["delay"]).release(LOES_OFFSETS))
 
@@ -255,15 +255,17 @@ def vehicle_from_values(
         raise DeclarationError(
             f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}"
         )
-    result, constants, derivatives = FAMILIES[equations]
+    family, constants, derivatives = FAMILIES[equations]
     units = {
         **constants,
         **derivatives,
         **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)},
     }
-    state_units = {signal.name: signal.unit for signal in result.states}
-    numbers = tuple(_users(name, key, value, units) for key, value in values.items())
-    start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
+    state_units = {signal.name: signal.unit for signal in family.states}
+    numbers = tuple(_user_number(name, key, value, units) for key, value in values.items())
+    start = tuple(
+        _user_number(name, key, value, state_units) for key, value in (initial or {}).items()
+    )
     return VehicleData(name, name, "given by the user", equations, numbers, start, modes)
 
 
@@ -378,7 +380,7 @@ def _checked(data: VehicleData, name: str, unit: str) -> SourcedNumber:
             remedy="give zero or a positive number",
         )
     positive = stem in {*ABOVE_ZERO, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
-    if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
+    if positive and not (number.value > 0 or (stem in _MAY_BE_ZERO and number.value == 0)):
         raise DeclarationError(
             f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number"
         )
@@ -392,7 +394,7 @@ def _sourced(item: Parameter, numbers: Mapping[str, SourcedNumber]) -> Parameter
     )
 
 
-def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> SourcedNumber:
+def _user_number(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> SourcedNumber:
     if name not in units:
         raise DeclarationError(
             f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}"
@@ -431,8 +433,8 @@ def linearise(
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
     about : the point, states and inputs by name in SI, zero where one is not named; the origin when
-        None. The matrices are the derivatives there, whether or not the point is a trim: rates that
-        are not zero in it are not kept.
+        None. The matrices are the derivatives there, even if the point is no trim; state
+        derivatives that are not zero there are dropped.
 
     Raises
     ------
@@ -475,8 +477,8 @@ def zero_order_hold_response(system: SystemMatrices, u: np.ndarray, step: float)
     n = len(system.A)
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = system.A, system.B[:, 0]
-    jump = expm(block * step)
+    transition = expm(block * step)
     states = np.zeros((len(u), n))
     for k in range(len(u) - 1):
-        states[k + 1] = jump[:n, :n] @ states[k] + jump[:n, n] * u[k]
+        states[k + 1] = transition[:n, :n] @ states[k] + transition[:n, n] * u[k]
     return system.C @ states.T + system.D[:, :1] * u

@@ -66,9 +66,12 @@ per area (kg/m2): the paper's weight per area divided by gravity."""
 COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 LAG, DELAY = "motor_time_constant", "delay"
 _FACTORS = {
-    **{"L_p": "1/s", "L_lat": "rad/s2"},
-    **{"M_q": "1/s", "M_lon": "rad/s2"},
-    **{"N_r": "1/s", "N_ped": "rad/s2"},
+    "L_p": "1/s",
+    "L_lat": "rad/s2",
+    "M_q": "1/s",
+    "M_lon": "rad/s2",
+    "N_r": "1/s",
+    "N_ped": "rad/s2",
     "Z_col": "m/s2",
 }
 _CONSTANT_TERMS = {"L_0": "rad/s2", "M_0": "rad/s2", "N_0": "rad/s2", "Z_0": "m/s2"}
@@ -94,7 +97,7 @@ pitch, yaw and thrust commands.
 
 p_dot = L_0 + L_p p + L_lat u_lat + L_qr q r,  q_dot = M_0 + M_q q + M_lon u_lon + M_pr p r,
 r_dot = N_0 + N_r r + N_ped u_ped + N_pq p q,  az = Z_0 + Z_col u_col,
-each u the command behind a first-order lag of the motors and a delay (Tischler and Remple, Aircraft
+each u the command after a first-order lag of the motors and a delay (Tischler and Remple, Aircraft
 and Rotorcraft System Identification, 2nd ed., hover models; Wei, Cohen and Tischler, System
 Identification and Controller Optimization of a Quadrotor UAV, AHS Forum 71, 2015). L_0, M_0, N_0
 are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (Izz - Ixx)/Iyy, N_pq

@@ -98,27 +98,28 @@ def _lift_coefficient(s: Any, p: Any) -> Any:
 
 
 LONGITUDINAL_CONSTANTS = {
-    **{
-        "mass": "kg",
-        "wing_area": "m2",
-        "chord": "m",
-        "pitch_inertia": "kg m2",
-        "air_density": "kg/m3",
-    },
-    **{"reference_airspeed": "m/s", "thrust_arm": "m"},
+    "mass": "kg",
+    "wing_area": "m2",
+    "chord": "m",
+    "pitch_inertia": "kg m2",
+    "air_density": "kg/m3",
+    "reference_airspeed": "m/s",
+    "thrust_arm": "m",
 }
 LONGITUDINAL_DERIVATIVES = {
-    **{
-        "CD_0": "1",
-        "CD_V": "1",
-        "CD_alpha": "1/rad",
-        "CL_0": "1",
-        "CL_V": "1",
-        "CL_alpha": "1/rad",
-        "CL_q": "1/rad",
-        "CL_de": "1/rad",
-    },
-    **{"Cm_0": "1", "Cm_V": "1", "Cm_alpha": "1/rad", "Cm_q": "1/rad", "Cm_de": "1/rad"},
+    "CD_0": "1",
+    "CD_V": "1",
+    "CD_alpha": "1/rad",
+    "CL_0": "1",
+    "CL_V": "1",
+    "CL_alpha": "1/rad",
+    "CL_q": "1/rad",
+    "CL_de": "1/rad",
+    "Cm_0": "1",
+    "Cm_V": "1",
+    "Cm_alpha": "1/rad",
+    "Cm_q": "1/rad",
+    "Cm_de": "1/rad",
 }
 
 
@@ -243,7 +244,7 @@ class Loes:
     """
 
     explanation = """\
-Low-order equivalent system of an augmented aircraft: dimensional short period behind a lag and a
+Low-order equivalent system of an augmented aircraft: dimensional short period after a lag and a
 delay.
 
 alpha_dot = L_alpha alpha + L_q q + L_delta delta + L_0, q_dot = M_alpha alpha + M_q q + M_delta
@@ -326,15 +327,16 @@ def _alpha_rate(s: Any, p: Any) -> Any:
 
 AXES = ("CY", "Cl", "Cn")
 LATERAL_CONSTANTS = {
-    **{
-        "mass": "kg",
-        "wing_area": "m2",
-        "span": "m",
-        "roll_inertia": "kg m2",
-        "yaw_inertia": "kg m2",
-        "cross_inertia": "kg m2",
-    },
-    **{"airspeed": "m/s", "air_density": "kg/m3", "trim_alpha": "rad", "trim_theta": "rad"},
+    "mass": "kg",
+    "wing_area": "m2",
+    "span": "m",
+    "roll_inertia": "kg m2",
+    "yaw_inertia": "kg m2",
+    "cross_inertia": "kg m2",
+    "airspeed": "m/s",
+    "air_density": "kg/m3",
+    "trim_alpha": "rad",
+    "trim_theta": "rad",
 }
 LATERAL_DERIVATIVES = {
     f"{axis}_{by}": "1/rad" for axis in AXES for by in ("beta", "p", "r", "da", "dr")

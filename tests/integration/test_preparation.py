@@ -141,7 +141,7 @@ def test_check_takes_segments_and_filter(
     )
     notes = json.loads((tmp_path / "study" / "compatibility.json").read_text())["notes"]
     assert any(
-        "flight.csv[1-9 s]: all channels behind one zero-phase low-pass of 5 Hz" in note
+        "flight.csv[1-9 s]: all channels after one zero-phase low-pass of 5 Hz" in note
         for note in notes
     )
 

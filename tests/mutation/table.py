@@ -181,7 +181,7 @@ SIM = (
     *changes(
         "sim/declaration/model.py",
         ("tests/unit/sim/vehicles/test_multirotor.py",),
-        ("for item in gone[0].parameters} - shared", "for item in gone[0].parameters}"),
+        ("for item in removed[0].parameters} - shared", "for item in gone[0].parameters}"),
     ),
     *changes(
         "scenarios/preparation/reading.py",
@@ -718,8 +718,8 @@ RECORDS = (
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (
-            "np.where(valid, all_parts[:, before], all_parts.mean",
-            "np.where(~valid, all_parts[:, before], all_parts.mean",
+            "np.where(valid, joined[:, before], joined.mean",
+            "np.where(~valid, joined[:, before], joined.mean",
         ),
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),

@@ -83,7 +83,7 @@ def test_thirty_maneuvers_of_an_envelope_in_one_model() -> None:
             history = coefficients_of(record, aircraft)
             model = sum(value * history.column(term, axis) for term, value in table.items())
             error += float(np.sum((history.coefficients[axis] - model) ** 2))
-            through = history.noise_through(table, axis)
+            through = history.noise_variance(table, axis)
             noise += float(np.sum(history.sigma[axis] ** 2 + through))
         assert np.sqrt(error / noise) < 1.3, axis
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import chance_of, charge_of, probabilities, same_lateness
+from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import (
@@ -128,7 +128,7 @@ def bias_findings(
         fault, size = SensorFault(item.channel, BIAS), item.smoother
         # Significance counts from the smallest notable size: earth rotation, its curvature and the
         # decrease of gravity explain less.
-        excess = max(abs(size.value) - fault.worth, 0.0)
+        excess = max(abs(size.value) - fault.smallest_finding, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.determined and item.agrees and p * len(estimates) < false_alarm:
             group = instead_of(lines, r, item.channel, false_alarm)
@@ -165,10 +165,12 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     for j, fault in enumerate(faults):
         if n + j not in members and information[n + j, n + j] > 0:
             gain, size, variance = _least([*rest, n + j], information, held)
-            possible = fault.worth < abs(size) < fault.largest and (size > 0 or not fault.one_sided)
+            possible = fault.smallest_finding < abs(size) < fault.largest and (
+                size > 0 or not fault.one_sided
+            )
             if possible and variance < fault.plausible**2:
                 losses.append((best - gain + spent, fault.name))
-    chance = chance_of(false_alarm, len(faults))
+    chance = confusable_loss(false_alarm, len(faults))
     return tuple(name for loss, name in sorted(losses) if loss <= chance)
 
 
@@ -198,12 +200,12 @@ def estimates_and_findings(
     for j in search_result.common:
         context, lost[j] = _context(search_result, j, stood)
         estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
-    findings, said = [], set()
+    findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
-            if j not in said and stood[j][0] == group[0][0]:
+            if j not in named and stood[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
                 findings.append(
                     replace(
@@ -211,9 +213,9 @@ def estimates_and_findings(
                         probabilities=shares,
                     )
                 )
-                said.add(j)
+                named.add(j)
     rest = sorted(
-        (j for j in search_result.common if j not in said), key=lambda j: estimates[j].p_value
+        (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     findings += [
         replace(
@@ -378,9 +380,13 @@ def drift_of(
         np.full(len(faults), SECANT_STEP),
     )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
-    if not item.determined or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
+    if (
+        not item.determined
+        or item.gain < charge
+        or abs(item.smoother.value) < faults[j].smallest_finding
+    ):
         return ()
-    rivals = alike(beside, (*members, j), j, chance_of(false_alarm, len(drifts)), drifts)
+    rivals = alike(beside, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts)
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
 
 
@@ -526,9 +532,8 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
         channel, ahead = search_result.early
         out.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
-            "than any sensor fault: something acts that the "
-            "kinematics do not know, a gust on vane and load most likely, so that no further "
-            "fault is named"
+            "than any sensor fault: something acts that the kinematics do not know, a gust on vane "
+            "and load most likely, so that no further fault is named"
         )
     behind = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]

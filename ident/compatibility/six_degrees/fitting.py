@@ -227,8 +227,8 @@ def fit(
         dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
     )
     sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
-    begun = first_noise(signals)
-    noise = begin.noise if begin is not None else begun
+    first_levels = first_noise(signals)
+    noise = begin.noise if begin is not None else first_levels
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
     lines = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
@@ -250,7 +250,7 @@ def fit(
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
         before, noise = (
             noise,
-            settled_noise(signals, residuals, [slope for _, slope in lines], begun),
+            settled_noise(signals, residuals, [slope for _, slope in lines], first_levels),
         )
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_VARIANCE):
             break
@@ -514,11 +514,11 @@ def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.nd
     """Information of faults and biases, faults first, with all other own unknowns free."""
     n = len(prior)
     kept = [*range(n, len(gram)), *named]
-    gone = [i for i in range(n) if i not in named]
-    inner = gram[np.ix_(gone, gone)] + np.diag(prior[gone])
+    eliminated = [i for i in range(n) if i not in named]
+    inner = gram[np.ix_(eliminated, eliminated)] + np.diag(prior[eliminated])
     return np.asarray(
         gram[np.ix_(kept, kept)]
-        - gram[np.ix_(kept, gone)] @ bounded_inverse(inner) @ gram[np.ix_(gone, kept)]
+        - gram[np.ix_(kept, eliminated)] @ bounded_inverse(inner) @ gram[np.ix_(eliminated, kept)]
     )
 
 

@@ -220,7 +220,7 @@ def misled_by_bank(
             np.std(_detrended_integral(record.time, wrong))
             for wrong in _wrong_rates(record, rates, phi, airspeed, gravity)
         )
-        if worst > SensorFault("alpha", BIAS).worth:
+        if worst > SensorFault("alpha", BIAS).smallest_finding:
             lean, say = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
             out.append(
                 f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that "
@@ -503,14 +503,12 @@ def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarr
 
 
 _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
-    **{
-        "theta": _theta,
-        "phi": _phi,
-        "psi": _psi,
-        "alpha": _alpha,
-        "beta": _beta,
-        "airspeed": _airspeed,
-    }
+    "theta": _theta,
+    "phi": _phi,
+    "psi": _psi,
+    "alpha": _alpha,
+    "beta": _beta,
+    "airspeed": _airspeed,
 }
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ident.compatibility.fault_sets import (
     TIE_LOG_LIKELIHOOD,
-    chance_of,
     charge_of,
+    confusable_loss,
     same_lateness,
     same_trace,
 )
@@ -95,11 +95,11 @@ def fitted(
     )
     white = np.einsum("mii->mi", inverse).copy()
     widening = np.maximum(corrected / np.where(white > 0, white, 1.0), 1.0)
-    plausible, worth, largest, one_sided, load = (
+    plausible, smallest, largest, one_sided, load = (
         np.array(column)[members]
         for column in zip(
             *(
-                (f.plausible, f.worth, 0.99 * f.largest, f.one_sided, _is_load_time(f))
+                (f.plausible, f.smallest_finding, 0.99 * f.largest, f.one_sided, _is_load_time(f))
                 for f in faults
             ),
             strict=True,
@@ -108,7 +108,7 @@ def fitted(
     determined = (
         (diagonal[members] > 0)
         & (white * widening < plausible**2)
-        & (np.abs(sizes) > worth)
+        & (np.abs(sizes) > smallest)
         & (np.abs(sizes) < largest)
     )
     possible = (sizes > 0) | ~one_sided
@@ -277,7 +277,7 @@ def search(
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
     charge, early = charge_of(settings.false_alarm, len(common)), not instrumented(signals)
-    chance = chance_of(settings.false_alarm, len(common))
+    chance = confusable_loss(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
         lines, members, ahead, lateness = _converged_sets(

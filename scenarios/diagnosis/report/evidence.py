@@ -413,7 +413,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:
-    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty if it is not known."""
+    """``" (run-to-run scatter 0.8)"`` after a derivative, empty if it is not known."""
     return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
 
 

@@ -119,7 +119,7 @@ def bounded_series(values: np.ndarray) -> np.ndarray:
 
 # ---- Which figures a diagnosis gets
 
-# File stem and caption, in the order of the report; further records get a number behind the stem.
+# File stem and caption, in the order of the report; further records get a number after the stem.
 CAPTIONS = {
     "replication": (
         "Parameters of the effects from each record alone, and from all fitted records together"
@@ -247,14 +247,13 @@ PRINTED_CANDIDATES = 10  # printed candidates
 CANDIDATES_NOTE = (
     "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
-    "absence. "
-    "Linearised: the gain is from the linearised model; the candidate was not fitted. "
+    "absence. Linearised: the gain is from the linearised model; the candidate was not fitted. "
     "Like: changes the outputs in nearly the same way."
 )
 REPLICATION_NOTE = (
     "What remains is not noise. So the evidence for an effect has to be spread over the records: "
-    "its sum over its scatter between blocks of a "
-    "second is z of Vuong's test. Values from each record have the derivatives in common."
+    "its sum over its scatter between blocks of a second is z of Vuong's test. Values from each "
+    "record have the derivatives in common."
 )
 GUARD_NOTE = (
     "A name that begins with guard: is a catch-all term, which stands for causes outside the "

@@ -115,7 +115,11 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
             *wrapped(headline(tracing), width),
         ],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
-        [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
+        [
+            line
+            for record_line in record_lines(tracing.look)
+            for line in wrapped(record_line, width)
+        ],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
         _titled(

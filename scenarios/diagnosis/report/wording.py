@@ -224,7 +224,7 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
 
 
 def parameter_text(claim: Claim, wording: Wording) -> str:
-    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; behind them those that
+    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; after them those that
     are not determined, of more than two one and how many others."""
     units = _stick_units(claim, wording)
     vague = [

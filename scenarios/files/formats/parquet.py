@@ -139,7 +139,7 @@ class _Collected:
     parts: list[Any] | None = None
 
     def add(self, part: Any) -> None:
-        """Put the rows of a batch behind those that are there."""
+        """Put the rows of a batch after those that are there."""
         import pyarrow
 
         types = pyarrow.types

@@ -84,8 +84,8 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
 
 
 def _column(cells: list[Any]) -> np.ndarray:
-    """Return the numbers where every cell is one or empty; times of day and dates as their ISO
-    texts; else the cells.
+    """Return floats if every cell is a number or empty; else the cells, with dates and times of day
+    as ISO texts.
     """
     if all(isinstance(cell, int | float) or cell in ("", None) for cell in cells):
         return np.array(

@@ -332,13 +332,13 @@ def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool)
     if count == 1:
         return [key]
     for other, texts in level.items():
-        said = _texts(texts)
-        if len(said) == count and (
+        labels = _texts(texts)
+        if len(labels) == count and (
             lone
             or key.lower() in other.lower()
             or other.lower() in ("names", "varlab", "labels", "columns", "header")
         ):
-            return said
+            return labels
     return [f"{key}{n + 1}" for n in range(count)]
 
 

@@ -88,7 +88,7 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
 
     Dates are ISO 8601, or day, month and year in either order. Times of day are ``hh:mm:ss.sss``,
     with a comma or a colon before the fraction, or ``mm:ss.s``. IRIG times are
-    ``DDD:hh:mm:ss.sss``, also with a year before or a dash behind the day. Durations are those of
+    ``DDD:hh:mm:ss.sss``, also with a year before or a dash after the day. Durations are those of
     pandas, ``0 days 00:00:01.5``. A time of day that falls by more than half a day has passed
     midnight; one of minutes that falls by more than half an hour has passed the hour.
     """
@@ -135,7 +135,7 @@ def _seconds_of_day(parts: re.Match[str]) -> float:
 
 
 def _fraction(text: str) -> float:
-    """Seconds with a fraction behind a point, a comma or a colon."""
+    """Seconds with a fraction after a point, a comma or a colon."""
     return float(text.replace(",", ".").replace(":", "."))
 
 
@@ -182,8 +182,8 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
             f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on"
         )
     if unit is None:
-        unit, said = _unit_by_rate(values[finite], where)
-        notes += [said] if said else []
+        unit, sentence = _unit_by_rate(values[finite], where)
+        notes += [sentence] if sentence else []
     if unit == "d":
         first = float(values[finite][0])
         days = (values - first) * DAY

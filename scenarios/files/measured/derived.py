@@ -47,7 +47,7 @@ def with_derived(
     rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
     hold : how inputs go on between their own samples; None: by the channel map, else by their
         values.
-    known : all channels and their units inside.
+    channel_units : all channels and their units inside.
 
     Raises
     ------

@@ -384,9 +384,11 @@ def on_grid(
     for name, place in wanted.places.items():
         time, rows = clocks[place[0]]
         values = topic_numbers(file, topics, place, wanted, si=unit is None)[rows]
-        laid[name], own, said = _laid(time, values, grid + wanted.choice.delay, step, wanted, hold)
+        laid[name], own, sentence = _laid(
+            time, values, grid + wanted.choice.delay, step, wanted, hold
+        )
         slowest = max(slowest, own)
-        notes += [said] if said else []
+        notes += [sentence] if sentence else []
     where = f"{file.path}, channel {wanted.channel}"
     values = calibrated(evaluate(wanted.expression, laid, where), wanted.choice)
     if not wanted.is_input and slowest > SAME_RATE * step:

@@ -45,16 +45,19 @@ DURATIONS: Mapping[str, float] = {
 MANEUVERS = ("3-2-1-1", "doublet", "multisine")
 INPUTS: Mapping[str, str] = {"elevator": "rad", "aileron": "rad", "rudder": "rad", "thrust": "N"}
 OUTPUTS: Mapping[str, str] = {
-    **{"airspeed": "m/s", "alpha": "rad", "beta": "rad", "p": "rad/s", "q": "rad/s", "r": "rad/s"},
-    **{
-        "phi": "rad",
-        "theta": "rad",
-        "psi": "rad",
-        "ax": "m/s2",
-        "ay": "m/s2",
-        "az": "m/s2",
-        "height": "m",
-    },
+    "airspeed": "m/s",
+    "alpha": "rad",
+    "beta": "rad",
+    "p": "rad/s",
+    "q": "rad/s",
+    "r": "rad/s",
+    "phi": "rad",
+    "theta": "rad",
+    "psi": "rad",
+    "ax": "m/s2",
+    "ay": "m/s2",
+    "az": "m/s2",
+    "height": "m",
 }
 SURFACES = ("elevator", "aileron", "rudder")
 
@@ -115,26 +118,20 @@ def _at(feet: float, knots: float) -> tuple[float, float]:
 # Altitude (m) and true airspeed (m/s) of level flight that stays level, in the middle of each
 # envelope.
 CONDITIONS: Mapping[str, tuple[float, float]] = {
-    **{
-        "c172x": _at(5000, 105),
-        "c172p": _at(5000, 105),
-        "t6texan2": _at(8000, 220),
-        "OV10": _at(5000, 210),
-    },
-    **{
-        "A320": _at(20000, 380),
-        "MD11": _at(20000, 400),
-        "737": _at(20000, 380),
-        "B747": _at(20000, 400),
-        "fokker100": _at(15000, 260),
-    },
-    **{
-        "F4N": _at(15000, 430),
-        "T38": _at(15000, 380),
-        "T37": _at(12000, 280),
-        "f104": _at(20000, 520),
-        "Concorde": _at(20000, 480),
-    },
+    "c172x": _at(5000, 105),
+    "c172p": _at(5000, 105),
+    "t6texan2": _at(8000, 220),
+    "OV10": _at(5000, 210),
+    "A320": _at(20000, 380),
+    "MD11": _at(20000, 400),
+    "737": _at(20000, 380),
+    "B747": _at(20000, 400),
+    "fokker100": _at(15000, 260),
+    "F4N": _at(15000, 430),
+    "T38": _at(15000, 380),
+    "T37": _at(12000, 280),
+    "f104": _at(20000, 520),
+    "Concorde": _at(20000, 480),
 }
 _PUSHBACK = tuple(
     f"/sim/model/pushback/{name}"

@@ -64,24 +64,18 @@ LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor
 # anything of the sensors.
 READ: Mapping[str, tuple[str, float]] = {
-    **{
-        "airspeed": ("velocities/vt-fps", FOOT),
-        "alpha": ("aero/alpha-rad", 1.0),
-        "beta": ("aero/beta-rad", 1.0),
-    },
+    "airspeed": ("velocities/vt-fps", FOOT),
+    "alpha": ("aero/alpha-rad", 1.0),
+    "beta": ("aero/beta-rad", 1.0),
     **{name: (f"velocities/{name}-rad_sec", 1.0) for name in "pqr"},
     **{name: (f"attitude/{name}-rad", 1.0) for name in ("phi", "theta", "psi")},
     **{f"force_{axis}": (f"forces/fb{axis}-total-lbs", POUND) for axis in "xyz"},
     **{f"moment_{axis}": (f"moments/{axis}-total-lbsft", POUND * FOOT) for axis in "lmn"},
-    **{
-        "thrust": ("forces/fbx-prop-lbs", POUND),
-        "thrust_moment": ("moments/m-prop-lbsft", POUND * FOOT),
-    },
-    **{
-        "height": ("position/h-sl-ft", FOOT),
-        "mass": ("inertia/mass-slugs", SLUG),
-        "air_density": ("atmosphere/rho-slugs_ft3", SLUG / FOOT**3),
-    },
+    "thrust": ("forces/fbx-prop-lbs", POUND),
+    "thrust_moment": ("moments/m-prop-lbsft", POUND * FOOT),
+    "height": ("position/h-sl-ft", FOOT),
+    "mass": ("inertia/mass-slugs", SLUG),
+    "air_density": ("atmosphere/rho-slugs_ft3", SLUG / FOOT**3),
 }
 
 

@@ -62,7 +62,8 @@ from sim.vehicles.library import read_parameter_set, vehicle_names
 # The constant terms of a low-order equivalent stay at zero.
 CONSTANTS = {
     **{name: tuple(constants) for name, (_, constants, _) in FAMILIES.items()},
-    **{"loes": tuple(LOES_CONSTANTS), "flexible": tuple(RIGID_CONSTANTS)},
+    "loes": tuple(LOES_CONSTANTS),
+    "flexible": tuple(RIGID_CONSTANTS),
 }
 FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")

@@ -142,7 +142,7 @@ def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
 
 
 def _parts(word: str, where: str) -> tuple[str, str, dict[str, Any]]:
-    """Input, kind, and the keys behind them."""
+    """Input, kind, and the keys after them."""
     pieces = _split(word)
     name, equals, kind = (text.strip() for text in pieces[0].partition("="))
     given = {}
@@ -237,7 +237,7 @@ NOISE_SHARE = 0.01  # noise over the largest response to doublets
 SAMPLES_PER_HALF_DOUBLET = 20.0
 # steps of the truth between two samples, and halves of the step that resolves the quickest root
 TRUTH_STEPS_PER_SAMPLE = 5.0
-SETTLING_TIME = 6.0  # half doublets behind the last maneuver
+SETTLING_TIME = 6.0  # half doublets after the last maneuver
 PREDICTED_RECORD_SHARE = 0.8  # amplitude and length of the predicted record's maneuvers
 STARTING_ERROR_SHARE = 0.3  # share by which starts are off, as in tracing scenarios
 FILTER_PASSES = 5  # passes of a filter, since one pass depends on a start so far off
@@ -282,7 +282,7 @@ def trace_document(request: OwnFlight) -> dict[str, Any]:
 
     Raises
     ------
-    DeclarationError : anything wrong in the files or in the texts, in one line.
+    DeclarationError : anything wrong in the files or in the texts.
     """
     plan = _planned(request)
     hidden = hidden_of(request.hidden, plan.model)

@@ -225,11 +225,11 @@ def _hidden(study: TraceStudy) -> str:
     flight, terms = study.scenario.flight, []
     for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
-        said = ", ".join(
+        values_text = ", ".join(
             f"{key} {quantity_text(value, units.get(key, ''), key)}"
             for key, value in values.items()
         )
-        terms.append(f"{name} ({said})")
+        terms.append(f"{name} ({values_text})")
     if study.scenario.flight.modes and study.scenario.model == "rigid":
         terms.insert(
             0,

@@ -64,19 +64,16 @@ class Phugoid:
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
     explanation: ClassVar[str] = (
         "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot "
-        "= -g (theta - alpha) and theta_dot = q. Over the "
-        "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation "
-        "of speed and height with a frequency near "
-        "sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the dynamic "
-        "pressure: the load factor gains 2 u/V, the angle "
-        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. The "
-        "moment of the engines does not fall, and turns "
-        "the aircraft where it was balanced by the air. A model at constant speed leaves all this "
-        "out, and a slow drift of the accelerometer or of "
-        "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real "
-        "aircraft has it, whatever else is wrong with "
-        "the model, so it is offered before them. A recorded airspeed takes its place, a recorded "
-        "pitch attitude that of its second state."
+        "= -g (theta - alpha) and theta_dot = q. Over the tens of seconds of a maneuver this is "
+        "the beginning of the phugoid, the slow oscillation of speed and height with a frequency "
+        "near sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the "
+        "dynamic pressure: the load factor gains 2 u/V, the angle of attack the rate -(2 g/V^2) u, "
+        "and all other loads and dampings go with the speed. The moment of the engines does not "
+        "fall, and turns the aircraft where it was balanced by the air. A model at constant speed "
+        "leaves all this out, and a slow drift of the accelerometer or of the vane, a jump of a "
+        "derivative or a load that nobody measured will imitate it. Any real aircraft has it, "
+        "whatever else is wrong with the model, so it is offered before them. A recorded airspeed "
+        "takes its place, a recorded pitch attitude that of its second state."
     )
 
     @property
@@ -199,17 +196,14 @@ class SpeedVariation:
     )
     explanation: ClassVar[str] = (
         "The aircraft speeds up or slows down during the record: V(t) = V + rate (t - begin). All "
-        "forces grow with V^2, the damping by rates with "
-        "V, so the short period becomes faster along the record and the load factor per angle of "
-        "attack larger, while a model with one speed fits "
-        "the middle of the record best and errs at both ends with opposite sign. The lift that "
-        "carries the weight grows with V^2, too: unless "
-        "something that is not recorded keeps the aircraft in trim, nz and the angle of attack "
-        "drift away together, nz by (V(t)/V)^2 - 1. A "
-        "measured airspeed settles the matter; without one it takes maneuvers both early and late "
-        "in the record. "
-        "On the lateral model, only pressure, damping and the turn under gravity change: the Dutch "
-        "roll becomes faster."
+        "forces grow with V^2, the damping by rates with V, so the short period becomes faster "
+        "along the record and the load factor per angle of attack larger, while a model with one "
+        "speed fits the middle of the record best and errs at both ends with opposite sign. The "
+        "lift that carries the weight grows with V^2, too: unless something that is not recorded "
+        "keeps the aircraft in trim, nz and the angle of attack drift away together, nz by "
+        "(V(t)/V)^2 - 1. A measured airspeed settles the matter; without one it takes maneuvers "
+        "both early and late in the record. On the lateral model, only pressure, damping and the "
+        "turn under gravity change: the Dutch roll becomes faster."
     )
 
     @property

@@ -51,17 +51,15 @@ class GustDiscrete:
     )
     explanation: ClassVar[str] = (
         "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) "
-        "between start and start + duration, the usual "
-        "design gust. The air then comes from below by w/V more than the motion tells, in CL, in "
-        "Cm and in the vane's reading, while the angle of "
-        "attack as a state only follows. The vane jumps ahead of the pitch rate, which no control "
-        "input can do. The length of the gust in the air "
-        "is V times its duration. A second form keeps the peak after half the duration: the "
-        "aircraft has flown into air that rises for good. "
-        "Either has a freer form, with three shapes more: gusts that begin with a kink, rise "
-        "faster than they fall, or are flat on top. "
-        "On the lateral model the air comes from the right: sideslip, side force, roll and yaw "
-        "stand where angle of attack, lift and pitch do here."
+        "between start and start + duration, the usual design gust. The air then comes from below "
+        "by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the "
+        "angle of attack as a state only follows. The vane jumps ahead of the pitch rate, which no "
+        "control input can do. The length of the gust in the air is V times its duration. A second "
+        "form keeps the peak after half the duration: the aircraft has flown into air that rises "
+        "for good. Either has a freer form, with three shapes more: gusts that begin with a kink, "
+        "rise faster than they fall, or are flat on top. On the lateral model the air comes from "
+        "the right: sideslip, side force, roll and yaw stand where angle of attack, lift and pitch "
+        "do here."
     )
 
     @property
@@ -131,14 +129,12 @@ class GustHorizontal:
     )
     explanation: ClassVar[str] = (
         "The wind from ahead freshens once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) "
-        "between start and start + duration. The air then "
-        "meets the aircraft faster by w than it moves: the pitot tube shows V + w at once, lift "
-        "and drag grow with (V + w)^2, and the aircraft "
-        "itself gains and loses speed only slowly. An airspeed that jumps without any axial load "
-        "factor before it, and a load factor that follows "
-        "it, are its mark. A second form keeps the peak after half the duration: the wind has "
-        "changed for good, as in a shear. Either has a freer "
-        "form with three shapes more."
+        "between start and start + duration. The air then meets the aircraft faster by w than it "
+        "moves: the pitot tube shows V + w at once, lift and drag grow with (V + w)^2, and the "
+        "aircraft itself gains and loses speed only slowly. An airspeed that jumps without any "
+        "axial load factor before it, and a load factor that follows it, are its mark. A second "
+        "form keeps the peak after half the duration: the wind has changed for good, as in a "
+        "shear. Either has a freer form with three shapes more."
     )
 
     @property
@@ -209,17 +205,15 @@ class GustTurbulence:
     )
     explanation: ClassVar[str] = (
         "The air is rough all along the record. Its vertical speed w is random, with standard "
-        "deviation sigma and a correlation length L that the "
-        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 "
-        "(L W)^2)/(1 + (L W)^2)^2 over the spatial "
-        "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can "
-        "follow such a record: one judges the model's "
-        "predictions one step ahead, whose errors stay correlated until the gust is estimated "
-        "along with the motion. Left out, it makes every "
-        "derivative look better known than it is. A record tells sigma^2/L, the level at high "
-        "frequency; where it holds few lengths, sigma and L "
-        "both come out low and surer than they are. On the lateral model w comes from the right "
-        "and sideslip takes the place of alpha."
+        "deviation sigma and a correlation length L that the aircraft crosses in L/V seconds; its "
+        "spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the "
+        "spatial frequency W. alpha as the loads and the vane feel it is alpha + w/V. No "
+        "simulation can follow such a record: one judges the model's predictions one step ahead, "
+        "whose errors stay correlated until the gust is estimated along with the motion. Left out, "
+        "it makes every derivative look better known than it is. A record tells sigma^2/L, the "
+        "level at high frequency; where it holds few lengths, sigma and L both come out low and "
+        "surer than they are. On the lateral model w comes from the right and sideslip takes the "
+        "place of alpha."
     )
 
     @property

@@ -73,9 +73,8 @@ class UnmeasuredInput(SizedOnPorts):
             "Something pushed the aircraft that no channel shows: a flap, a speed brake, another "
             "surface, thrust that pitches, a store let go. "
             f"{loads} between start and start + duration, or from start on for good. The motion "
-            "begins without any recorded input and follows the "
-            "aircraft's own modes. A gust does so too, but it acts through the angle of the air "
-            "and moves the vane at once, so that "
+            "begins without any recorded input and follows the aircraft's own modes. A gust does "
+            "so too, but it acts through the angle of the air and moves the vane at once, so that "
             f"{ratio}."
         )
 

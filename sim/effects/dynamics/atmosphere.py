@@ -43,12 +43,11 @@ class DensityScaleHeight:
     )
     explanation: ClassVar[str] = (
         "The atmosphere is warmer or colder than the declared one, and its density falls with "
-        "altitude by another scale height: rho = rho0 "
-        "exp(-altitude / (H (1 + change))), with the density at altitude zero as declared. At one "
-        "altitude that equals another ballistic "
+        "altitude by another scale height: rho = rho0 exp(-altitude / (H (1 + change))), with the "
+        "density at altitude zero as declared. At one altitude that equals another ballistic "
         "coefficient; a fall through several scale heights tells the two apart, since the error "
-        "grows with altitude. A change of temperature by "
-        "one per cent changes the scale height by one per cent."
+        "grows with altitude. A change of temperature by one per cent changes the scale height by "
+        "one per cent."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -104,12 +103,11 @@ class DragMach:
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster "
-        "still it falls again. Drag = exp(f(M)) * 0.5 "
-        "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the "
-        "lowest Mach number flown, where beta holds. A "
+        "still it falls again. Drag = exp(f(M)) * 0.5 rho v^2 / beta, f a smooth curve of the Mach "
+        "number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A "
         "body that slows down through the speed of sound shows it best. Speed and altitude fall "
-        "together, so that along a single fall it resembles "
-        "another density profile; falls of different speed tell the two apart."
+        "together, so that along a single fall it resembles another density profile; falls of "
+        "different speed tell the two apart."
     )
 
     @property

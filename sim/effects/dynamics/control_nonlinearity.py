@@ -80,9 +80,9 @@ class ControlNonlinearity:
             f"differ. {moment} = ... + {self.moment_by} (d + f(d)) for a deflection d, {lift} = "
             f"... + {self.lift_by} (d + lift_share f(d)), f a "
             "smooth curve (natural cubic spline, four shapes) over the range used with no value "
-            "and no slope at zero. An input of a few fixed levels "
-            "shows it at these levels only, and there it cannot be told from a surface that "
-            "reaches its stops or from break-out; a multisine can."
+            "and no slope at zero. An input of a few fixed levels shows it at these levels only, "
+            "and there it cannot be told from a surface that reaches its stops or from break-out; "
+            "a multisine can."
         )
 
     @property
@@ -239,11 +239,10 @@ class ControlUnevenness(NonlinearControl):
             f"The surface works more to one side than to the other: {moment} = ... + "
             f"{self.moment_by} (d + unevenness |d|) for a deflection d from "
             "trim, its other coefficients likewise. A tail near its stall, a gap that one side "
-            "opens, or an actuator with two gains do this. The "
-            "derivative is then the mean of both sides, and a model with one slope errs with the "
-            "same sign for up and down: after a doublet it ends "
-            "at another attitude than the aircraft. An input to one side alone only shows another "
-            "derivative; it takes steps to both."
+            "opens, or an actuator with two gains do this. The derivative is then the mean of both "
+            "sides, and a model with one slope errs with the same sign for up and down: after a "
+            "doublet it ends at another attitude than the aircraft. An input to one side alone "
+            "only shows another derivative; it takes steps to both."
         )
 
     def curve(self, d: Any, p: Any) -> Any:
@@ -289,9 +288,8 @@ class ControlWeakening(NonlinearControl):
             "Each further degree of the surface turns the flow by less, to both sides alike: "
             f"{moment} = ... + {self.moment_by} (d - loss d (d/D)^2) "
             "for a deflection d, D the largest that was used, its other coefficients likewise. A "
-            "gap that opens and flow that begins to separate do "
-            "this. Under an input of a few fixed levels a surface that reaches its stops looks the "
-            "same; a multisine tells."
+            "gap that opens and flow that begins to separate do this. Under an input of a few "
+            "fixed levels a surface that reaches its stops looks the same; a multisine tells."
         )
 
     def curve(self, d: Any, p: Any) -> Any:

@@ -59,9 +59,8 @@ class ParameterJump:
             f"Something breaks, sticks or is switched: from a time on {' and '.join(self.group)} "
             f"{'are' if len(self.group) > 1 else 'is'} not what "
             "was declared, by an amount of its own each. Before that time the model fits, after it "
-            "no longer. A change after the last maneuver "
-            "leaves no trace, since a parameter shows only while the signal that it multiplies "
-            "moves."
+            "no longer. A change after the last maneuver leaves no trace, since a parameter shows "
+            "only while the signal that it multiplies moves."
         )
 
     @property
@@ -151,21 +150,17 @@ def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
 
 OF_PITCH = (
     "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a "
-    "store moves the centre of gravity, a flap "
-    "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift "
-    "likewise: stability, damping, control power and "
-    "lift slope may each change. Before t0 the model fits, after it no longer. A change after the "
-    "last maneuver leaves no trace, since a "
-    "derivative shows only while its signal moves."
+    "store moves the centre of gravity, a flap runs. From time t0 on the moment is Cm = (Cm_alpha "
+    "+ change) alpha + ... and the lift likewise: stability, damping, control power and lift slope "
+    "may each change. Before t0 the model fits, after it no longer. A change after the last "
+    "maneuver leaves no trace, since a derivative shows only while its signal moves."
 )
 ALL_AXES = (
     "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, a store "
-    "leaves one wing, a fin tank empties. From a time t0 "
-    "on one coefficient obeys other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + "
-    "change) rudder + ..., for roll and side force Cl "
-    "and CY likewise. Before t0 the model fits, after it no longer. A change after the last "
-    "maneuver leaves no trace, since a derivative shows "
-    "only while its signal moves."
+    "leaves one wing, a fin tank empties. From a time t0 on one coefficient obeys other "
+    "derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for roll "
+    "and side force Cl and CY likewise. Before t0 the model fits, after it no longer. A change "
+    "after the last maneuver leaves no trace, since a derivative shows only while its signal moves."
 )
 
 
@@ -362,11 +357,10 @@ class DragJump:
     )
     explanation: ClassVar[str] = (
         "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it "
-        "starts to tumble. From then on the drag is "
-        "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The "
-        "altitude itself shows no step, only its curvature does: "
-        "the residual bends from that time on. High up, where there is hardly any air, a change "
-        "leaves no trace until the air thickens."
+        "starts to tumble. From then on the drag is another multiple of the dynamic pressure, drag "
+        "= factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its curvature "
+        "does: the residual bends from that time on. High up, where there is hardly any air, a "
+        "change leaves no trace until the air thickens."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

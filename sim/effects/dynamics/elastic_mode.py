@@ -89,28 +89,24 @@ class ElasticMode:
     aliases: ClassVar[tuple[str, ...]] = ()
     bends: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator "
-        "that the control and the angle of attack drive: "
-        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). "
-        "Bending changes the lift and the moment, lift "
-        "eta and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. "
-        "After each quick control input the record rings "
-        "at one frequency above the short period, mostly in pitch rate and load factor. The scale "
-        "of eta is a convention, fixed here by the gain "
-        "of one on the control. A mode much faster than the input merely changes the derivatives "
-        "and leaves no trace."
+        "that the control and the angle of attack drive: eta_ddot = -2 damping frequency eta_dot + "
+        "frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, "
+        "lift eta and moment eta, and turns the place where the gyro sits: it reads q + gyro "
+        "eta_dot. After each quick control input the record rings at one frequency above the short "
+        "period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed "
+        "here by the gain of one on the control. A mode much faster than the input merely changes "
+        "the derivatives and leaves no trace."
     )
 
     fin_bends: ClassVar[str] = (
         "The fin or the aft fuselage bends sideways, and the declared model holds it for rigid. "
-        "One mode is an oscillator that the rudder and the "
-        "sideslip drive: eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + "
-        "angle_gain beta - eta). Bending changes side force and "
-        "yawing moment, side_force eta and yaw eta, and turns the place where the gyro sits: it "
-        "reads r + gyro eta_dot. After each quick rudder the "
-        "record rings at one frequency above the Dutch roll, mostly in yaw rate and lateral load "
-        "factor. The scale of eta is a convention, fixed "
-        "here by the gain of one on the rudder. A mode much faster than the input merely changes "
-        "the derivatives and leaves no trace."
+        "One mode is an oscillator that the rudder and the sideslip drive: eta_ddot = -2 damping "
+        "frequency eta_dot + frequency^2 (control + angle_gain beta - eta). Bending changes side "
+        "force and yawing moment, side_force eta and yaw eta, and turns the place where the gyro "
+        "sits: it reads r + gyro eta_dot. After each quick rudder the record rings at one "
+        "frequency above the Dutch roll, mostly in yaw rate and lateral load factor. The scale of "
+        "eta is a convention, fixed here by the gain of one on the rudder. A mode much faster than "
+        "the input merely changes the derivatives and leaves no trace."
     )
 
     @property

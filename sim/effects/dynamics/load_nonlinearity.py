@@ -17,11 +17,10 @@ from sim.maths import G0, clip, exp, real, sqrt, where
 
 DRAG_EXPLANATION = (
     "The drag bends away from the straight line CD = CD_0 + CD_alpha alpha: a polar is a parabola "
-    "of the lift at least. CD += f(alpha), a "
-    "smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero "
-    "slope in its middle, so that CD_0 and CD_alpha "
-    "are the tangent there. The axial load factor shows it at once, the airspeed over seconds, the "
-    "rates hardly."
+    "of the lift at least. CD += f(alpha), a smooth curve (natural cubic spline, four shapes) over "
+    "the range flown that is zero with zero slope in its middle, so that CD_0 and CD_alpha are the "
+    "tangent there. The axial load factor shows it at once, the airspeed over seconds, the rates "
+    "hardly."
 )
 DRAG_NONLINEARITY = LoadCurve(
     "drag",
@@ -38,13 +37,11 @@ DRAG_NONLINEARITY = LoadCurve(
 
 LIFT_EXPLANATION = (
     "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls "
-    "short, with vortices it grows faster. CL += "
-    "f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is "
-    "zero with zero slope in trim, so that CL_alpha "
+    "short, with vortices it grows faster. CL += f(alpha), a smooth curve (natural cubic spline, "
+    "four shapes) over the range flown that is zero with zero slope in trim, so that CL_alpha "
     "stays the slope there. The load factor shows it at once, the path later, the pitch rate "
-    "hardly: what is left over in nz depends on alpha "
-    "alone. Without nz it must be told from the damping of the short period, and a record rarely "
-    "can."
+    "hardly: what is left over in nz depends on alpha alone. Without nz it must be told from the "
+    "damping of the short period, and a record rarely can."
 )
 LIFT_NONLINEARITY = LoadCurve(
     port="lift",
@@ -60,12 +57,11 @@ LIFT_NONLINEARITY = LoadCurve(
 
 MOMENT_EXPLANATION = (
     "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles "
-    "the aircraft grows stiffer, loses stability "
-    "or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the "
-    "range flown that is zero with zero slope in "
+    "the aircraft grows stiffer, loses stability or pitches up. Cm += f(alpha), a smooth curve "
+    "(natural cubic spline, four shapes) over the range flown that is zero with zero slope in "
     "trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of "
-    "the short period changes with the size of "
-    "the motion, and the residual of the pitch rate depends on alpha, not on time."
+    "the short period changes with the size of the motion, and the residual of the pitch rate "
+    "depends on alpha, not on time."
 )
 MOMENT_NONLINEARITY = LoadCurve(
     "moment",
@@ -81,12 +77,10 @@ MOMENT_NONLINEARITY = LoadCurve(
 
 ROLL_EXPLANATION = (
     "The rolling moment bends away from the straight line Cl = Cl_beta beta: the dihedral effect "
-    "grows or fades with sideslip, as of a swept "
-    "wing near stall or a wing in the wake of the fuselage. Cl += f(beta), a smooth curve (natural "
-    "cubic spline, four shapes) over the range "
+    "grows or fades with sideslip, as of a swept wing near stall or a wing in the wake of the "
+    "fuselage. Cl += f(beta), a smooth curve (natural cubic spline, four shapes) over the range "
     "flown that is zero with zero slope in trim, so that Cl_beta stays the slope there. What is "
-    "left in the roll rate depends on sideslip, not "
-    "on time; small maneuvers show nothing."
+    "left in the roll rate depends on sideslip, not on time; small maneuvers show nothing."
 )
 ROLL_NONLINEARITY = LoadCurve(
     "roll",
@@ -104,11 +98,10 @@ ROLL_NONLINEARITY = LoadCurve(
 
 SIDE_FORCE_EXPLANATION = (
     "The side force bends away from the straight line CY = CY_beta beta: fin and fuselage at "
-    "larger sideslip do not carry in proportion. CY += "
-    "f(beta), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero "
-    "with zero slope in trim, so that CY_beta "
-    "stays the slope there. The lateral load factor shows it at once, sideslip later, the rates "
-    "hardly."
+    "larger sideslip do not carry in proportion. CY += f(beta), a smooth curve (natural cubic "
+    "spline, four shapes) over the range flown that is zero with zero slope in trim, so that "
+    "CY_beta stays the slope there. The lateral load factor shows it at once, sideslip later, the "
+    "rates hardly."
 )
 SIDE_FORCE_NONLINEARITY = LoadCurve(
     "side_force",
@@ -126,12 +119,11 @@ SIDE_FORCE_NONLINEARITY = LoadCurve(
 
 YAW_EXPLANATION = (
     "The yawing moment bends away from the straight line Cn = Cn_beta beta: at larger sideslip the "
-    "fin stalls, or the fuselage takes its air. "
-    "Cn += f(beta), a smooth curve (natural cubic spline, four shapes) over the range flown that "
-    "is zero with zero slope in trim, so that "
+    "fin stalls, or the fuselage takes its air. Cn += f(beta), a smooth curve (natural cubic "
+    "spline, four shapes) over the range flown that is zero with zero slope in trim, so that "
     "Cn_beta stays the slope there. The frequency of the Dutch roll then changes with its size, "
-    "and what is left in the yaw rate depends on "
-    "sideslip, not on time. Small maneuvers show nothing."
+    "and what is left in the yaw rate depends on sideslip, not on time. Small maneuvers show "
+    "nothing."
 )
 YAW_NONLINEARITY = LoadCurve(
     "yaw",
@@ -202,8 +194,8 @@ class FlowSeparation:
 
     Attributes
     ----------
-    total : whether the equations count totals. ports : that it loads; the names of ``moment`` and
-        ``drag`` among the parameters.
+    total : whether the equations count totals.
+    ports : that it loads; the names of ``moment`` and ``drag`` among the parameters.
     """
 
     total: bool = False
@@ -219,13 +211,11 @@ class FlowSeparation:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha_star": UNREACHED_ALPHA})
     explanation: ClassVar[str] = (
         "Near stall the flow leaves the rear of the wing. The point X on the chord up to which it "
-        "is attached follows the angle of attack late: "
-        "tau1 X_dot + X = X0(alpha - tau2 alpha_dot) with X0 = (1 - tanh(a1 (alpha - "
-        "alpha_star)))/2. The wing keeps ((1 + sqrt X)/2)^2 of its "
+        "is attached follows the angle of attack late: tau1 X_dot + X = X0(alpha - tau2 alpha_dot) "
+        "with X0 = (1 - tanh(a1 (alpha - alpha_star)))/2. The wing keeps ((1 + sqrt X)/2)^2 of its "
         "lift, the moment changes by moment (1 - X) and where drag is modelled it grows by drag (1 "
-        "- X). Going up the lift overshoots, coming "
-        "down it returns late: a loop of hysteresis over the angle of attack, which no curve has. "
-        "A flight that stays well below alpha_star "
+        "- X). Going up the lift overshoots, coming down it returns late: a loop of hysteresis "
+        "over the angle of attack, which no curve has. A flight that stays well below alpha_star "
         "shows nothing. A slow approach to the stall shows the curve, alpha_star and a1; only a "
         "quick one, and a quick recovery, show the times."
     )

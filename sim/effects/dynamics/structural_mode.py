@@ -53,14 +53,12 @@ class StructuralMode:
     needs_priors: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "The structure bends. Each mode is an oscillator that the air drives and that changes the "
-        "lift and the moment in turn: eta_ddot = "
-        "-2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) (Ceta_alpha alpha + Ceta_q q "
-        "c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
+        "lift and the moment in turn: eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S "
+        "c/(2 M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
         "CL_etadot etadot c/(2V), Cm likewise. Slow maneuvers only see derivatives that have "
-        "changed (the mode follows at once); fast ones ring at "
-        "the mode's frequency. The scale of eta is a convention: doubling it halves CL_eta and "
-        "Cm_eta and doubles Ceta_alpha, Ceta_q and Ceta_de, "
-        "so one of them must be held."
+        "changed (the mode follows at once); fast ones ring at the mode's frequency. The scale of "
+        "eta is a convention: doubling it halves CL_eta and Cm_eta and doubles Ceta_alpha, Ceta_q "
+        "and Ceta_de, so one of them must be held."
     )
 
     def __post_init__(self) -> None:

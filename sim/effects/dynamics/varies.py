@@ -60,8 +60,18 @@ _USUAL = {"CL": 0.8, "Cm": 0.3, "CD": 0.1, "CY": 0.2, "Cl": 0.06, "Cn": 0.04}
 _BY_RATE = {"q": 20.0, "p": 5.0, "r": 5.0}
 # Dimensional derivatives: of a low-order equivalent system, then of a multirotor.
 _USUAL_DIMENSIONAL = {
-    **{"L_alpha": 0.4, "M_alpha": 3.0, "L_delta": 0.01, "M_delta": 0.1, "L_q": 0.1, "M_q": 1.0},
-    **{"L_p": 1.0, "L_lat": 15.0, "M_lon": 15.0, "N_r": 0.5, "N_ped": 3.0, "Z_col": 5.0},
+    "L_alpha": 0.4,
+    "M_alpha": 3.0,
+    "L_delta": 0.01,
+    "M_delta": 0.1,
+    "L_q": 0.1,
+    "M_q": 1.0,
+    "L_p": 1.0,
+    "L_lat": 15.0,
+    "M_lon": 15.0,
+    "N_r": 0.5,
+    "N_ped": 3.0,
+    "Z_col": 5.0,
 }
 
 
@@ -120,11 +130,10 @@ class Varies:
             f"{self.parameter} is no constant but a smooth curve of {signal}: {self.parameter} = "
             f"{self.parameter} + f({signal}), f a natural "
             "cubic spline over the range flown that is zero at zero, or in the middle of a range "
-            "that does not hold zero. It is the general form of "
-            "all nonlinearities, of any derivative over any state, input or airspeed, and is asked "
-            "for only where no effect with a cause of its own "
-            "explains the records. Even growth alone is the product of two signals, which two "
-            "derivatives share: what bends tells which it is."
+            "that does not hold zero. It is the general form of all nonlinearities, of any "
+            "derivative over any state, input or airspeed, and is asked for only where no effect "
+            "with a cause of its own explains the records. Even growth alone is the product of two "
+            "signals, which two derivatives share: what bends tells which it is."
         )
 
     @property

@@ -207,9 +207,8 @@ class ControlDrag:
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: drag grows with the elevator. No cause of the library stands behind it. "
-        "Where it explains a record better than every "
-        "effect does, the cause is none of them: the longitudinal equations have no drag of the "
-        "controls."
+        "Where it explains a record better than every effect does, the cause is none of them: the "
+        "longitudinal equations have no drag of the controls."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -247,9 +246,8 @@ class DragDrift:
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = "
-        "exp(rate (t - begin)) * 0.5 rho v^2 / beta. "
-        "No cause of the library stands behind it. Where it explains a record better than every "
-        "effect does, the cause is none of them."
+        "exp(rate (t - begin)) * 0.5 rho v^2 / beta. No cause of the library stands behind it. "
+        "Where it explains a record better than every effect does, the cause is none of them."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -306,10 +304,9 @@ class Hysteresis(SizedOnPorts):
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: lift and moment differ by which way the nose went last, whatever its "
-        "pace, as with friction, flow that attaches later than "
-        "it left, or a load that slides. No cause of the library stands behind it. Where it "
-        "explains a record better than every effect does, the "
-        "cause is none of them."
+        "pace, as with friction, flow that attaches later than it left, or a load that slides. No "
+        "cause of the library stands behind it. Where it explains a record better than every "
+        "effect does, the cause is none of them."
     )
 
     @property

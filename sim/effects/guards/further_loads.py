@@ -222,9 +222,8 @@ class PeriodicLoads:
             f"A generic term: {loads} swing{'' if len(self.ports) > 1 else 's'} at one frequency "
             "all through the record, "
             f"{of.replace('_', ' ')} += {of}_cos cos(w t) + {of}_sin sin(w t), whatever the "
-            "controls and the vehicle do. No cause of the library "
-            "does that. Where it explains a record better than every effect does, the cause is "
-            "none of them."
+            "controls and the vehicle do. No cause of the library does that. Where it explains a "
+            "record better than every effect does, the cause is none of them."
         )
 
     @property
@@ -310,9 +309,10 @@ class ProductLoads(SizedOnPorts):
     Attributes
     ----------
     label : after ``guard:``.
-    first, second : the signals, which may be the same. aliases, within : effects that contain it.
+    first, second : the signals, which may be the same.
     units, sizes : of lift and moment.
     needs_constants : those of the equations it is written for.
+    aliases : effects that contain it.
     ports : that it loads, lift and moment or their like, and the names of these parameters.
     """
 
@@ -487,9 +487,8 @@ class VaneBehind:
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a "
-        "vane behind the centre of gravity or a correction "
-        "for a nose boom that is not there would do it. An accelerometer ahead of the centre of "
-        "gravity gives the same record under other "
+        "vane behind the centre of gravity or a correction for a nose boom that is not there would "
+        "do it. An accelerometer ahead of the centre of gravity gives the same record under other "
         "derivatives. Where the declared derivatives speak for this reading, no cause of the "
         "library is named."
     )

@@ -71,12 +71,11 @@ class ActuatorLag(OfInput):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A "
-        "step arrives as an exponential, through two thirds "
-        "after one time constant, a slow input merely late by that time, a fast one late and too "
-        "small. A servo valve or a command filter does "
-        "this. A slow record cannot tell it from a pure delay of the same length; steps sampled "
-        "fast can, since a delay lets them pass as steps. "
-        "Large and small steps take the same time, unlike with a rate limit."
+        "step arrives as an exponential, through two thirds after one time constant, a slow input "
+        "merely late by that time, a fast one late and too small. A servo valve or a command "
+        "filter does this. A slow record cannot tell it from a pure delay of the same length; "
+        "steps sampled fast can, since a delay lets them pass as steps. Large and small steps take "
+        "the same time, unlike with a rate limit."
     )
 
     @property
@@ -110,7 +109,7 @@ class ActuatorLag(OfInput):
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
-        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
+        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} after its actuator"),)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"time_constant": time}) for time in delays_to_try(context)]
@@ -172,12 +171,11 @@ class ActuatorSecondOrder(OfInput):
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     explanation: ClassVar[str] = (
         "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping "
-        "frequency d_dot for a command u. A step arrives "
-        "rounded at its beginning and, with little damping, goes too far and swings into its "
-        "place. Slow inputs come late by 2 damping/frequency, "
-        "as behind a lag or a delay of that length; inputs near the actuator's frequency come too "
-        "large with little damping, too small with much. "
-        "Steps sampled fast show which it is, a slow record does not."
+        "frequency d_dot for a command u. A step arrives rounded at its beginning and, with little "
+        "damping, goes too far and swings into its place. Slow inputs come late by 2 "
+        "damping/frequency, as behind a lag or a delay of that length; inputs near the actuator's "
+        "frequency come too large with little damping, too small with much. Steps sampled fast "
+        "show which it is, a slow record does not."
     )
 
     @property
@@ -209,7 +207,7 @@ class ActuatorSecondOrder(OfInput):
     @property
     def online_states(self) -> tuple[Signal, ...]:
         return (
-            Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),
+            Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} after its actuator"),
             Signal(f"actuator_{self.signal}_rate", f"{self.unit}/s", "its rate"),
         )
 
@@ -336,12 +334,11 @@ class ActuatorRateLimit(SizedOnInput):
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
         "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A "
-        "commanded step becomes a ramp whose length grows "
-        "with the step, so that large inputs arrive later than small ones; a lag or a delay treats "
-        "all sizes alike, and steps of one size cannot "
-        "tell the three apart. Under large fast inputs the surface never reaches the command, and "
-        "amplitude is lost as well as time. A record in "
-        "which the command never moves faster than the limit shows nothing of it."
+        "commanded step becomes a ramp whose length grows with the step, so that large inputs "
+        "arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one "
+        "size cannot tell the three apart. Under large fast inputs the surface never reaches the "
+        "command, and amplitude is lost as well as time. A record in which the command never moves "
+        "faster than the limit shows nothing of it."
     )
 
     @property
@@ -413,14 +410,14 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
             continue
-        done, distance, begun, side = first, distances[first].item(), first, 0.0
+        done, distance, first_behind, side = first, distances[first].item(), first, 0.0
         while done < last and abs(distance.real) > most_real(done):
             if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
-                begun, side = done, now
-            if done - begun == _LONG:
+                first_behind, side = done, now
+            if done - first_behind == _LONG:
                 path = _lagging_run(commands, ways, done, distance, side)
                 distances[done + 1 : done + 1 + len(path)] = path
-                done, distance, begun = done + len(path), path[-1].item(), done + len(path)
+                done, distance, first_behind = done + len(path), path[-1].item(), done + len(path)
                 continue
             distance = target(done) + (distance - side * most(done)) - target(done + 1)
             done += 1
@@ -467,13 +464,11 @@ class ActuatorSaturation(SizedOnInput):
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, "
-        "limit)). Below the limit nothing is different, "
-        "above it more command brings no more response. It is invisible in a record that stays "
-        "below the limit, and where all inputs are of one "
-        "size it only looks like a smaller control effectiveness: it takes inputs of several "
-        "sizes, on both sides of the limit. The limit counts "
-        "from where the recorded input does: from trim where that is a perturbation, from its zero "
-        "where it is a total."
+        "limit)). Below the limit nothing is different, above it more command brings no more "
+        "response. It is invisible in a record that stays below the limit, and where all inputs "
+        "are of one size it only looks like a smaller control effectiveness: it takes inputs of "
+        "several sizes, on both sides of the limit. The limit counts from where the recorded input "
+        "does: from trim where that is a perturbation, from its zero where it is a total."
     )
 
     @property

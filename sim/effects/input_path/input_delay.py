@@ -45,11 +45,10 @@ class InputDelay(OfInput):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "The control surface follows the recorded command after a dead time: u_vehicle(t) = "
-        "u_record(t - delay), delay >= 0. Computing frames, "
-        "data buses and time skew between recorders do this. Every response is late by the same "
-        "time, whatever its shape, so the effect shows most "
-        "where the input moves fast. A slow record cannot tell it from an actuator lag with a time "
-        "constant equal to the delay."
+        "u_record(t - delay), delay >= 0. Computing frames, data buses and time skew between "
+        "recorders do this. Every response is late by the same time, whatever its shape, so the "
+        "effect shows most where the input moves fast. A slow record cannot tell it from an "
+        "actuator lag with a time constant equal to the delay."
     )
 
     @property
@@ -110,14 +109,12 @@ class RecordedInputDelay(OfInput):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "The channel of the input is slower than the others: u_record(t) = u_vehicle(t - delay), "
-        "so that the vehicle gets u_record(t + delay), "
-        "delay >= 0. A filter before the recorder, a bus or a clock of its own do this. The "
-        "aircraft seems to answer before it is asked, which no "
-        "lag, actuator or delay can imitate, since these are all late; late sensors hide it, and "
-        "if all of them are late by the same time nothing "
-        "is left to see. A record whose input moves between its samples but is read as held looks "
-        "late by half the interval. What came after the "
-        "record's end is unknown: its last value is held, so let the input rest there."
+        "so that the vehicle gets u_record(t + delay), delay >= 0. A filter before the recorder, a "
+        "bus or a clock of its own do this. The aircraft seems to answer before it is asked, which "
+        "no lag, actuator or delay can imitate, since these are all late; late sensors hide it, "
+        "and if all of them are late by the same time nothing is left to see. A record whose input "
+        "moves between its samples but is read as held looks late by half the interval. What came "
+        "after the record's end is unknown: its last value is held, so let the input rest there."
     )
 
     @property

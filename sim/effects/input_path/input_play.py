@@ -16,9 +16,9 @@ from sim.effects.instances import (
     MANY_SIZES,
     SizedOnInput,
     all_labelled,
-    believed,
     for_inputs,
     half_width,
+    plausible_half_width,
     played,
     sized,
     tried,
@@ -45,12 +45,11 @@ class InputBacklash(SizedOnInput):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "Play in a linkage: the far end y stays put until the near end has gone through the play, "
-        "then follows, y = u - half_width on the way up "
-        "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width "
-        "before anything moves, whatever the position, so "
-        "that the response is too small and late after a reversal and the vehicle may rest off its "
-        "trim after the maneuver. A dead band loses its "
-        "width about zero only, with no memory: reversals away from zero tell the two apart."
+        "then follows, y = u - half_width on the way up and y = u + half_width on the way down. "
+        "Each reversal of the input loses 2 half_width before anything moves, whatever the "
+        "position, so that the response is too small and late after a reversal and the vehicle may "
+        "rest off its trim after the maneuver. A dead band loses its width about zero only, with "
+        "no memory: reversals away from zero tell the two apart."
     )
 
     @property
@@ -72,7 +71,7 @@ class InputBacklash(SizedOnInput):
                     "band about zero does not"
                 )
             },
-            plausible=believed(self.typical),
+            plausible=plausible_half_width(self.typical),
             in_input_unit=("half_width",),
         )
 
@@ -105,13 +104,11 @@ class InputDeadband(SizedOnInput):
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A "
-        "break-out force at the stick, slack in a linkage that "
-        "is centred by springs, or a threshold in software do this. Outside the band the vehicle "
-        "answers with its full slope but by half_width too "
-        "little, so that small inputs seem weaker than large ones, and an input that crosses zero "
-        "arrives late. Inputs of a single size only see a "
-        "smaller control effectiveness; two sizes or more are needed, of which one is not much "
-        "above the band."
+        "break-out force at the stick, slack in a linkage that is centred by springs, or a "
+        "threshold in software do this. Outside the band the vehicle answers with its full slope "
+        "but by half_width too little, so that small inputs seem weaker than large ones, and an "
+        "input that crosses zero arrives late. Inputs of a single size only see a smaller control "
+        "effectiveness; two sizes or more are needed, of which one is not much above the band."
     )
 
     @property
@@ -128,7 +125,7 @@ class InputDeadband(SizedOnInput):
             sentences=("the {control} {sticks} within +-{half_width} of zero (break-out)",),
             short_name="break-out",
             separating={"control-nonlinearity": MANY_SIZES},
-            plausible=believed(self.typical),
+            plausible=plausible_half_width(self.typical),
             in_input_unit=("half_width",),
         )
 

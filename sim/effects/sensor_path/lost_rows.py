@@ -22,7 +22,7 @@ MOST_STATES = 13  # of a rigid body in three dimensions: quaternion, position, s
 class LostRows:
     """At ``start`` (s) each state changes at once, as over the time of the lost rows.
 
-    What the states are behind the gap depends on inputs that were not recorded: the change of each
+    What the states are after the gap depends on inputs that were not recorded: the change of each
     state is a parameter of its name, in its unit. Equations without inputs need one parameter,
     the time ``lost`` (s), since their motion during the gap is known.
 
@@ -46,10 +46,10 @@ class LostRows:
     explanation: ClassVar[str] = (
         "The recorder lost rows, and the time column does not tell: a logger counted on from the "
         "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
-        "whole motion jumps as far as the vehicle flew meanwhile: each state behind start = the "
+        "whole motion jumps as far as the vehicle flew meanwhile: each state after start = the "
         "state before it + its jump. A force cannot do that: it changes rates and not angles at "
         "once. A wrong sensor cannot do it either: only its own channel would jump, and the motion "
-        "behind the jump would not follow from the new values. A body without inputs shows how "
+        "after the jump would not follow from the new values. A body without inputs shows how "
         "much time is lost. Give the parts before and after as two segments, or restore the times."
     )
     traits: ClassVar[Traits] = Traits(

@@ -68,15 +68,13 @@ class SensorScale(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
         "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the "
-        "upwash of the fuselage reads too much, a gyro with a "
-        "wrong range setting any amount. One scaled channel contradicts the others: the kinematics "
-        "alpha_dot = q - (g/V)(nz - 1) join the three "
-        "without any aerodynamics, so that with alpha, q and nz at hand a single scale shows. With "
-        "two channels it only changes the derivatives: "
-        "the lift slope for alpha, all moment derivatives for q, and the record cannot say which "
-        "is at fault. An altitude scaled together with the "
-        "density's scale height and with beta gives the same fall but for gravity: only where it "
-        "is large does it show."
+        "upwash of the fuselage reads too much, a gyro with a wrong range setting any amount. One "
+        "scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join "
+        "the three without any aerodynamics, so that with alpha, q and nz at hand a single scale "
+        "shows. With two channels it only changes the derivatives: the lift slope for alpha, all "
+        "moment derivatives for q, and the record cannot say which is at fault. An altitude scaled "
+        "together with the density's scale height and with beta gives the same fall but for "
+        "gravity: only where it is large does it show."
     )
 
     @property
@@ -105,17 +103,13 @@ class SensorScale(OfChannel):
 
 
 _ALIASES_OF_CURVE = {
-    **{
-        "alpha": ("lift-nonlinearity",),
-        "nz": ("lift-nonlinearity",),
-        "q": ("moment-nonlinearity",),
-    },
-    **{
-        "p": ("roll-nonlinearity",),
-        "r": ("yaw-nonlinearity",),
-        "ny": ("side-force-nonlinearity",),
-        "nx": ("drag-nonlinearity",),
-    },
+    "alpha": ("lift-nonlinearity",),
+    "nz": ("lift-nonlinearity",),
+    "q": ("moment-nonlinearity",),
+    "p": ("roll-nonlinearity",),
+    "r": ("yaw-nonlinearity",),
+    "ny": ("side-force-nonlinearity",),
+    "nx": ("drag-nonlinearity",),
 }
 # rad, rad/s, g: range about trim that is assumed where that of the record is not known
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
@@ -161,15 +155,13 @@ class SensorCurve(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
         "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y "
-        "counted from trim, where the slope is one. A vane near "
-        "a fuselage whose upwash changes with the angle, a potentiometer loaded at one end and a "
-        "filter of pressures do this. Pull-ups and "
-        "push-overs of one size then read unlike. A sensor that errs alike to both sides has cubic "
-        "y^3 in the place of the square, and a freer form "
-        "has both. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is "
-        "bent; lift or moment "
-        "that bend over the angle of attack change the motion itself and obey the kinematics. With "
-        "one channel alone the two look much the same."
+        "counted from trim, where the slope is one. A vane near a fuselage whose upwash changes "
+        "with the angle, a potentiometer loaded at one end and a filter of pressures do this. "
+        "Pull-ups and push-overs of one size then read unlike. A sensor that errs alike to both "
+        "sides has cubic y^3 in the place of the square, and a freer form has both. The kinematics "
+        "alpha_dot = q - (g/V) nz tell the channel whose reading is bent; lift or moment that bend "
+        "over the angle of attack change the motion itself and obey the kinematics. With one "
+        "channel alone the two look much the same."
     )
 
     @property
@@ -308,16 +300,14 @@ class SensorDrift(OfChannel):
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
         "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - "
-        "begin). Warming electronics and gyros do this, and "
-        "settle: a freer form has slope (1 - exp(-settling (t - begin))) / settling. The deviation "
-        "grows steadily whatever the maneuver, in one "
-        "channel alone and against the kinematics. A trim or a speed that changes slowly moves all "
-        "channels together instead. The slope belongs to "
-        "one record; on another it has another value, so that another record cannot confirm it, "
-        "and on measured data slow disturbances easily "
-        "pass for it. On a falling body a drift of the altitude stands for anything that adds a "
-        "constant to the measured velocity, a horizontal "
-        "motion seen by the radar among them."
+        "begin). Warming electronics and gyros do this, and settle: a freer form has slope (1 - "
+        "exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the "
+        "maneuver, in one channel alone and against the kinematics. A trim or a speed that changes "
+        "slowly moves all channels together instead. The slope belongs to one record; on another "
+        "it has another value, so that another record cannot confirm it, and on measured data slow "
+        "disturbances easily pass for it. On a falling body a drift of the altitude stands for "
+        "anything that adds a constant to the measured velocity, a horizontal motion seen by the "
+        "radar among them."
     )
 
     @property
@@ -413,12 +403,11 @@ class SensorStep(OfChannel):
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
         "The sensor's zero jumps while the record runs and stays there: y_recorded = y + bias + "
-        "size from the time at on. A vane that is knocked, a "
-        "connector that slips, an amplifier that changes its range and a resynchronised encoder do "
-        "this. Before and after, the motion is that of "
-        "the model; no other channel takes part, which no force on the aircraft could leave so: a "
-        "load that nobody recorded would move all "
-        "channels, and over the time of a short period. The step belongs to one record."
+        "size from the time at on. A vane that is knocked, a connector that slips, an amplifier "
+        "that changes its range and a resynchronised encoder do this. Before and after, the motion "
+        "is that of the model; no other channel takes part, which no force on the aircraft could "
+        "leave so: a load that nobody recorded would move all channels, and over the time of a "
+        "short period. The step belongs to one record."
     )
 
     @property

@@ -26,35 +26,29 @@ _TURNING = {"q": "pitch", "r": "yaw"}
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 ACCELEROMETER_IN_PITCH = (
     "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: "
-    "nz_m = nz + (arm/g0) q_dot, arm in m, positive "
-    "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading "
-    "jumps when the elevator does, down first for "
-    "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the "
-    "same as a vane at -arm, and the short period "
-    "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q "
-    "take other values and every sample is the same. "
-    "No maneuver tells the two apart while lift and moment are linear; only where the instruments "
-    "sit does, or a CL_de that no tail could make. "
-    "The library has no vane behind the centre of gravity: where the declared derivatives speak "
-    "for one, an accelerometer ahead is not claimed."
+    "nz_m = nz + (arm/g0) q_dot, arm in m, positive ahead, negative behind. The pitch acceleration "
+    "answers the elevator at once, so the reading jumps when the elevator does, down first for one "
+    "that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same "
+    "as a vane at -arm, and the short period keeps its form with alpha - (arm/V) q in the place of "
+    "alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. No "
+    "maneuver tells the two apart while lift and moment are linear; only where the instruments sit "
+    "does, or a CL_de that no tail could make. The library has no vane behind the centre of "
+    "gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
 )
 ACCELEROMETER_IN_YAW = (
     "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose "
-    "accelerates to the right: ny_m = ny + (arm/g0) "
-    "r_dot, arm in m, positive ahead, negative behind. The yaw acceleration answers the rudder at "
-    "once, so the reading jumps when the rudder does. "
-    "To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; "
-    "side-force derivatives that are free take other values "
-    "and every sample is the same, so that only the declared derivatives, or those held at zero, "
-    "tell the two apart."
+    "accelerates to the right: ny_m = ny + (arm/g0) r_dot, arm in m, positive ahead, negative "
+    "behind. The yaw acceleration answers the rudder at once, so the reading jumps when the rudder "
+    "does. To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; "
+    "side-force derivatives that are free take other values and every sample is the same, so that "
+    "only the declared derivatives, or those held at zero, tell the two apart."
 )
 BELOW = (
     "An axial accelerometer below the centre of gravity is carried forward when the nose "
-    "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m "
-    "below the centre of gravity. The pitch acceleration answers the elevator at once, so the "
-    "reading jumps with it, while the axial force of the "
-    "whole aircraft hardly does: what is left in nx has the shape of the pitch acceleration, in no "
-    "other channel."
+    "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m below the centre of gravity. The "
+    "pitch acceleration answers the elevator at once, so the reading jumps with it, while the "
+    "axial force of the whole aircraft hardly does: what is left in nx has the shape of the pitch "
+    "acceleration, in no other channel."
 )
 _EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx": BELOW}
 
@@ -126,26 +120,22 @@ ANOTHER_SPEED = (
 )
 VANE_IN_PITCH = (
     "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so "
-    "that the air meets it from further above: "
-    "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short "
-    "period q runs ahead of alpha, and taking some of "
-    "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and "
-    "only fast reversals, where q and alpha_dot "
-    "differ by the lift, tell them apart. An accelerometer as far behind reads the same record "
-    "under other derivatives, see "
-    "accelerometer-offset:nz. A vane behind the centre of gravity would look like a late q; it is "
-    "not built, so its arm is not "
-    "allowed."
+    "that the air meets it from further above: alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of "
+    "the centre of gravity. In the short period q runs ahead of alpha, and taking some of it off "
+    "makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only "
+    "fast reversals, where q and alpha_dot differ by the lift, tell them apart. An accelerometer "
+    "as far behind reads the same record under other derivatives, see accelerometer-offset:nz. A "
+    "vane behind the centre of gravity would look like a late q; it is not built, so its arm is "
+    "not allowed."
 )
 VANE_IN_YAW = (
     "A vane of sideslip ahead of the centre of gravity swings with the nose: beta_m = beta + "
-    "(arm/V) r, arm >= 0 in m ahead of the centre of "
-    "gravity, since a nose that yaws to the right carries the vane to the right. In the Dutch roll "
-    "that makes the reading late: a lag or a delay of "
-    "the vane by arm/V looks much the same, and only fast rudder reversals tell them apart. A "
-    "lateral accelerometer as far behind reads the same "
-    "record under other derivatives, see accelerometer-offset:ny. A vane behind the centre of "
-    "gravity is not built, so its arm is not allowed."
+    "(arm/V) r, arm >= 0 in m ahead of the centre of gravity, since a nose that yaws to the right "
+    "carries the vane to the right. In the Dutch roll that makes the reading late: a lag or a "
+    "delay of the vane by arm/V looks much the same, and only fast rudder reversals tell them "
+    "apart. A lateral accelerometer as far behind reads the same record under other derivatives, "
+    "see accelerometer-offset:ny. A vane behind the centre of gravity is not built, so its arm is "
+    "not allowed."
 )
 
 
@@ -262,12 +252,10 @@ class SensorCoupling:
     )
     explanation: ClassVar[str] = (
         "A gyro whose gimbal or beam is not balanced answers to acceleration as well: q_m = q + "
-        "gain nz, gain in rad/s per g. To the kinematics "
-        "alpha_dot = q - (g/V) nz it is the same as a load factor read by 1/(1 + gain V/g) of its "
-        "size; what tells the two apart is only that nz "
-        "jumps with the control surface (CL_de) while a pitch rate cannot. Where CL_de is small "
-        "the record cannot tell them apart, and the "
-        "derivatives differ."
+        "gain nz, gain in rad/s per g. To the kinematics alpha_dot = q - (g/V) nz it is the same "
+        "as a load factor read by 1/(1 + gain V/g) of its size; what tells the two apart is only "
+        "that nz jumps with the control surface (CL_de) while a pitch rate cannot. Where CL_de is "
+        "small the record cannot tell them apart, and the derivatives differ."
     )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:

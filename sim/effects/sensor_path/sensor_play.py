@@ -14,10 +14,10 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
     ABSENT,
     OfChannel,
-    believed,
     further_outputs,
     half_width,
     large_output,
+    plausible_half_width,
     played,
 )
 from sim.maths import clip, each_column, trailing
@@ -51,10 +51,10 @@ class SensorBacklash(OfChannel):
     explanation: ClassVar[str] = (
         "Play in the bearing or the linkage of a vane: the pick-off stays put until the vane has "
         "gone through the play, then follows, y_recorded = y - half_width on the way up and y + "
-        "half_width on the way down. Each reversal of the angle loses "
-        "twice the half width before anything is shown, so that the reading is too small and late "
-        "after a reversal. A delay is the same at all sizes; play weighs more where the motion is "
-        "small. The kinematics with a rate and a load factor show it in the one channel."
+        "half_width on the way down. Each reversal of the angle loses twice the half width before "
+        "anything is shown, so that the reading is too small and late after a reversal. A delay is "
+        "the same at all sizes; play weighs more where the motion is small. The kinematics, by a "
+        "rate and a load factor, show that this channel alone is wrong."
     )
 
     @property
@@ -72,7 +72,7 @@ class SensorBacklash(OfChannel):
             sentences=("the {channel} sensor has a play of +-{half_width} (hysteresis)",),
             short_name="play of the sensor",
             separating=dict.fromkeys(("sensor-lag", "sensor-delay"), small),
-            plausible=believed(self.typical),
+            plausible=plausible_half_width(self.typical),
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -86,7 +86,7 @@ class SensorBacklash(OfChannel):
         return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Exact for a channel that runs straight within sub-steps."""
+        """Exact for a channel that is linear in time within sub-steps."""
         begin, end = np.asarray(begin), np.asarray(end)
         depth = max(begin.ndim, end.ndim) - 1
         begin, end = trailing(begin, depth), trailing(end, depth)
@@ -125,7 +125,8 @@ class SensorDeadband(OfChannel):
         "A gyro does not move below a threshold, from friction in its gimbal or a dead zone of its "
         "electronics: y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is not shown at "
         "all, and fast motion is shown too small by the half width. The kinematics between the "
-        "rate and the other sensors show it in the one channel; a bent load obeys them."
+        "rate and the other sensors show that this channel alone is wrong; a nonlinear load "
+        "changes the motion, on which all channels agree."
     )
 
     @property
@@ -144,7 +145,7 @@ class SensorDeadband(OfChannel):
             separating={
                 "sensor-curve": "motion of many sizes: a threshold takes the same off all of them"
             },
-            plausible=believed(self.typical),
+            plausible=plausible_half_width(self.typical),
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:

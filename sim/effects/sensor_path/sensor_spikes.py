@@ -17,14 +17,12 @@ from sim.maths import maximum, minimum, real, trailing
 
 EXPLANATION = (
     "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost "
-    "bits, telemetry dropouts and connectors that "
-    "lose contact do this. Nothing before or after such a sample answers to it, which no motion of "
-    "the vehicle could do; in the recorded input the "
-    "vehicle does not react to it. A single one outweighs hundreds of good samples in a "
-    "least-squares fit, so spikes are found by rule and set "
-    "aside before anything else is judged. Noise with heavy tails also has large samples, but of "
-    "all sizes in between; that is no spike, nor are "
-    "outliers in runs."
+    "bits, telemetry dropouts and connectors that lose contact do this. Nothing before or after "
+    "such a sample answers to it, which no motion of the vehicle could do; in the recorded input "
+    "the vehicle does not react to it. A single one outweighs hundreds of good samples in a "
+    "least-squares fit, so spikes are found by rule and set aside before anything else is judged. "
+    "Noise with heavy tails also has large samples, but of all sizes in between; that is no spike, "
+    "nor are outliers in runs."
 )
 
 

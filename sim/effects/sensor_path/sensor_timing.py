@@ -43,14 +43,12 @@ class SensorDelay(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "One channel is recorded late: y_recorded(t) = y(t - delay), delay >= 0. Digital filters, "
-        "buses and recorders with a clock of their own do "
-        "this. The shape is untouched, only the time is wrong, and by the same amount at all "
-        "frequencies; a lag of the sensor also takes amplitude "
-        "from fast motion, which slow records do not show. A late angle of attack looks much like "
-        "a vane ahead of the centre of gravity. If all "
-        "channels are late alike it is the input that is early: see input-delay. A late altitude "
-        "of a falling body cannot be seen at all: the same "
-        "fall begun later is the same fall."
+        "buses and recorders with a clock of their own do this. The shape is untouched, only the "
+        "time is wrong, and by the same amount at all frequencies; a lag of the sensor also takes "
+        "amplitude from fast motion, which slow records do not show. A late angle of attack looks "
+        "much like a vane ahead of the centre of gravity. If all channels are late alike it is the "
+        "input that is early: see input-delay. A late altitude of a falling body cannot be seen at "
+        "all: the same fall begun later is the same fall."
     )
 
     @property
@@ -115,13 +113,12 @@ class SensorLag(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "The sensor or its filter follows the true value with a first-order lag: time_constant "
-        "dy/dt = v - y. A steady value is read rightly, a "
-        "ramp late by one time constant, an oscillation late and too small, the more so the faster "
-        "it is. Records that hold mainly frequencies "
-        "well below 1/time_constant cannot tell it from a pure delay of the same length; for the "
-        "angle of attack a vane ahead of the centre of "
-        "gravity looks much the same. A late altitude of a falling body cannot be seen at all: the "
-        "same fall begun later is the same fall."
+        "dy/dt = v - y. A steady value is read rightly, a ramp late by one time constant, an "
+        "oscillation late and too small, the more so the faster it is. Records that hold mainly "
+        "frequencies well below 1/time_constant cannot tell it from a pure delay of the same "
+        "length; for the angle of attack a vane ahead of the centre of gravity looks much the "
+        "same. A late altitude of a falling body cannot be seen at all: the same fall begun later "
+        "is the same fall."
     )
 
     @property
@@ -242,13 +239,12 @@ class SensorHold(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
         "The sensor delivers a new value every period and the recorder, which is faster, writes "
-        "the last one again: y_recorded(t) = y(t_k), t_k = "
-        "phase + k period the last update. A slow bus or telemetry frame does this; without noise "
-        "of its own behind it the raw column shows "
-        "repeated values. In the mean the channel is late by half a period, which is most of what "
-        "is seen; the stairs themselves are the smaller "
-        "part, so that a delay or a lag of half the period is nearly the same where the motion is "
-        "slow. The phase belongs to one record."
+        "the last one again: y_recorded(t) = y(t_k), t_k = phase + k period the last update. A "
+        "slow bus or telemetry frame does this; without noise of its own behind it the raw column "
+        "shows repeated values. In the mean the channel is late by half a period, which is most of "
+        "what is seen; the stairs themselves are the smaller part, so that a delay or a lag of "
+        "half the period is nearly the same where the motion is slow. The phase belongs to one "
+        "record."
     )
 
     @property
@@ -365,16 +361,14 @@ class TimeBase:
     )
     explanation: ClassVar[str] = (
         "The clock of the recorder is wrong: recorded time = factor x true time, from a wrong "
-        "sampling rate or a file resampled by mistake. Every "
-        "motion then seems slower than it is, and a rate that is measured no longer is the slope "
-        "of what it is the rate of. The kinematics say "
-        "alpha_dot = (q - (g/V) nz) / factor: with alpha, q and nz that is word for word an angle "
-        "of attack read too small by the factor, with "
-        "other derivatives, and as rare as such clocks are that is what is named. It is a scale of "
-        "q and one of nz alike, the latter as good as an "
-        "airspeed that is wrong in the vehicle file. Without nz it only changes the derivatives "
-        "and leaves no trace. A pitch attitude in the record, "
-        "or another clock, tells."
+        "sampling rate or a file resampled by mistake. Every motion then seems slower than it is, "
+        "and a rate that is measured no longer is the slope of what it is the rate of. The "
+        "kinematics say alpha_dot = (q - (g/V) nz) / factor: with alpha, q and nz that is word for "
+        "word an angle of attack read too small by the factor, with other derivatives, and as rare "
+        "as such clocks are that is what is named. It is a scale of q and one of nz alike, the "
+        "latter as good as an airspeed that is wrong in the vehicle file. Without nz it only "
+        "changes the derivatives and leaves no trace. A pitch attitude in the record, or another "
+        "clock, tells."
     )
 
     def pace(self, p: Any) -> Any:

@@ -10,8 +10,8 @@ from scipy.stats import t as student
 
 from ident.pooling import (
     Evidence,
-    _at,
-    adjusted,
+    _gains_at,
+    adjusted_p_values,
     conditioned,
     outlying_flights,
     pooled,
@@ -189,7 +189,7 @@ def test_false_discoveries_against_the_step_up_rule() -> None:
         ordered = np.sort(p)
         passed = [i for i in range(30) if ordered[i] <= level * (i + 1) / 30]
         taken = set(np.flatnonzero(p <= ordered[passed[-1]])) if passed else set()
-        assert set(np.flatnonzero(adjusted(p) <= level)) == taken
+        assert set(np.flatnonzero(adjusted_p_values(p) <= level)) == taken
 
 
 def test_one_flight_stands_out_and_clean_ones_do_not() -> None:
@@ -252,7 +252,7 @@ def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int
     seen = 3.0 * rng.standard_normal((6, k))
     best = 0.5 * np.einsum("ni,nij,nj->n", seen, np.linalg.inv(covariance), seen)
     values, scatters = rng.standard_normal((3, k)) * 4.0, np.array([0.0, 0.2, 0.8])
-    found, _ = _at(Evidence(best, seen, covariance), values, scatters)
+    found, _ = _gains_at(Evidence(best, seen, covariance), values, scatters)
     for c in range(3):
         between = np.diag((scatters[c] * values[c]) ** 2)
         for n in range(6):

@@ -22,14 +22,14 @@ from ident.banks.online import (
 )
 from ident.banks.relinearised import (
     Relinearised,
-    along,
-    due,
+    advanced,
+    bank_that_continues,
     informative_enough,
     joint,
     joint_estimate,
+    linearisation_due,
     linearise,
-    on_a_grid_that_fits,
-    sharper_of,
+    with_fitting_grid,
 )
 from ident.estimate import Estimate
 from sim.declaration.model import System
@@ -100,14 +100,14 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(
     flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised
 ) -> None:
     record, system, _, rows = flown
-    on = along(halfway, part(rows, HALF, None))
+    on = advanced(halfway, part(rows, HALF, None))
     assert len(on) == len(record) - HALF and on[-1].state.rows_seen == len(record)
     refined = run_delay_bank(record, system).estimate
-    found = joint_estimate(on_a_grid_that_fits(on[-1]))
+    found = joint_estimate(with_fitting_grid(on[-1]))
     near(found, refined)
-    assert not due(halfway, FACTORS) and not due(on[-1], FACTORS)
-    assert due(replace(on[-1], std=3.0 * halfway.std), FACTORS)
-    assert due(replace(on[-1], mean=halfway.mean + 2.0 * halfway.std), FACTORS)
+    assert not linearisation_due(halfway, FACTORS) and not linearisation_due(on[-1], FACTORS)
+    assert linearisation_due(replace(on[-1], std=3.0 * halfway.std), FACTORS)
+    assert linearisation_due(replace(on[-1], mean=halfway.mean + 2.0 * halfway.std), FACTORS)
 
 
 def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
@@ -116,23 +116,23 @@ def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
     mean, covariance = joint(halfway.bank, halfway.state)
     std = np.sqrt(np.diagonal(covariance))
     assert (
-        sharper_of(None, halfway, FACTORS) is halfway
-        and sharper_of(halfway, None, FACTORS) is halfway
+        bank_that_continues(None, halfway, FACTORS) is halfway
+        and bank_that_continues(halfway, None, FACTORS) is halfway
     )
-    assert sharper_of(None, None, FACTORS) is None
+    assert bank_that_continues(None, None, FACTORS) is None
     as_sharp = replace(halfway, std=1.2 * std)
-    assert sharper_of(halfway, as_sharp, FACTORS) is as_sharp
+    assert bank_that_continues(halfway, as_sharp, FACTORS) is as_sharp
     at = halfway.bank.names.index("M_q")
     moved = mean.copy()
     moved[at] += 3.0 * 2.0 * std[at]
-    kept = sharper_of(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
+    kept = bank_that_continues(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
     assert kept is not None and kept.state is halfway.state
     assert (
         kept.start_dependence[at] == pytest.approx(6.0 * std[at])
         and np.count_nonzero(kept.start_dependence) == 1
     )
     assert joint_estimate(kept).sigma("M_q") == pytest.approx(37.0**0.5 * std[at])
-    agreed = sharper_of(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
+    agreed = bank_that_continues(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
     assert agreed is not None and not agreed.start_dependence.any()
 
 
@@ -145,13 +145,13 @@ def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -
         ),
     )
     before_mean, before = joint(coarse.bank, coarse.state)
-    anew = on_a_grid_that_fits(coarse)
+    anew = with_fitting_grid(coarse)
     assert np.diff(anew.bank.delays)[0] < np.diff(coarse.bank.delays)[0]
     after_mean, after = joint(anew.bank, anew.state)
     std = np.sqrt(np.diagonal(before))
     np.testing.assert_allclose((after_mean - before_mean) / std, 0.0, atol=1e-3)
     np.testing.assert_allclose(np.sqrt(np.diagonal(after)) / std, 1.0, atol=2e-3)
-    assert on_a_grid_that_fits(halfway) is halfway
+    assert with_fitting_grid(halfway) is halfway
     assert np.isfinite(mean).all() and np.linalg.eigvalsh(covariance).min() > 0
 
 
@@ -172,7 +172,7 @@ def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(
     )
     current = replace(halfway, bank=replace(pair, memory=halfway.bank.memory), state=alike)
     for _ in range(20):
-        current = on_a_grid_that_fits(current)
+        current = with_fitting_grid(current)
     mean, covariance = joint(current.bank, current.state)
     # The Gaussian cut off where no delay can be, by quadrature.
     fine = np.linspace(0.0, halfway.bank.memory, 20001)

@@ -12,8 +12,8 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.fault_sets import (
-    chance_of,
     charge_of,
+    confusable_loss,
     leaves_a_reference,
     reference_sentence,
 )
@@ -86,13 +86,13 @@ def test_the_true_one_of_two_loses_by_more_than_chance_in_no_more_than_its_share
     noise = np.random.default_rng(1).standard_normal(200_000)
     lost = 0.5 * noise**2 - 0.5 * (noise - distance) ** 2
     for share in (0.2, 0.02):
-        frequency = float(np.mean(lost > chance_of(share, 2)))
+        frequency = float(np.mean(lost > confusable_loss(share, 2)))
         assert frequency <= 0.5 * share * 1.1
     # The bound is reached where it is hardest: at a distance of the quantile itself.
-    worst = np.sqrt(2.0 * chance_of(0.02, 2))
-    assert float(np.mean(noise * worst - 0.5 * worst**2 > chance_of(0.02, 2))) == pytest.approx(
-        0.01, rel=0.1
-    )
+    worst = np.sqrt(2.0 * confusable_loss(0.02, 2))
+    assert float(
+        np.mean(noise * worst - 0.5 * worst**2 > confusable_loss(0.02, 2))
+    ) == pytest.approx(0.01, rel=0.1)
 
 
 def test_the_best_of_many_absent_faults_brings_the_charge_less_often_than_the_share_of_false_alarms() -> (  # noqa: E501
@@ -163,7 +163,7 @@ def test_a_group_holds_what_gains_as_much_within_chance_and_nothing_else() -> No
     found = compatibility(
         [record(sensors=Sensors(delay={"q": 0.04}), seed=1)], CompatibilitySettings(SPEED)
     )
-    chance = chance_of(0.01, len(found.findings))
+    chance = confusable_loss(0.01, len(found.findings))
     best = found.findings[0]
     for finding in found.findings:
         if finding.stands:

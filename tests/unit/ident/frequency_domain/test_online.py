@@ -23,7 +23,7 @@ from ident.frequency_domain.online import (
     frequencies,
     online_equations,
 )
-from ident.frequency_domain.online_lag import estimated, lag_stream, pseudo_control, taken
+from ident.frequency_domain.online_lag import estimated, lag_stream, pseudo_control, with_rows
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
@@ -294,7 +294,7 @@ def low_order(seed: int, scale: float, lag: float = 0.8) -> tuple[np.ndarray, np
     for first in range(0, len(record), 50):
         part = slice(first, first + 50)
         values = None if found is None else found.values
-        stream = taken(stream, record.time[part], stick[part], rows[:, part], values)
+        stream = with_rows(stream, record.time[part], stick[part], rows[:, part], values)
         found, stream = estimated(stream)
     assert found is not None
     order = [stream.names.index(name) for name in NAMES]

@@ -30,8 +30,8 @@ def averaged(columns: np.ndarray, z: np.ndarray, chosen: list[int]) -> tuple[np.
     covariance = float(square[0]) / (len(z) - len(chosen)) * np.linalg.inv(part.T @ part)
     products = products_of([columns], [z], OFFERED)
     even = np.diag(covariance)
-    made_of: list[list[int]] = [[], [], [], [], [1]]
-    found, other = averaged_covariance(products, chosen, covariance, even, LINEAR, made_of)
+    constituents: list[list[int]] = [[], [], [], [], [1]]
+    found, other = averaged_covariance(products, chosen, covariance, even, LINEAR, constituents)
     assert other is None or 0.0 < other.probability <= 1.0
     return values, np.sqrt(even), np.sqrt(np.diag(found))
 
@@ -105,9 +105,9 @@ def test_models_are_compared_without_the_noise_of_signals() -> None:
     shares = np.exp(np.array(logs) - max(logs))
     expected = np.sqrt(np.maximum(shares @ np.array(seconds) / shares.sum(), s2 * own_spread))
     covariance = np.diag(s2 * own_spread)
-    made_of: list[list[int]] = [[], [], [], [], [1]]
+    constituents: list[list[int]] = [[], [], [], [], [1]]
     found, _ = averaged_covariance(
-        products, chosen, covariance, np.diag(covariance), LINEAR, made_of
+        products, chosen, covariance, np.diag(covariance), LINEAR, constituents
     )
     assert np.sqrt(np.diag(found)) == pytest.approx(expected, rel=2e-3)
     assert np.any(expected > 1.1 * np.sqrt(s2 * own_spread))
@@ -139,9 +139,9 @@ def test_the_model_that_makes_deviations_larger_is_named() -> None:
     values, square, *_ = np.linalg.lstsq(part, z, rcond=None)
     covariance = float(square[0]) / 197 * np.linalg.inv(part.T @ part)
     products = products_of([columns], [z], OFFERED)
-    made_of: list[list[int]] = [[], [], [], [], [1]]
+    constituents: list[list[int]] = [[], [], [], [], [1]]
     found, other = averaged_covariance(
-        products, [0, 2, 3], covariance, np.diag(covariance), LINEAR, made_of
+        products, [0, 2, 3], covariance, np.diag(covariance), LINEAR, constituents
     )
     assert other is not None and (other.added, other.removed) == (1, 3)
     assert other.probability > 0.5 and 2.0 * np.sqrt(found[2, 2]) > abs(values[2])

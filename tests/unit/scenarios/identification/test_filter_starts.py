@@ -15,7 +15,7 @@ import pytest
 from exam.coverage.estimators import write_flight
 from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
-from ident.filters.ekf import settled
+from ident.filters.ekf import iterated_to_convergence
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.conditions import cautions_of
 from scenarios.identification.identify import identify, identify_files
@@ -160,7 +160,7 @@ def test_without_noise_a_filter_has_the_sigmas_of_the_noise_that_it_assumes(
 def test_a_pass_that_breaks_down_is_no_convergence() -> None:
     begun = usual("own", "ekf").estimate
     broken = replace(begun, outcome=Outcome.INDEFINITE, message="at 3 s")
-    ended = settled(begun, lambda done: broken, 15)
+    ended = iterated_to_convergence(begun, lambda done: broken, 15)
     assert ended.outcome is Outcome.INDEFINITE and "pass 2 broke down at 3 s" in ended.message
     assert np.array_equal(ended.values, begun.values)
     assert "--method output-error" in ended.outcome.hint

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenarios.preparation.filtering import (
     FEWEST_PART_SAMPLES,
-    Parted,
+    PartedRecord,
     parts_of,
     put_together,
     split_at_gaps,
@@ -84,7 +84,7 @@ def test_parts_put_together_have_every_row(sizes: list[int], resampled: bool) ->
     steps[np.cumsum(sizes)[:-1]] = 3.0
     whole = record(np.cumsum(steps))
     parts, _ = split_at_gaps(whole)
-    parted = Parted("flight.csv", None if resampled else whole.time, len(parts))
+    parted = PartedRecord("flight.csv", None if resampled else whole.time, len(parts))
     ((same, span),) = parts_of([parted], parts)
     assert same is parted and parts[span] == parts
     rows = [np.array([2.0 * part.time]) for part in parts]
@@ -116,7 +116,7 @@ def test_a_part_lacks_the_outputs_that_it_has_no_sample_of() -> None:
     parts, note = split_at_gaps(whole)
     assert [part.output_names for part in parts] == [("q", "alpha"), ("alpha",)]
     assert "1 part of fewer than 30 samples" in note
-    joined, _ = put_together(Parted("flight.csv", time, 2), parts, ())
+    joined, _ = put_together(PartedRecord("flight.csv", time, 2), parts, ())
     assert (
         joined["q"].valid.tolist() == np.isfinite(q).tolist()
         and joined["alpha"].valid.tolist() == np.isfinite(alpha).tolist()

@@ -47,9 +47,9 @@ def test_a_campaign_is_the_same_stopped_and_raised_and_in_processes(
 ) -> None:
     scenario = load_scenario("flexible-ac1-equivalent", SHORT)
     once = fly_campaign(scenario, 9, 4, method)
-    fly_campaign(scenario, 5, 4, method, manner=Execution(1, tmp_path))
-    raised = fly_campaign(scenario, 9, 4, method, manner=Execution(1, tmp_path, resume=True))
-    shared = fly_campaign(scenario, 9, 4, method, manner=Execution(2, limit=60.0))
+    fly_campaign(scenario, 5, 4, method, execution=Execution(1, tmp_path))
+    raised = fly_campaign(scenario, 9, 4, method, execution=Execution(1, tmp_path, resume=True))
+    shared = fly_campaign(scenario, 9, 4, method, execution=Execution(2, limit=60.0))
     for other in (raised, shared):
         for name in ("seeds", "values", "std", "nees", "nis", "degrees"):
             assert getattr(other, name).tobytes() == getattr(once, name).tobytes(), name
@@ -61,7 +61,7 @@ def test_a_campaign_is_the_same_stopped_and_raised_and_in_processes(
             9,
             4,
             method,
-            manner=Execution(1, tmp_path, True),
+            execution=Execution(1, tmp_path, True),
         )
 
 

@@ -19,8 +19,8 @@ from scenarios.survey.recurring import over_flights
 from scenarios.survey.report import (
     effects_table,
     flights_table,
-    fresh,
-    hints,
+    new_flight_phrases,
+    other_cause_phrases,
     rivals_phrase,
     survey_text,
     verdict_of,
@@ -120,14 +120,23 @@ def test_columns_in_which_nothing_stands_are_left_out(
     flights = [*more(campaign, 6), campaign.fly("G", LATE, 'tail = "T-1"\ndate = 2026-03-04')]
     grown = campaign.survey(*flights)
     shown = flights_table(grown)
-    names = ["number", "flight", "since", "date", "tail", "verdict", "sensor-delay:q", "kinematics"]
+    names = [
+        "number",
+        "flight",
+        "this survey",
+        "date",
+        "tail",
+        "verdict",
+        "sensor-delay:q",
+        "kinematics",
+    ]
     assert [column.heading for column in shown.columns] == names
     told = ("G", "new", "2026-03-04", "T-1", "traced", "has it", "no fault found")
     assert shown.rows[0][1:] == told
     numbers = [row[0].value for row in shown.rows]  # type: ignore[union-attr]
     flown = grown.recurs[0].flights  # as the figure numbers them
     assert [flown[int(number) - 1] for number in numbers] == [row[1] for row in shown.rows]
-    assert fresh(grown) == ["traced, G: made up; it has the recurring sensor-delay:q"]
+    assert new_flight_phrases(grown) == ["traced, G: made up; it has the recurring sensor-delay:q"]
 
 
 def test_unexplained_flights_are_told(found: SurveyResult) -> None:
@@ -188,11 +197,11 @@ def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) ->
     ]
     one = replace(found, derivatives=tuple(over_flights(flights, told, found.conditions, {})))
     assert [each.name for each in one.derivatives if each.drifts] == ["CL_alpha", "Cm_alpha"]
-    assert hints(one) == [
+    assert other_cause_phrases(one) == [
         "CL_alpha changes with mass, which no force coefficient does by itself: check the masses "
         "in the file of flights"
     ]
-    assert hints(found) == []
+    assert other_cause_phrases(found) == []
 
 
 def test_a_flight_that_could_not_be_fitted_is_told(
