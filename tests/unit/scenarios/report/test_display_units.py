@@ -96,6 +96,7 @@ def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None
         (288017.0, 43210.0, ("288017", "43210")),
         (4.7e-5, 3.3e-5, ("0.000047", "0.000033")),
         (1.5e-12, 2.0e-13, ("1.50e-12", "2.0e-13")),
+        (-0.016, 11.0, ("0", "11")),
     ],
 )
 def test_two_digits_of_a_sigma_and_the_value_to_the_same_decimal(
