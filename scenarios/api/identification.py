@@ -514,6 +514,7 @@ def predict(
     rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their
         files.
+    tolerances : names of tests of simulator qualification, with commas, or of a TOML file of them.
 
     Raises
     ------

@@ -12,6 +12,7 @@ from scenarios.cli import options
 from scenarios.cli.options import (
     METHOD_WORDS,
     TARGETS,
+    TO_HELP,
     AsJson,
     Changes,
     Channels,
@@ -579,10 +580,10 @@ def export(
         Path,
         typer.Argument(
             metavar="STUDY",
-            help="Folder that identify or diagnose wrote, or a vehicle file of model aircraft.",
+            help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
         ),
     ],
-    to: Annotated[str, valued("--to", "TARGET", f"{', '.join(TARGETS)}.", complete=of(*TARGETS))],
+    to: Annotated[str, valued("--to", "TARGET", TO_HELP, complete=of(*TARGETS))],
     out: Annotated[
         Path | None,
         valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
@@ -593,6 +594,8 @@ def export(
     file, a DAVE-ML file.
 
     SI and radians, with the values found and the starting states of the first record.
+    python and fmu take a study of any model; jsbsim and dave-ml one of model aircraft,
+    in six degrees of freedom.
     """
     from scenarios.commands.records import export_model
 

@@ -461,3 +461,16 @@ def _choice(entry: ColumnEntry) -> ColumnChoice:
         table,
         entry.hold,
     )
+
+
+def refuse_other_model(content: Mapping[str, object], path: Path) -> None:
+    """Raise DeclarationError for a vehicle file with derivatives where one of the model
+    ``aircraft``, with terms, is read.
+    """
+    if "derivatives" in content and not {"aerodynamics", "surfaces", "model"} & {*content}:
+        raise DeclarationError(
+            "it has [derivatives], so it is a vehicle file of another model",
+            where=str(path),
+            remedy="write one of model aircraft: span, three inertias, [surfaces] and [thrust] "
+            "(docs/six-degrees.md)",
+        )

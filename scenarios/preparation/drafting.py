@@ -390,7 +390,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
         return Guess(
             channel,
             ColumnChoice(path, said),
-            f"{reason}; its unit: {said or 'by the rate of the rows'}",
+            f"{reason}; its unit: {said or 'found by its steps from row to row'}",
         )
     if said is None:
         said = _suffix(cell)
