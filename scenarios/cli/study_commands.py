@@ -11,8 +11,6 @@ import typer
 from scenarios.cli import options
 from scenarios.cli.options import (
     METHOD_WORDS,
-    TARGETS,
-    TO_HELP,
     AsJson,
     Changes,
     Channels,
@@ -583,7 +581,7 @@ def export(
             help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
         ),
     ],
-    to: Annotated[str, valued("--to", "TARGET", TO_HELP, complete=of(*TARGETS))],
+    to: Annotated[str, valued("--to", "TARGET", options.TO_HELP, complete=of(*options.TARGETS))],
     out: Annotated[
         Path | None,
         valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
@@ -593,9 +591,8 @@ def export(
     """The model of a study for another program: a Python module, an FMU, a JSBSim
     file, a DAVE-ML file.
 
-    SI and radians, with the values found and the starting states of the first record.
-    python and fmu take a study of any model; jsbsim and dave-ml one of model aircraft,
-    in six degrees of freedom.
+    SI and radians, with the values found and the starting states of the first record. python and
+    fmu take any model, jsbsim and dave-ml the model aircraft alone.
     """
     from scenarios.commands.records import export_model
 

@@ -463,9 +463,9 @@ def _choice(entry: ColumnEntry) -> ColumnChoice:
     )
 
 
-def refuse_other_model(content: Mapping[str, object], path: Path) -> None:
-    """Raise DeclarationError for a vehicle file with derivatives where one of the model
-    ``aircraft``, with terms, is read.
+def of_terms(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return the content of a vehicle file of the model ``aircraft``, which has terms. Raises
+    DeclarationError for one of another model, which has derivatives.
     """
     if "derivatives" in content and not {"aerodynamics", "surfaces", "model"} & {*content}:
         raise DeclarationError(
@@ -474,3 +474,4 @@ def refuse_other_model(content: Mapping[str, object], path: Path) -> None:
             remedy="write one of model aircraft: span, three inertias, [surfaces] and [thrust] "
             "(docs/six-degrees.md)",
         )
+    return content
