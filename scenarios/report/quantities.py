@@ -44,7 +44,7 @@ def shown_in(unit: str, name: str = "") -> Shown:
     """Return the display unit; ``name`` distinguishes a frequency (rad/s) from a rate (deg/s)."""
     if unit in DEGREES and name not in NOT_ANGLES and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
-    return Shown(1.0, unit)
+    return Shown(1.0, f"{unit.removesuffix('/s/s')}/s2" if unit.endswith("/s/s") else unit)
 
 
 def quantity_text(value: float, unit: str, name: str = "") -> str:

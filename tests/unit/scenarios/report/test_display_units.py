@@ -89,6 +89,14 @@ def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None
 
 
 @pytest.mark.parametrize(
+    ("unit", "shown"),
+    [("m/s/s", "m/s2"), ("rad/s/s", "deg/s2"), ("g/s", "g/s"), ("1/s/s", "1/s2")],
+)
+def test_a_drift_of_a_rate_is_in_seconds_squared(unit: str, shown: str) -> None:
+    assert shown_in(unit).unit == shown
+
+
+@pytest.mark.parametrize(
     ("value", "sigma", "shown"),
     [
         (0.060047, 2.7e-5, ("0.060047", "0.000027")),
