@@ -58,7 +58,7 @@ _SIGNALS = {
         "rudder": r"rudder $\delta_r$",
     },
     # of a measured airspeed: its difference from the declared one, and the lift that it adds
-    **{"airspeed_change": "$V$ above $V_0$", "lift": "added lift"},
+    **{"airspeed_change": "$V - V_0$", "lift": "added lift"},
     **{"thrust": "thrust $T$", "stick": r"stick $\delta_p$"},
 }
 _SYMBOLS = {

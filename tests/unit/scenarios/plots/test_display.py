@@ -85,5 +85,5 @@ def test_signed() -> None:
 
 
 def test_inputs_of_a_measured_airspeed_have_words() -> None:
-    assert axis_label("airspeed_change", display_unit("m/s")) == "$V$ above $V_0$ (m/s)"
+    assert axis_label("airspeed_change", display_unit("m/s")) == "$V - V_0$ (m/s)"
     assert axis_label("lift", display_unit("1")) == "added lift (–)"
