@@ -29,3 +29,8 @@ def test_help_names_each_argument_at_the_start_of_a_line(name: str) -> None:
         for word in re.split(r", \*{0,2}|^\*{1,2}", head[1])
     }
     assert set(inspect.signature(function).parameters) <= told
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_help_does_not_send_to_the_command(name: str) -> None:
+    assert "as the command's options" not in (inspect.getdoc(getattr(fid, name)) or "")
