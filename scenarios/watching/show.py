@@ -233,7 +233,8 @@ def spectral_page(
     """
     stream = content["stream"]
     counts = (
-        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, "
+        f"{stream['mended']} filled in"
     )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
     words = (
