@@ -24,6 +24,7 @@ from scenarios.report.quantities import (
     value_parts,
 )
 from scenarios.report.summary import table_lines
+from scenarios.responses.loops import UNITS
 from scenarios.studies.published import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
@@ -128,3 +129,8 @@ def test_two_digits_of_a_sigma_and_the_value_to_the_same_decimal(
 )
 def test_both_ends_of_a_span_have_the_same_decimals(low: float, high: float, told: str) -> None:
     assert span_text(low, high) == told
+
+
+def test_a_gain_is_no_angular_acceleration_and_a_distance_has_no_unit() -> None:
+    assert shown_in("rad/s2", "gain").unit == "rad/s2"
+    assert UNITS["distance"] == "1"
