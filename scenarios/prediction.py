@@ -393,7 +393,11 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
-        lines += wrapped("the effects are hints: the study claimed none of them", width)
+        lines += wrapped(
+            "the study claims no effect: these are of the likeliest set of its search, beyond its "
+            "hints",
+            width,
+        )
     lines += table_as_lines(errors_table(found), width, keys=2)
     lines += wrapped(COLUMNS_NOTE, width)
     if verdict := carried_over(found.after, found.residuals):

@@ -183,7 +183,7 @@ def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
         one
         for name in SMALL_ANGLES
         if name in (*record.input_names, *record.output_names)
-        and (one := _large_angle_finding(record[name])) is not None
+        and (one := large_angle(record[name])) is not None
     ]
     far += [
         one
@@ -232,7 +232,7 @@ SERVO_PULSES = (600.0, 2400.0)  # us, shortest and longest
 LEVEL_PULSES = (1200.0, 1800.0)  # us, of a surface most of the time
 
 
-def _large_angle_finding(channel: Channel) -> RecordFinding | None:
+def large_angle(channel: Channel) -> RecordFinding | None:
     """Return a finding if a flow angle or control moves too far to be in radians."""
     values = channel.values[channel.valid]
     reach = (

@@ -299,8 +299,9 @@ def diagnose(
 
     Parameters
     ----------
-    records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers, hold, rate,
-        lowpass, trust_record, aircraft_class, category : as in ``identify``.
+    records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers : as in
+        ``identify``.
+    hold, rate, lowpass, trust_record, aircraft_class, category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of
         one.
     effects : effects of your own, or the path of a Python file with them.

@@ -320,7 +320,9 @@ def identify(
     channels : a channel map as in ``read_record``, for all records.
     columns : names of the columns of files without a header, in their order.
     start, stop : the part that is used, s; a list of each for several maneuvers.
-    hold, rate, lowpass, trust_record : as the command's options.
+    hold : of inputs between samples, ``"previous"`` or ``"linear"``; None: the better fit.
+    rate, lowpass : Hz: all channels are resampled to this rate, or filtered below this corner.
+    trust_record : warn of what the raw columns show, refuse and mask nothing.
     maneuver : maneuvers that are used instead, by number or name, one or a list.
     maneuvers : what ``find_maneuvers`` returned, or the path of its ``maneuvers.toml``; None takes
         the one beside the record.
@@ -514,6 +516,7 @@ def predict(
     rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their
         files.
+    tolerances : names of tests of simulator qualification, with commas, or of a TOML file of them.
 
     Raises
     ------

@@ -31,6 +31,8 @@ R = TypeVar("R")
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
 # An option with its value, a word, and a command with the files and options after it.
 _WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
+# An option whose value is a pair, NAME=VALUE, which is a mapping in Python.
+_OF_PAIR = re.compile(r"(?<![\w-])--(fix|fit) ([A-Za-z][\w.]*)=([\w./-]*\w)")
 _COMMAND = re.compile(
     r"\bflightid ([a-z]+)"
     r"((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[A-Za-z]\w*))*)"
@@ -64,6 +66,11 @@ def as_keywords(text: str, arguments: Collection[str] = ()) -> str:
         )
         return name if name.endswith(")") else f"{name}="
 
+    def mapping(found: re.Match[str]) -> str:
+        shown = found[3] if re.fullmatch(r"-?[\d.]+|VALUE", found[3]) else f'"{found[3]}"'
+        return f'{found[1]}={{"{found[2]}": {shown}}}'
+
+    text = _OF_PAIR.sub(mapping, text)
     return _OPTION.sub(keyword, _WITH_VALUE.sub(r'\1="\2"', text))
 
 

@@ -208,6 +208,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
             "flightid export fit --to fmu --out aircraft.fmu",
             "for Simulink, OpenModelica and others",
         ),
+        (
+            "flightid export coupled_vehicle.toml --to jsbsim",
+            "the aircraft of a vehicle file of model aircraft",
+        ),
     ),
     "report": (
         ("flightid report study edited", "the pages of study folders again, with nothing computed"),

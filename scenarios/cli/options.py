@@ -43,6 +43,7 @@ MODEL_NAMES = (
 )
 METHOD_WORDS = ("stepwise", "orthogonal")  # of `structure`
 TARGETS = ("python", "fmu", "jsbsim", "dave-ml")  # of `export`
+TO_HELP = f"{', '.join(TARGETS)}; the last two of model aircraft alone."
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 

@@ -11,7 +11,6 @@ import typer
 from scenarios.cli import options
 from scenarios.cli.options import (
     METHOD_WORDS,
-    TARGETS,
     AsJson,
     Changes,
     Channels,
@@ -579,10 +578,10 @@ def export(
         Path,
         typer.Argument(
             metavar="STUDY",
-            help="Folder that identify or diagnose wrote, or a vehicle file of model aircraft.",
+            help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
         ),
     ],
-    to: Annotated[str, valued("--to", "TARGET", f"{', '.join(TARGETS)}.", complete=of(*TARGETS))],
+    to: Annotated[str, valued("--to", "TARGET", options.TO_HELP, complete=of(*options.TARGETS))],
     out: Annotated[
         Path | None,
         valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
@@ -592,7 +591,8 @@ def export(
     """The model of a study for another program: a Python module, an FMU, a JSBSim
     file, a DAVE-ML file.
 
-    SI and radians, with the values found and the starting states of the first record.
+    SI and radians, with the values found and the starting states of the first record. python and
+    fmu take any model, jsbsim and dave-ml the model aircraft alone.
     """
     from scenarios.commands.records import export_model
 

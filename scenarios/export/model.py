@@ -77,9 +77,10 @@ class ExportedModel:
         """
         if self.aircraft is None:
             raise DeclarationError(
-                f"{holds}, and this is a model {self.model}",
+                f"{holds}, and this is a study of the model {self.model}",
                 where=f"--to {target}",
-                remedy="export a study of the model aircraft, or use --to python",
+                remedy="take --to python or fmu, or identify the model aircraft "
+                "(flightid structure drafts its vehicle file)",
             )
         return self.aircraft
 

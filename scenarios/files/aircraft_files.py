@@ -18,7 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import checked, closest, read_toml_source, toml_of
+from scenarios.files.declarations import checked, closest, of_terms, read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
     AIRCRAFT_SUFFIX,
@@ -126,7 +126,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     ------
     DeclarationError : one line with file, key and remedy.
     """
-    path, content = source.path, toml_of(source)
+    path, content = source.path, of_terms(toml_of(source), source.path)
     content.pop("model", None)
     content.pop("uncertainty", None)  # read with all other vehicle files
     coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)

@@ -461,3 +461,17 @@ def _choice(entry: ColumnEntry) -> ColumnChoice:
         table,
         entry.hold,
     )
+
+
+def of_terms(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return the content of a vehicle file of the model ``aircraft``, which has terms. Raises
+    DeclarationError for one of another model, which has derivatives.
+    """
+    if "derivatives" in content and not {"aerodynamics", "surfaces", "model"} & {*content}:
+        raise DeclarationError(
+            "it has [derivatives], so it is a vehicle file of another model",
+            where=str(path),
+            remedy="write one of model aircraft: span, three inertias, [surfaces] and [thrust] "
+            "(docs/six-degrees.md)",
+        )
+    return content

@@ -41,13 +41,13 @@ from scenarios.report.document import (
     Prose,
     Table,
     as_sentence,
-    as_warning,
     capital,
     now,
     reproduction,
     section,
     summary_sentences,
     table,
+    warning_lines,
 )
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.folder import first_figure
@@ -513,7 +513,7 @@ def identification_page(
             f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")
         ),
         summary=summary_sentences(identification_summary(found)),
-        warnings=tuple(map(as_warning, (*found.doubts, *found.cautions, *reading))),
+        warnings=warning_lines(found.doubts, (*found.cautions, *reading)),
         sections=(
             *section("Recorded and estimated", *first_figure(drawn)[0]),
             *section("Estimates", *_found(found, flown)),

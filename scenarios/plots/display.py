@@ -51,6 +51,9 @@ _SIGNALS = {
     "elevator": r"elevator $\delta_e$",
     "aileron": r"aileron $\delta_a$",
     "rudder": r"rudder $\delta_r$",
+    # of a measured airspeed: its difference from the declared one, and the lift that it adds
+    "airspeed_change": "$V - V_0$",
+    "lift": "added lift",
     "thrust": "thrust $T$",
     "stick": r"stick $\delta_p$",
 }

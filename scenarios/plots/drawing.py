@@ -322,7 +322,7 @@ DISC_ARCS = 8  # arcs in matplotlib's outline of a disc
 CELLS_PER_DOT = 2
 
 TALLEST_ASPECT = 1.15  # height over width of a drawing that is printed
-PRINTED_HEIGHT_SHARE = 0.5  # height of a printed panel over that on the screen
+PRINTED_HEIGHT_SHARE = 0.85  # least height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
 _PAGE: dict[Any, Any] = _VECTOR | {
     "svg.fonttype": "none",
@@ -368,8 +368,8 @@ def draw_for_page(
 def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
     """Return the printed drawing of an interactive figure.
 
-    Panels of tall figures are lowered to fit a sheet, at most to half of their height so that
-    labels do not overlap. If this is not enough, the whole figure is scaled.
+    Panels of tall figures are lowered to fit a sheet, at most to ``PRINTED_HEIGHT_SHARE`` of their
+    height so that labels do not overlap. If this is not enough, the whole figure is scaled.
     """
     width, height = figure.get_size_inches()
     if height > TALLEST_ASPECT * width:

@@ -48,7 +48,9 @@ def map_text(draft: Draft) -> str:
             f"{commented}{guess.channel} = {entry}  # {left_out}{guess.fault or guess.reason}"
         )
     missing = missing_channels(draft)
-    if missing:
+    if missing and draft.model in ("rigid", "lateral", "longitudinal"):
+        lines.append(f"# Not found, and not needed by --model {draft.model}: {', '.join(missing)}.")
+    elif missing:
         lines += [f"# Not found: {', '.join(missing)}. A line is such as", *_examples(draft)]
     unused = draft.unused and len(draft.topics) == 1  # a log has hundreds
     for words in (constant_words(draft), unused_words(draft) if unused else ""):

@@ -390,7 +390,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
         return Guess(
             channel,
             ColumnChoice(path, stated),
-            f"{reason}; its unit: {stated or 'by the rate of the rows'}",
+            f"{reason}; its unit: {stated or 'found by its steps from row to row'}",
         )
     if stated is None:
         stated = _suffix(cell)

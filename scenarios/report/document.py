@@ -8,7 +8,7 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -162,6 +162,14 @@ def signs(text: str) -> str:
 def as_sentence(text: str) -> str:
     """Return the text with a capital letter and a full stop."""
     return capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
+
+
+CAUTION = "Caution: "
+
+
+def warning_lines(doubts: Iterable[str], cautions: Iterable[str]) -> tuple[str, ...]:
+    """Return the warnings of a page, and behind them those that only limit what was found."""
+    return (*map(as_warning, doubts), *(CAUTION + as_warning(each) for each in cautions))
 
 
 def as_warning(text: str) -> str:
@@ -358,7 +366,8 @@ class Page:
     """A page.
 
     ``kind``: kind of study. ``verdict``: a word or two, with ``tone`` of ``TONES`` and a
-    continuing ``sentence``. ``summary``: the first lines.
+    continuing ``sentence``. ``summary``: the first lines. ``warnings``: those that begin with
+    ``CAUTION`` are shown as cautions.
     """
 
     title: str

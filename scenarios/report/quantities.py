@@ -28,8 +28,9 @@ from scenarios.files.sources import escaped, styled_stream
 
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
 NO_UNIT = ("", "1")
-# rad/s and rad/s2, but shown as derivatives, not as angles: trims and effectiveness of commands
-NOT_ANGLES = ("L_0", "M_0", "N_0", "L_lat", "M_lon", "N_ped")
+# rad/s and rad/s2, but shown as derivatives, not as angles: trims, effectiveness of commands, and
+# the gain of a transfer function
+NOT_ANGLES = ("gain", "L_0", "M_0", "N_0", "L_lat", "M_lon", "N_ped")
 
 
 class Shown(NamedTuple):
@@ -43,7 +44,7 @@ def shown_in(unit: str, name: str = "") -> Shown:
     """Return the display unit; ``name`` distinguishes a frequency (rad/s) from a rate (deg/s)."""
     if unit in DEGREES and name not in NOT_ANGLES and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
-    return Shown(1.0, unit)
+    return Shown(1.0, f"{unit.removesuffix('/s/s')}/s2" if unit.endswith("/s/s") else unit)
 
 
 def quantity_text(value: float, unit: str, name: str = "") -> str:
@@ -142,7 +143,7 @@ def value_parts(value: float, std: float) -> tuple[str, str]:
     """Return the value and sigma as two texts, with two digits of the sigma."""
     digits = _digits(std)
     if digits < 7:
-        return f"{value:.{digits}f}", f"{std:.{digits}f}"
+        return f"{value:z.{digits}f}", f"{std:.{digits}f}"
     return f"{value:.3g}", f"{std:.2g}"
 
 
@@ -228,7 +229,7 @@ def number_text(value: float, std: float | None = None) -> str:
 
     last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
     if last >= -7:
-        return f"{value:.{max(0, -last)}f}"
+        return f"{value:z.{max(0, -last)}f}"
     return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,6 +44,7 @@ from scenarios.responses.qualities import (
     NO_LEVELS,
     LevelOptions,
     Qualities,
+    form_cautions,
     qualities_of,
     refuse_kind,
 )
@@ -151,6 +153,23 @@ class ResponseEstimates:
             return ""
         return over if under == "1" else f"{over} per {under}"
 
+    def parameter_unit(self, output: str, one: str, name: str, unit: str) -> str:
+        """Unit of a parameter of a fitted form: that of the form, and of gains and coefficients of
+        the numerator times that of the response, ``"rad/s2 per rad"``.
+        """
+        if name != "gain" and re.fullmatch(r"b\d+", name) is None:
+            return unit
+        over, under = (self.units.get(each, "") or "1" for each in (output, one))
+        if over == under:
+            over = under = "1"
+        rate = re.fullmatch(r"(.+)/s(\d?)", over)
+        base, power = (rate[1], int(rate[2] or 1)) if rate is not None else (over, 0)
+        power += {"": 0, "1/s": 1}[unit] if unit in ("", "1/s") else int(unit.removeprefix("1/s"))
+        whole = f"{base}/s{power if power > 1 else ''}" if power else base
+        if under != "1":
+            return f"{whole} per {under}"
+        return "" if whole == "1" else whole
+
     def to_control(self) -> control.FrequencyResponseData:
         """The responses as python-control's, over all frequencies, rad/s; points in names become
         underscores."""
@@ -224,14 +243,16 @@ def responses_of(
         1.0 / step,
         (*read.notes, *notes),
         (
+            *read.doubts,
             *cautions_of(responses, direct, names),
             *fit_cautions(fits),
+            *form_cautions(fits, names, read.units),
             *(fitted.cautions if fitted else ()),
             *(loop.cautions if loop else ()),
         ),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(responses, names, bandwidth, fits, limits, pilot),
+        qualities_of(responses, names, bandwidth, fits, limits, pilot, read.units),
         loop,
         fitted,
     )

@@ -30,7 +30,7 @@ from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
 DIFFERING_P_VALUE = 0.05  # chance below which maneuvers are said to differ
-UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "-"}
+UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "1"}
 WORDS = {
     "gain_increase": "gain increase",
     "gain_decrease": "gain decrease",
@@ -298,6 +298,6 @@ def _margin_content(margin: Margin) -> dict[str, object]:
         "low": margin.low,
         "high": margin.high,
         **({"reaches_band_end": True} if margin.open else {}),
-        "unit": "1" if margin.kind == "distance" else UNITS[margin.kind],
+        "unit": UNITS[margin.kind],
         "frequency": margin.frequency.value,
     }

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from types import MappingProxyType
 from typing import Any
 
 from ident.flying_qualities.attitude_criteria import (
@@ -34,7 +35,7 @@ from ident.flying_qualities.levels import (
 )
 from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from ident.frequency_response import FrequencyResponses
-from ident.frequency_response.transfer_function import FORMS
+from ident.frequency_response.transfer_function import FORMS, Form
 from scenarios.report.document import BY_ROW, Column, Table, formatted, table
 from scenarios.responses.fitting import Fits, target_of
 from scenarios.responses.reading import Names
@@ -270,6 +271,29 @@ def refuse_kind(kind: str | None) -> None:
         raise DeclarationError(f"there is no kind {kind!r}", where="--bandwidth", remedy=remedy)
 
 
+def no_rate(form: Form, unit: str) -> bool:
+    """Return whether a form of a pitch rate was fitted to an output with the unit of another
+    quantity, such as an angle; an output without a unit may be a rate.
+    """
+    return form.name == PITCH and unit not in ("", "1") and not unit.endswith(("rad/s", "deg/s"))
+
+
+def form_cautions(fits: Fits | None, names: Names, units: Mapping[str, str]) -> tuple[str, ...]:
+    """Return cautions on forms that were fitted to outputs of another kind."""
+    if fits is None:
+        return ()
+    out = []
+    for (row, _), function in zip(fits.places, fits.fit.functions, strict=True):
+        name = names.outputs[row]
+        if no_rate(function.form, units.get(name, "")):
+            out.append(
+                f"{function.name}: the form pitch is that of a pitch rate, and {name} is in "
+                f"{units[name]}; take --fit {name}=dutch-roll for an angle of attack, else orders "
+                "such as 1/2"
+            )
+    return tuple(out)
+
+
 def qualities_of(
     responses: FrequencyResponses,
     names: Names,
@@ -277,11 +301,13 @@ def qualities_of(
     fits: Fits | None,
     limits: LevelOptions = NO_LEVELS,
     pilot: PilotDemand | None = None,
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Qualities, ...]:
     """Return the flying qualities of every response with a usable band.
 
     ``kind``: of outputs, rate or attitude; None: no bandwidth and phase delay. ``limits``: of
-    levels of fitted forms. ``pilot``: of the Neal-Smith criterion.
+    levels of fitted forms. ``pilot``: of the Neal-Smith criterion. ``units``: of the signals;
+    what holds for a pitch rate is not computed of an output that is none.
     """
     limits.refuse_unused(fits)
     if pilot is not None and kind is None:
@@ -293,6 +319,8 @@ def qualities_of(
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
             fitted = fits.of(row, column) if fits is not None else None
+            if fitted is not None and no_rate(fitted[0].form, units.get(output, "")):
+                fitted = None
             fall = dropback(fitted[0]) if fitted is not None else None
             bandwidth = curve = None
             name = f"{output}/{one}"

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.frequency_response import EvenSignals
+from ident.recording.inspection import SMALL_ANGLES, large_angle
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, map_command, with_names
@@ -64,6 +65,7 @@ class ReadSignals:
     hold : of the inputs as recorded; None where it is unknown, or ended by filtering.
     step : s, between samples.
     notes : what was done, one sentence each.
+    doubts : on the units of the columns, one sentence each.
     """
 
     signals: tuple[EvenSignals, ...]
@@ -73,6 +75,7 @@ class ReadSignals:
     hold: Hold | None
     step: float
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def read_signals(
@@ -125,7 +128,20 @@ def read_signals(
         None if plan.rate is not None or plan.lowpass is not None else hold,
         step,
         tuple(dict.fromkeys(notes)),
+        tuple(dict.fromkeys(each for record in records for each in _unit_doubts(record))),
     )
+
+
+def _unit_doubts(record: Record) -> list[str]:
+    """Return a sentence for each flow angle and surface that moves too far to be in radians."""
+    return [
+        f"{record.name}, channel {channel.name}: {doubt.sentence}, so that its responses are in a "
+        f"wrong unit; {doubt.remedy}"
+        for channel in record.channels
+        if channel.name in SMALL_ANGLES
+        and channel.unit == "rad"
+        and (doubt := large_angle(channel)) is not None
+    ]
 
 
 def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Record]:

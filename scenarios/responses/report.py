@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 
 from ident.flying_qualities.attitude_criteria import step_response
+from ident.frequency_response.transfer_function import Form
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
@@ -127,6 +128,12 @@ def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
     return [head, cost_sentence(function), *([judged] if judged else [])]
 
 
+def _unit_of(estimates: ResponseEstimates, row: int, column: int, form: Form, name: str) -> str:
+    names = estimates.names
+    unit = form.units.get(name, "")
+    return estimates.parameter_unit(names.outputs[row], names.inputs[column], name, unit)
+
+
 def fit_tables(
     estimates: ResponseEstimates, row: int, column: int, caption: str = ""
 ) -> list[Table]:
@@ -162,7 +169,7 @@ def fit_tables(
             (Column("std", "%"), [share(name, function.std) for name in names]),
             (Column("insensitivity", "%"), [share(name, function.insensitivity) for name in names]),
             (Column("note"), shared) if any(shared) else None,
-            units=[function.form.units.get(name, "") for name in names],
+            units=[_unit_of(estimates, row, column, function.form, name) for name in names],
         )
     ]
 
@@ -524,7 +531,7 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
                         "value": function.values[name],
                         "std": function.std[name],
                         "insensitivity": function.insensitivity[name],
-                        "unit": form.units.get(name, ""),
+                        "unit": _unit_of(estimates, row, column, form, name),
                     }
                     for name in function.std
                 },

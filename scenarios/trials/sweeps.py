@@ -443,8 +443,9 @@ def _estimated(
             rows.append(Row(name, unit, function.values[name], std, true.get(name)))
     margins = loop.loop.margins.named if loop.loop is not None else {}
     for name, margin in margins.items():
-        unit = UNITS[margin.kind].replace("-", "1")
-        rows.append(Row(name, unit, margin.size.value, margin.size.std, true.get(name)))
+        rows.append(
+            Row(name, UNITS[margin.kind], margin.size.value, margin.size.std, true.get(name))
+        )
     size, first = len(rows), len(covariance)
     whole = np.diag([row.std**2 for row in rows])
     whole[:first, :first] = covariance

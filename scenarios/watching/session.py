@@ -51,6 +51,7 @@ from scenarios.preparation.plan import BY_HAND
 from scenarios.report.document import Section, section
 from scenarios.report.figure_formats import USUAL
 from scenarios.report.folder import figures
+from scenarios.watching.line_cells import is_row
 from scenarios.watching.loop_margins import STARTING_TIME
 from scenarios.watching.reference import Reference, vehicle_to_watch
 from scenarios.watching.rows import (
@@ -62,7 +63,6 @@ from scenarios.watching.rows import (
     Order,
     StreamSignals,
     in_order,
-    is_row,
     read_header,
     read_lines,
 )

@@ -158,8 +158,8 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
             ),
         ]
     print_table(out, "", columns)
-    sentences = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
-    for sentence in sentences:
+    sentences = [f"warning: {each}" for each in stream_warnings(session)]
+    for sentence in (*sentences, *(f"note: {each}" for each in stream_notes(session))):
         out.print(sentence, highlight=False)
     if watch.reference is not None:
         out.print(against_items(items, watch.reference.name), highlight=False)
@@ -233,7 +233,8 @@ def spectral_page(
     """
     stream = content["stream"]
     counts = (
-        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
+        f"{stream['rows']} rows of {name}, {stream['left_out']} left out, "
+        f"{stream['mended']} filled in"
     )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
     words = (
@@ -249,7 +250,13 @@ def spectral_page(
         title=f"{capital(content['vehicle'])}: identified from a stream",
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
-        tone="fair" if outside else "good" if content["parameters"] else "open",
+        tone=(
+            "open"
+            if not content["parameters"]
+            else "fair"
+            if outside or content.get("warnings")
+            else "good"
+        ),
         sentence=as_sentence(words or counts),
         summary=(as_sentence(counts),) if "reference" in content else (),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),

@@ -26,6 +26,7 @@ from ident.frequency_domain.online import (
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.conditions import contradicted
 from scenarios.identification.low_order import derived_of
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, model_of_file
 from scenarios.preparation.measured_inputs import (
@@ -290,9 +291,15 @@ def stream_notes(session: SpectralSession) -> list[str]:
 
 
 def stream_warnings(session: SpectralSession) -> list[str]:
-    """Parameters that the stream does not determine; a measured airspeed far from the declared."""
+    """Parameters that the stream does not determine, and those that contradict the vehicle file; a
+    measured airspeed far from the declared.
+    """
     unknown = undetermined(session)
     sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    if session.lag is None and (latest := last_estimate(session)) is not None:
+        starts = {item.name: item.value for item in session.system.parameters}
+        if doubt := contradicted(rows_of_estimate(latest), starts):
+            sentences.append(doubt)
     return sentences + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
 
@@ -344,6 +351,12 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
         noise,
         (),
     )
+
+
+def rows_of_estimate(latest: Estimate) -> tuple[Row, ...]:
+    """Return the parameters of an estimate as rows of a table."""
+    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
+    return tuple(Row(*one) for one in each)
 
 
 def undetermined(session: SpectralSession) -> list[str]:
@@ -407,8 +420,7 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "undetermined": unknown,
             "warnings": stream_warnings(session),
         }
-    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
-    rows = tuple(Row(*one) for one in each)
+    rows = rows_of_estimate(latest)
     held = [
         item
         for item in session.system.parameters

@@ -351,7 +351,7 @@ def watch_page(
     outside = list(reference["outside"]) if reference else []
     counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "
-        f"mended, {stream['spikes']} spikes"
+        f"filled in, {stream['spikes']} spikes"
     )
     words = (
         against(

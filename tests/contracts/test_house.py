@@ -41,7 +41,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/studies/campaign_trials.py",
         "scenarios/studies/estimating.py",
         "scenarios/trials/planted/study.py",
-        "scenarios/watching/rows.py",
         "scenarios/watching/study.py",
         "sim/declaration/user_equations.py",
     }

@@ -32,6 +32,7 @@ from scenarios.diagnosis.report.text import DECIDES, LARGEST, bounded, diagnosis
 from scenarios.diagnosis.report.wording import (
     DECLARED,
     as_declared,
+    declared_alone,
     kind_of_predicted,
     nothing_stands,
     parameter_text,
@@ -145,6 +146,7 @@ DECLARED_CAPTIONS = {
         "the residuals"
     ),
     "residuals": "Residuals of the fitted data with the declared model",
+    "derivatives": "Derivatives of the declared model",
 }  # without an accepted effect
 
 
@@ -355,7 +357,13 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
     after = (
         "No effect is named as the cause, so there is nothing to compare with the declared model."
     )
-    note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
+    if not nothing_stands(d):
+        after = (
+            "No effect is needed: the declared model is the only one."
+            if declared_alone(d)
+            else "Before: the declared model; after: with the effects."
+        )
+    note = after
     random = tables.simulation_note(d)
     note += f" {_capital(random)}." if random else ""
     told = (
@@ -429,7 +437,7 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
-    if nothing_stands(d):
+    if declared_alone(d):
         return [(DECLARED, tuple(d.tests_before))]
     return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
 
@@ -492,7 +500,7 @@ def write_diagnosis(
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            drawn = draw_diagnosis(pictured(tracing), scratch, figures, declared=nothing_stands(d))
+            drawn = draw_diagnosis(pictured(tracing), scratch, figures, declared=declared_alone(d))
         for number, prediction in enumerate(d.predictions):
             write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
         for number, fitted in enumerate(d.fitted):

@@ -24,6 +24,7 @@ from scenarios.diagnosis.kinematics import (
 )
 from scenarios.diagnosis.report.wording import (
     Wording,
+    declared_alone,
     group_sentence,
     is_coloured,
     noise_headings,
@@ -252,6 +253,8 @@ def moved_title(d: Diagnosis) -> str:
             "derivatives of the declared model: something is missing in it, they carry what it "
             "costs"
         )
+    if declared_alone(d):
+        return "derivatives of the declared model"
     any_moved = any(
         abs(moved(d.before[name], d.after[name])) > MOVED_SIGMAS
         for name in d.before
@@ -272,16 +275,14 @@ def moved(old: Quantity, new: Quantity) -> float:
 
 
 def short(value: float) -> str:
-    """Three digits, no exponent below ten millions; a dash if there is no number."""
-    return (
-        "-"
-        if not math.isfinite(value)
-        else f"{value:.3g}"
-        if value < 1e4
-        else f"{value:.0f}"
-        if value < 1e7
-        else f"{value:.2g}"
-    )
+    """Three digits, zeros among them, no exponent below ten millions; a dash if there is no
+    number.
+    """
+    if not math.isfinite(value):
+        return "-"
+    if abs(value) < 999.5:
+        return f"{value:#.3g}".rstrip(".") if value else "0"
+    return f"{value:.0f}" if value < 1e7 else f"{value:.2g}"
 
 
 def level_cell(value: float) -> Cell:

@@ -88,6 +88,7 @@ def _declared(d: Diagnosis, channel: str) -> float:
 # heading of a single column instead of before and after
 DECLARED = "declared model"
 AFTER, MOVED = "after", "moved by"
+SAME_SIGMAS = 1e-3  # difference of two fits that is rounding, in sigmas, and of sigmas
 NO_AFTER = (AFTER, MOVED, "run-to-run")
 
 
@@ -96,11 +97,32 @@ def nothing_stands(d: Diagnosis) -> bool:
     return d.verdict is Verdict.UNEXPLAINED
 
 
-def shown_table(d: Diagnosis, whole: Table) -> Table:
-    """Return a table of the diagnosis; under ``unexplained`` without the columns that a further
-    model would fill.
+def declared_alone(d: Diagnosis) -> bool:
+    """Return whether there are no numbers but those of the declared model: no effect is accepted,
+    or none was needed and nothing differs after the search.
     """
-    if not nothing_stands(d):
+    return nothing_stands(d) or (d.verdict is Verdict.CONSISTENT and _unchanged(d))
+
+
+def _unchanged(d: Diagnosis) -> bool:
+    """Return whether a second fit of the declared model has the numbers of the first, but for
+    rounding."""
+    return all(
+        name in d.after
+        and abs(d.after[name].value - old.value) <= SAME_SIGMAS * old.std
+        and math.isclose(d.after[name].std, old.std, rel_tol=SAME_SIGMAS)
+        for name, old in d.before.items()
+    ) and all(
+        math.isclose(d.error_after.rmse.get(name, math.nan), error, rel_tol=SAME_SIGMAS)
+        for name, error in d.error_before.rmse.items()
+    )
+
+
+def shown_table(d: Diagnosis, whole: Table) -> Table:
+    """Return a table of the diagnosis, without the columns that a further model would fill where
+    the declared model is the only one.
+    """
+    if not declared_alone(d):
         return whole
     kept = [at for at, each in enumerate(whole.columns) if each.heading not in NO_AFTER]
     columns = [
@@ -112,18 +134,18 @@ def shown_table(d: Diagnosis, whole: Table) -> Table:
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """Return the diagnosis as its figures show it: under ``unexplained`` residuals and predictions
-    of the declared model alone, no derivatives after it.
+    """Return the diagnosis as its figures show it: where the declared model is the only one, its
+    residuals and predictions alone, and under ``unexplained`` no derivatives after it.
     """
-    if not nothing_stands(d):
+    if not declared_alone(d):
         return d
     return replace(
         d,
-        after={},
+        after={} if nothing_stands(d) else d.after,
         error_after=ErrorFigures({}, {}, {}, {}),
         fitted=tuple(replace(item, after=item.before) for item in d.fitted),
         predictions=tuple(replace(item, after=item.before) for item in d.predictions),
-        tests_after=(),
+        tests_after=() if nothing_stands(d) else d.tests_after,
     )
 
 

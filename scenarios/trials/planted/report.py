@@ -20,7 +20,7 @@ from scenarios.diagnosis.report.text import (
     positive,
     test_content,
 )
-from scenarios.diagnosis.report.wording import DECLARED, nothing_stands, shown_table
+from scenarios.diagnosis.report.wording import DECLARED, declared_alone, shown_table
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import study_folder, write_json, write_record
@@ -128,7 +128,7 @@ def against_truth(study: TraceStudy) -> Table:
 
     Without redundant columns; if no effect was added, only the declared model.
     """
-    alone = nothing_stands(study.tracing.diagnosis)
+    alone = declared_alone(study.tracing.diagnosis)
     rows = [_of_declared(row) if alone else row for row in study.derivatives]
     shown = [(row, shown_in(row.unit, row.name).factor) for row in rows]
     condensed = any(row.condensed is not None for row in rows)

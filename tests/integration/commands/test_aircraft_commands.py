@@ -91,3 +91,9 @@ def test_derivatives_come_back_from_a_flight_in_recorded_wind(tmp_path: Path, ax
 def test_a_model_of_its_own_kind_is_listed(flightid: CommandLine) -> None:
     told = flightid.done("models", "aircraft")
     assert "six degrees of freedom" in told and "Cm_alpha" in told
+
+
+def test_help_of_export_names_the_targets_of_model_aircraft(flightid: CommandLine) -> None:
+    text = " ".join(flightid.done("export", "--help").split())
+    assert "jsbsim and dave-ml the model aircraft alone" in text
+    assert "the last two of model aircraft alone" in text

@@ -157,6 +157,41 @@ def test_degrees_of_a_channel_become_radians_and_other_columns_stay(tmp_path: Pa
     assert units == ["rad/s", "deg/s"]
 
 
+def pitch_flight(folder: Path) -> Path:
+    """Pitch rate and angle of attack (SI) after a sweep of the elevator in deg, without units."""
+    time = np.arange(0.0, 60.0, 0.02)
+    elevator = 2.0 * signal.chirp(time, 0.1, 60.0, 3.0)
+    rng = np.random.default_rng(1)
+    q, alpha = (
+        signal.lsim((top, [1.0, 6.0, 30.0]), np.radians(elevator), time)[1]
+        + rng.normal(0.0, 0.002, time.size)
+        for top in ([-27.0, -50.0], [-27.0])
+    )
+    return write_csv(folder, time=time, elevator=elevator, q=q, alpha=alpha)
+
+
+def test_an_elevator_in_degrees_without_a_unit_is_warned_of(tmp_path: Path) -> None:
+    found = fid.frequency_response(pitch_flight(tmp_path), "elevator", "q")
+    assert any("channel elevator: moves by 2" in each for each in found.warnings)
+    channels = {"elevator": {"column": "elevator", "unit": "deg"}}
+    right = fid.frequency_response(tmp_path / "flight.csv", "elevator", "q", channels=channels)
+    assert not any("moves by" in each for each in right.warnings)
+
+
+def test_a_gain_has_the_unit_of_the_response_and_alpha_no_qualities_of_a_pitch_rate(
+    tmp_path: Path,
+) -> None:
+    channels = {"elevator": {"column": "elevator", "unit": "deg"}}
+    found = fid.frequency_response(
+        pitch_flight(tmp_path), "elevator", ["q", "alpha"], channels=channels, fit="pitch"
+    ).to_dict()
+    rate, angle = (each["parameters"] for each in found["fits"]["functions"])
+    assert rate["gain"]["unit"] == "rad/s2 per rad" and rate["gain"]["value"] < 0.0
+    assert (angle["gain"]["unit"], rate["inv_T_theta2"]["unit"]) == ("1/s", "1/s")
+    assert [each["output"] for each in found["flying_qualities"]] == ["q"]
+    assert any("the form pitch is that of a pitch rate" in each for each in found["warnings"])
+
+
 def feedback_flight(folder: Path) -> Path:
     rng = np.random.default_rng(5)
     step, count = 0.02, 12000

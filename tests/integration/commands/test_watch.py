@@ -22,6 +22,7 @@ from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
+import pandas as pd
 import pytest
 from rich.console import Console
 
@@ -818,6 +819,24 @@ def test_a_reference_of_the_same_model(
     )
     assert "off, sigmas" in printed and "compared quantities agree with" in printed
     assert comparison(tmp_path / "out")["reference"]["differences"]
+
+
+def test_derivatives_that_contradict_the_vehicle_file_are_warned_of(
+    flightid: CommandLine, measured: Path, tmp_path: Path
+) -> None:
+    table = pd.read_csv(measured / "rigid.csv")
+    name = next(each for each in table.columns if each.startswith("alpha"))
+    table[name] = table[name].shift(15, fill_value=table[name].iloc[0])
+    table.to_csv(tmp_path / "late.csv", index=False, sep=";", decimal=",")
+    (tmp_path / "late.json").write_text((measured / "rigid.json").read_text())
+    words = ("--model", "rigid", "--vehicle", measured / "rigid.toml")
+    printed = flightid.done(
+        "watch", tmp_path / "late.csv", *words, "--until-end", "--out", tmp_path / "out"
+    )
+    assert "warning: implausible: CL_" in printed
+    assert comparison(tmp_path / "out")["warnings"][0].startswith("implausible: CL_")
+    page = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert page["tone"] == "fair"
 
 
 def test_a_stream_that_is_too_short_has_no_number(

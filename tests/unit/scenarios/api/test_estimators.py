@@ -112,3 +112,15 @@ def test_three_samples_are_too_few_for_any_estimator(method: str, record: fid.Re
     short["time"] = record.time[40:43]
     with pytest.raises(fid.InputError, match="samples of outputs are too few for"):
         getattr(fid.estimators, method)("rigid", short, "bomber_rigid")
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        ("--fix delay=0 leaves it out", 'fix={"delay": 0} leaves it out'),
+        ("take --fit alpha=dutch-roll, or", 'take fit={"alpha": "dutch-roll"}, or'),
+        ("fix one of them with --fix, or", "fix one of them with fix=, or"),
+    ],
+)
+def test_a_pair_of_an_option_is_a_mapping(said: str, shown: str) -> None:
+    assert as_keywords(said) == shown

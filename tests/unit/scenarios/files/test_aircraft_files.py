@@ -144,3 +144,10 @@ def test_values_of_the_file_reach_the_equations(tmp_path: Path) -> None:
     x = [130.0, AIRLINER.start["alpha"], 0.0, 0.0, 0.0, 0.0, 0.0, AIRLINER.start["theta"]]
     rates = system.f(0.0, x, [ELEVATOR, 0.0, 0.0, THRUST], system.parameters.values().tolist())
     assert np.abs(rates) == pytest.approx(np.zeros(8), abs=1e-5)
+
+
+def test_a_vehicle_file_of_another_model_is_told_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "trainer.toml"
+    path.write_text('name = "trainer"\naircraft_class = "I"\n[derivatives]\nCm_alpha = -0.7\n')
+    with pytest.raises(DeclarationError, match="vehicle file of another model; write one of"):
+        read_aircraft(read_toml_source(path))

@@ -82,3 +82,8 @@ def test_scaled_unit_keeps_the_value_and_leaves_few_digits(size: float) -> None:
 
 def test_signed() -> None:
     assert (signed(-12.34, ".1f"), signed(3.0, ".0f")) == ("−12.3", "+3")
+
+
+def test_inputs_of_a_measured_airspeed_have_words() -> None:
+    assert axis_label("airspeed_change", display_unit("m/s")) == "$V - V_0$ (m/s)"
+    assert axis_label("lift", display_unit("1")) == "added lift (–)"

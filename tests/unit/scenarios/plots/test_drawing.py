@@ -200,7 +200,7 @@ def test_numbers_that_are_read_keep_their_digits() -> None:
 
 def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePath) -> None:
     figure = one()
-    width, height = 7.0, 12.0
+    width, height = 7.0, 9.0
     figure.set_size_inches(width, height)
     (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
@@ -210,11 +210,12 @@ def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePa
     assert tuple(figure.get_size_inches()) == (width, height)
 
 
-def test_many_panels_are_printed_smaller_and_keep_half_of_their_height(tmp_path: FilePath) -> None:
+def test_many_panels_are_printed_smaller_and_keep_most_of_their_height(tmp_path: FilePath) -> None:
     figure = one()
     figure.set_size_inches(7.0, 40.0)
     (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None
+    assert PRINTED_HEIGHT_SHARE >= 0.8  # labels lie on each other in panels of half the height
     assert float(found[2]) == pytest.approx(72.0 * PRINTED_HEIGHT_SHARE * 40.0, rel=1e-3)
     assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST_ASPECT, rel=1e-3)

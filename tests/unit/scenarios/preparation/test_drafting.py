@@ -283,7 +283,7 @@ def test_columns_that_never_move_are_said_to_be_left_out_for_that(tmp_path: Path
     text = map_text(draft)
     assert draft.constant == {"rudder": "rudder"} and draft.unused == ()
     assert "# Left out, since they never move: rudder." in text
-    assert "# Not found: aileron, beta." in text
+    assert "# Not found, and not needed by --model rigid: aileron, beta." in text
 
 
 def test_a_command_from_minus_one_to_one_is_drafted_with_its_throw_to_enter(tmp_path: Path) -> None:

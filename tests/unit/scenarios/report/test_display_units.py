@@ -24,6 +24,7 @@ from scenarios.report.quantities import (
     value_parts,
 )
 from scenarios.report.summary import table_lines
+from scenarios.responses.loops import UNITS
 from scenarios.studies.published import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
@@ -89,6 +90,14 @@ def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None
 
 
 @pytest.mark.parametrize(
+    ("unit", "shown"),
+    [("m/s/s", "m/s2"), ("rad/s/s", "deg/s2"), ("g/s", "g/s"), ("1/s/s", "1/s2")],
+)
+def test_a_drift_of_a_rate_is_in_seconds_squared(unit: str, shown: str) -> None:
+    assert shown_in(unit).unit == shown
+
+
+@pytest.mark.parametrize(
     ("value", "sigma", "shown"),
     [
         (0.060047, 2.7e-5, ("0.060047", "0.000027")),
@@ -96,6 +105,7 @@ def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None
         (288017.0, 43210.0, ("288017", "43210")),
         (4.7e-5, 3.3e-5, ("0.000047", "0.000033")),
         (1.5e-12, 2.0e-13, ("1.50e-12", "2.0e-13")),
+        (-0.016, 11.0, ("0", "11")),
     ],
 )
 def test_two_digits_of_a_sigma_and_the_value_to_the_same_decimal(
@@ -119,3 +129,8 @@ def test_two_digits_of_a_sigma_and_the_value_to_the_same_decimal(
 )
 def test_both_ends_of_a_span_have_the_same_decimals(low: float, high: float, told: str) -> None:
     assert span_text(low, high) == told
+
+
+def test_a_gain_is_no_angular_acceleration_and_a_distance_has_no_unit() -> None:
+    assert shown_in("rad/s2", "gain").unit == "rad/s2"
+    assert UNITS["distance"] == "1"

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.plots import style
-from scenarios.report.document import Prose, reproduction
+from scenarios.report.document import Prose, reproduction, warning_lines
 from scenarios.report.folder import rebuilt, write_page
 from scenarios.report.html import page_html, page_of
 from sim.errors import FlightidError
@@ -64,6 +64,13 @@ def test_text_of_users_is_no_markup() -> None:
     words = "".join(PARSED.text)
     assert words.count(HOSTILE) == 7  # title twice, kind, summary, warning, list, command
     assert len(PARSED.all("script")) == 1 and not PARSED.all("b")
+
+
+def test_a_caution_is_no_warning() -> None:
+    lines = warning_lines(["the residual is more than noise"], ["20 samples are few"])
+    text = page_html(replace(PAGE, warnings=lines))
+    assert "<strong>Warning.</strong> The residual is more than noise." in text
+    assert "<strong>Caution.</strong> 20 samples are few." in text
 
 
 def test_words_between_backticks_are_code_and_stay_text() -> None:

@@ -58,7 +58,7 @@ def test_a_page_in_the_frequency_domain_shows_every_difference() -> None:
         "parameters": {"Cm_q": {"unit": "1/rad", "estimate": -22.0, "std": 2.0}},
     }
     alone = spectral_page(content, "flight.csv", "0" * 64)
-    assert alone.sentence == "90 rows of flight.csv, 1 left out, 0 mended." and not alone.summary
+    assert alone.sentence == "90 rows of flight.csv, 1 left out, 0 filled in." and not alone.summary
     page = spectral_page({**content, "reference": reference}, "flight.csv", "0" * 64)
     assert (page.verdict, page.sentence) == (
         "outside the reference",

@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.records import read_record
+from scenarios.watching.line_cells import is_row, numbers_of, plain_numbers
 from scenarios.watching.rows import (
     LONGEST_BRIDGED_GAP,
     Header,
     Lines,
     Order,
-    _careful,
-    _plain_numbers,
     at_end,
     in_order,
     lines_of,
@@ -74,7 +73,7 @@ def test_a_channel_map_and_the_sidecars_units_serve() -> None:
         (b"time,alpha,q", "no column 'stick'"),
         (b"stick,alpha,q", "no column 'time'"),
         (b"time,stick,theta", "no column 'alpha'"),
-        (b"time;stick;alpha", "not separated by commas"),
+        (b"time;stick;theta", "no column 'alpha'"),
         (b"time,stick,alpha [kg]", "does not measure an angle"),
         (b"time,stick,\xff\xfe", "not UTF-8"),
         (b"time,stick,alpha,alpha", "are all alpha"),
@@ -116,9 +115,9 @@ def test_a_bad_line_is_left_out_and_told(line: str, word: str) -> None:
 )
 def test_plain_lines_are_read_as_all_others_are(cells: list[str]) -> None:
     line = ",".join(cells).encode()
-    found = _plain_numbers(line, (0, 2, 3), 5)
+    found = plain_numbers(line, (0, 2, 3), 5)
     if found is not None:
-        np.testing.assert_array_equal(found, _careful(line, (0, 2, 3), 5))
+        np.testing.assert_array_equal(found, numbers_of(line, (0, 2, 3), 5))
 
 
 def test_missing_samples_and_sticks() -> None:
@@ -192,3 +191,41 @@ def test_a_silent_source_ends_and_a_line_without_end_is_refused() -> None:
     endless = iter([b"x" * (1 << 21), None])
     with pytest.raises(RecordError, match="a line without end"):
         list(lines_of(lambda: next(endless), None, "stream"))
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_semicolons_tabs_and_decimal_commas_are_read_as_in_records(
+    mark: str, decimal: str, tmp_path: Path
+) -> None:
+    text = "time,stick [in],alpha_deg,q,nz\n0,0.5,1.25,,1\n0.02,-0.125,1,0.5,0.75\n"
+    text = text.replace(",", mark).replace(".", decimal)
+    (tmp_path / "record.csv").write_text(text)
+    record = read_record(tmp_path / "record.csv", ["stick"], ["alpha", "q", "nz"])
+    first, *lines = text.encode().splitlines()
+    table, _, faults = read_lines(read_header(first, "stream"), lines, 2)
+    assert faults == []
+    np.testing.assert_array_equal(
+        table, [record.time, *(channel.with_gaps() for channel in record.channels)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("1,500;0;0;0;0", "'1,500' may be a decimal number or one with its thousands parted"),
+        ("0,5;0.5;0;0;0", "'0.5' has a point among decimal commas"),
+    ],
+)
+def test_decimal_marks_that_cannot_be_told_are_left_out(line: str, word: str) -> None:
+    header = read_header(b"time;stick;alpha;q;nz", "stream")
+    _, _, faults = read_lines(header, [line.encode()], 2)
+    assert [fault.what for fault in faults] == [word]
+
+
+def test_a_first_row_of_decimal_commas_has_semicolons_between_its_cells() -> None:
+    names = ["time", "stick", "alpha", "q", "nz"]
+    line = b"0,5;0,25;0,125;0;1"
+    assert is_row(line, "stream")
+    table, _, faults = read_lines(read_header(line, "stream", names=names), [line], 1)
+    assert not faults and table[:, 0].tolist() == [0.5, 0.25, 0.125, 0.0, 1.0]

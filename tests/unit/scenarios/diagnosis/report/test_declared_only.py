@@ -13,6 +13,7 @@ import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
 from scenarios.diagnosis.report.files import diagnosis_page, figures_of, pictured
+from scenarios.diagnosis.report.tables import short
 from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text
 from scenarios.diagnosis.report.wording import as_declared
 from scenarios.report.document import signs
@@ -47,6 +48,37 @@ def test_where_something_stands_both_are_shown(verdict: Verdict) -> None:
     told = diagnosis_text(tracing)
     assert "after" in told and "moved by" in told
     assert as_declared(tracing.diagnosis) is tracing.diagnosis
+
+
+def test_where_nothing_was_missing_no_column_repeats_another() -> None:
+    tracing = tracing_of(Verdict.CONSISTENT)
+    d = tracing.diagnosis
+    same = replace(d, after=d.before, derived_after=d.derived_before, error_after=d.error_before)
+    same = replace(same, modes_after=d.modes_before)
+    told = diagnosis_text(replace(tracing, diagnosis=same))
+    assert "declared model" in told and not re.search(r"\bafter\b|\bbefore\b|moved by", told)
+    old = d.before["Cm_q"]
+    assert value_text(old.value, old.std) in told
+    page = page_html(diagnosis_page(replace(tracing, diagnosis=same), []))
+    assert ">after</button>" not in page and "No effect is needed" in page
+    # a fit that did change keeps both
+    moved = replace(same, after=d.after)
+    assert re.search(r"\bafter\b", diagnosis_text(replace(tracing, diagnosis=moved)))
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.12, "0.120"),
+        (0.119, "0.119"),
+        (123.4, "123"),
+        (5.0, "5.00"),
+        (0.0, "0"),
+        (25000.0, "25000"),
+    ],
+)
+def test_the_errors_of_a_table_have_three_digits_each(value: float, shown: str) -> None:
+    assert short(value) == shown
 
 
 def test_the_page_has_no_column_after() -> None:

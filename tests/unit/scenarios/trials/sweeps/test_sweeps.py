@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,6 +118,8 @@ def test_a_study_finds_the_truth_and_the_same_seed_the_same_numbers() -> None:
     assert [row.estimate for row in again.rows] == [row.estimate for row in study.rows]
     text = as_text(lambda out: print_sweep(study, out))
     assert "Against the truth" in text and "The worst maneuver" in text
+    assert "deg/s2" not in text and re.search(r"gain +rad/s2 +95 ", text)
+    assert re.search(r"least distance from -1 +0\.", text) is not None
 
 
 @pytest.mark.slow
