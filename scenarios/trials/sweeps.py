@@ -1,7 +1,7 @@
 """Sweeps of a loop with known response and margins: simulate, estimate, compare.
 
-The loop flies with a sweep of its command; `flightid response` estimates response and margins from
-its records. A new scenario is a file in `catalog` with ``kind = "sweep"``.
+`flightid response` estimates response and margins from records of the loop under a sweep of its
+command. A new scenario is a file in `catalog` with ``kind = "sweep"``.
 """
 
 from __future__ import annotations
@@ -464,8 +464,7 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
     show_table(out, estimates_table("Against the truth", study.rows))
     for line in model_lines(study):
         print_paragraph(out, line, indent=0)
-    loop = study.loop.loop
-    if loop is not None:
+    if (loop := study.loop.loop) is not None:
         show_blocks(out, loop_tables(loop))
         for line in margin_lines(loop):
             print_paragraph(out, line, indent=0)

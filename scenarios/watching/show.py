@@ -1,7 +1,5 @@
-"""Display of a watch, as a live table or a line a second, its final print, and the study folder of
-a watch in the frequency domain.
-
-Stability margins of a watched loop: final print, study folder, its page and the live page.
+"""Display of a watch, as a live table or a line a second, and its final print; study folder and
+page of a watch in the frequency domain and of the stability margins of a watched loop.
 """
 
 from __future__ import annotations
