@@ -1,0 +1,62 @@
+"""Catch-all term: a vane in the flow that a control surface turns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+
+
+@dataclass(frozen=True)
+class VaneNearControl:
+    """A flow angle reads v + ``gain`` d, d the control as it acts, ``gain`` in rad per unit of it.
+
+    A canard, a flap, or a surface near the vane turns the flow there.
+
+    Attributes
+    ----------
+    channel : the flow angle. control : the signal d.
+    needs_constants : constants that the equations must have.
+    """
+
+    channel: str
+    control: str
+    needs_constants: tuple[str, ...]
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("gain", 0.1, "1"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gain": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    name: ClassVar[str] = "guard:vane-near-control"
+
+    @property
+    def explanation(self) -> str:
+        return (
+            f"A generic term: {self.channel} is read too large by a share of {self.control}, as a "
+            "vane does in the flow that a control surface turns. No effect of the library is a "
+            "reading that follows a control. Where it explains a record better than every effect "
+            "does, the cause is none of them."
+        )
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(guard=True)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Return the slope where there is none."""
+        return (Probe(self.absent, ("gain",)),)
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: y[self.channel] + p.gain * getattr(s, self.control)}
+
+
+GUARDS: tuple[Traceable, ...] = (
+    VaneNearControl("alpha", "elevator", ("Cm_de",)),
+    VaneNearControl("alpha", "delta", ("M_delta",)),
+    VaneNearControl("beta", "rudder", ("Cn_dr",)),
+)
