@@ -136,6 +136,7 @@ def test_guards_stand_apart_from_the_library() -> None:
             "drag-drift",
             "hysteresis",
             "vane-behind",
+            "vane-near-control",
         )
     }
     assert names.isdisjoint(effect_names())

@@ -277,18 +277,23 @@ def test_spikes_of_the_recorded_input_are_mended() -> None:
 
 
 @pytest.mark.long
-def test_a_guard_is_never_claimed() -> None:
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("guard:alpha-q", {"lift": 0.0, "moment": 400.0}),
+        ("guard:vane-near-control", {"gain": 0.15}),
+    ],
+)
+def test_a_guard_is_never_claimed(name: str, sizes: dict[str, float]) -> None:
     """The truth is a guard's term, which the library does not name."""
-    guard = next(
-        guard for guard in catch_all_terms_for(ShortPeriod()) if guard.name == "guard:alpha-q"
-    )
-    values = {"guard:alpha-q.lift": 0.0, "guard:alpha-q.moment": 400.0}
+    guard = next(guard for guard in catch_all_terms_for(ShortPeriod()) if guard.name == name)
+    values = {f"{name}.{key}": size for key, size in sizes.items()}
     records, validation = [planted([guard], values, 1)], [planted([guard], values, 2)]
     diagnosis = diagnose(records, declared(), CANDIDATES, (guard,), validation, SETTINGS)
     check(diagnosis, records, validation, OUTPUTS)
     assert diagnosis.verdict is Verdict.UNEXPLAINED
     assert not any(claim.claimed for claim in diagnosis.effects)
-    assert any("guard:alpha-q" in caution.sentence for caution in diagnosis.warnings)
+    assert any(name in caution.sentence for caution in diagnosis.warnings)
 
 
 @pytest.mark.long

@@ -386,6 +386,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "drifting-derivatives",
         "hysteresis",
         "vane-behind",
+        "vane-near-control",
     )
     assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():

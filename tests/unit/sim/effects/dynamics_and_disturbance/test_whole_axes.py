@@ -104,6 +104,21 @@ def test_a_vane_of_sideslip_behind() -> None:
     close(on_lateral({"guard:vane-behind.arm": 3.0}, guard), expected)
 
 
+def test_vanes_that_read_a_control() -> None:
+    """Of sideslip the rudder, of the angle of attack the elevator, and nothing else changes."""
+    name = "guard:vane-near-control"
+    (aside,) = [guard for guard in catch_all_terms_for(Lateral()) if guard.name == name]
+    (above,) = [guard for guard in catch_all_terms_for(Longitudinal()) if guard.name == name]
+    rudder = [signal.name for signal in Lateral().inputs].index("rudder")
+    expected, _ = fly_lateral(SIDE.time, SIDE.u)
+    expected[0] += 0.2 * SIDE.u[rudder]
+    close(on_lateral({f"{name}.gain": 0.2}, aside), expected)
+    elevator = [signal.name for signal in Longitudinal().inputs].index("elevator")
+    expected, _ = fly_longitudinal(UP.time, UP.u, START)
+    expected[1] -= 0.1 * UP.u[elevator]
+    close(on_longitudinal({f"{name}.gain": -0.1}, above), expected)
+
+
 def test_accelerometers_of_the_longitudinal_axis() -> None:
     nz, nx, vane = (
         find_effect(name, Longitudinal())
