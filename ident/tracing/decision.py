@@ -357,6 +357,11 @@ def _decide_under_white_noise(
         for effect in best.fitted.effects
         if is_physical_effect(effect, best, search.context.interval)
     ]
+    if any(name not in out for name in slight):
+        # A phugoid that took the place of a small event is uncertain: it stays in the fit, unnamed.
+        background = {each.name for each in best.fitted.effects if each.traits.background}
+        certain = [each for each in named if _group_probability(each) >= CLAIM_LEVEL]
+        named = [each for each in named if each in certain or each.name not in background] or named
     # Keep the declared model if it leaves noise and only uncertain nuisance dynamics were found.
     usual = all(each.traits.background for each in best.fitted.effects)
     uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL

@@ -42,8 +42,11 @@ def test_a_series_has_a_row_for_each_size_and_the_exponent() -> None:
         "sleep",
     )
     assert table.data["sizes"] == [1, 2, 4] and len(table.data["works"]["sleep"]["seconds"]) == 3
-    # A sleep is never shorter than asked for; what is added to it lowers the exponent.
-    assert 0.5 < table.data["works"]["sleep"]["exponent"] < 1.1
+    # A sleep is never shorter than asked for; on a busy machine it may be much longer.
+    found = table.data["works"]["sleep"]
+    medians = [each["median"] for each in found["seconds"]]
+    assert all(took >= 0.002 * size for size, took in zip((1, 2, 4), medians, strict=True))
+    assert found["exponent"] == pytest.approx(exponent([1, 2, 4], medians))
     assert (
         len(
             grown(
