@@ -181,9 +181,9 @@ RULES: Mapping[str, Rule] = {
     "small events": Rule(
         "a load or gust in passing is named only if its gain is large",
         members,
-        "is_passing_event",
-        lambda *_: False,
-        lambda before, result, *_: result,
+        "event_names",
+        lambda *_: frozenset(),
+        lambda before, result, *_: bool(result),
     ),
     "held-out noise": Rule(
         "a name under white noise needs held-out residuals that are noise",

@@ -22,8 +22,8 @@ from ident.tracing.members import (
 from ident.tracing.names import (
     CLAIM_LEVEL,
     Named,
+    event_names,
     inclusion_of,
-    is_passing_event,
     named_with_rivals,
     passing_events,
     probabilities,
@@ -239,9 +239,9 @@ def _decide_by_prediction(
     ----------
     out : members of the likeliest set that were left out, such as small events.
     """
-    events = {each.name for each in search.candidates if is_passing_event(each)} & {*out}
+    events = event_names(search.candidates) & {*out}
     leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
-    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    usual = search.problem.background
     failed: list[Key] = []
     for key, one in leading:
         if one.weight < leading[0][1].weight - CLEAR_GAIN:
@@ -359,13 +359,16 @@ def _decide_under_white_noise(
     ]
     if any(name not in out for name in slight):
         # A phugoid that took the place of a small event is uncertain: it stays in the fit, unnamed.
-        background = {each.name for each in best.fitted.effects if each.traits.background}
-        certain = [each for each in named if _group_probability(each) >= CLAIM_LEVEL]
-        named = [each for each in named if each in certain or each.name not in background] or named
+        usual = search.problem.background
+        named = [
+            each
+            for each in named
+            if each.name not in usual or _group_probability(each) >= CLAIM_LEVEL
+        ] or named
     # Keep the declared model if it leaves noise and only uncertain nuisance dynamics were found.
-    usual = all(each.traits.background for each in best.fitted.effects)
+    slow_alone = all(each.traits.background for each in best.fitted.effects)
     uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
-    if usual and uncertain and is_noise(search.root.fitted.fit):
+    if slow_alone and uncertain and is_noise(search.root.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
         best = search.root
     if not named or best is search.root:

@@ -12,7 +12,7 @@ import numpy as np
 from ident.process_noise.filter_error import noise_levels
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.names import CLAIM_LEVEL, inclusion_of, is_passing_event, look_alikes
+from ident.tracing.names import CLAIM_LEVEL, event_names, inclusion_of, look_alikes
 from ident.tracing.search import Search
 from ident.tracing.steady_search import SUPPORTED_Z, vuong
 from ident.tracing.whiteness import is_noise
@@ -79,7 +79,7 @@ def without_weak_members(
     The set; the reason by name for the members of ``best`` that were left out; the names of all
     effects left out but events, with ``before``: these take no part in probabilities.
     """
-    events = {each.name for each in best.fitted.effects if is_passing_event(each)}
+    events = event_names(best.fitted.effects)
     best, slight = _drop_weak_members(search, best, clear)
     out = {*before, *slight} - events
     # A small event stays the most probable cause: no other takes its place.
@@ -104,8 +104,8 @@ def _drop_weak_members(
     Effects with kinematic evidence are kept, since they do not depend on the force model.
     """
     left_out: dict[str, str] = {}
-    usual = {each.name for each in search.problem.candidates if each.traits.background}
-    events = {each.name for each in best.fitted.effects if is_passing_event(each)}
+    usual = search.problem.background
+    events = event_names(best.fitted.effects)
     while causes := search.added(best) - usual:
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):

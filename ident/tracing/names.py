@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,12 +109,16 @@ def look_alikes(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
-def is_passing_event(effect: Traceable) -> bool:
-    """Return whether an effect moves the states from some time on, whatever they are, as a load, a
-    gust or lost rows do; sensor events and jumps of derivatives do not.
+def event_names(effects: Iterable[Traceable]) -> frozenset[str]:
+    """Return the names of the effects that move the states from some time on, whatever they are, as
+    a load, a gust or lost rows do; sensor events and jumps of derivatives do not.
     """
-    moves = effect.station is Station.DISTURBANCE or isinstance(effect, StateJumpEffect)
-    return bool(effect.traits.onset) and moves
+    return frozenset(
+        each.name
+        for each in effects
+        if each.traits.onset
+        and (each.station is Station.DISTURBANCE or isinstance(each, StateJumpEffect))
+    )
 
 
 def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, float]:
@@ -127,7 +131,7 @@ def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, floa
     found = white.visited.get(frozenset(names))
     if not isinstance(effect, NoiseEffect) or found is None:
         return {}
-    events = {each.name for each in white.candidates if is_passing_event(each)}
+    events = event_names(white.candidates)
     rivals = rivals_of(white, found, name, least=-math.inf)
     return {other: odds for other, odds in rivals.items() if other in events}
 
@@ -148,7 +152,7 @@ def rivals_of(
     from scipy.special import ndtr
 
     rest = best.names - {name}
-    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    usual = search.problem.background
     found: dict[str, float] = {}
     for key, other in search.visited.items():
         new = key - rest

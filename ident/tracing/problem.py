@@ -67,6 +67,11 @@ class TraceProblem:
         return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
 
     @property
+    def background(self) -> frozenset[str]:
+        """Names of the nuisance dynamics, which any record may have."""
+        return frozenset(each.name for each in self.candidates if each.traits.background)
+
+    @property
     def named_by_kinematics(self) -> frozenset[str]:
         """All names with kinematic evidence."""
         return frozenset(name for group in self.kinematic for name in group)

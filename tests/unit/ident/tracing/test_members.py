@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -31,6 +32,17 @@ from tests.tracing_problem import (
 )
 
 SHORT = 1.5  # m: what so short a boom changes hides in the noise
+
+
+def give_weights(search: Search, weights: Mapping[tuple[Traceable, ...], float]) -> None:
+    """Leave a search with the declared model and these sets, at weights above the model's."""
+    root, weighed = search.root, {search.root.names: search.root}
+    for effects, weight in weights.items():
+        fitted = search.fit(effects, root.fitted)
+        assert fitted is not None
+        one = replace(search.store(fitted), weight=root.weight + weight)
+        weighed[one.names] = one
+    search.visited = weighed
 
 
 def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -> None:
@@ -80,16 +92,8 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
     search = search_white_noise(
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
-    root = search.root
-    late = search.fit([effect(LATE)], root.fitted)
-    assert late is not None
-    weighed = {root.names: root}
-    for names, weight in (((), 500.0), (("phugoid",), 500.5), (("sensor-scale:q",), 505.0)):
-        fitted = search.fit([*late.effects, *map(effect, names)], late)
-        assert fitted is not None
-        one = replace(search.store(fitted), weight=root.weight + weight)
-        weighed[one.names] = one
-    search.visited = weighed
+    late, slow, scale = map(effect, (LATE, "phugoid", "sensor-scale:q"))
+    give_weights(search, {(late,): 500.0, (late, slow): 500.5, (late, scale): 505.0})
     found = _decide_under_white_noise(search, search.best())
     assert found.verdict is Verdict.TRACED
     assert [each.name for each in found.named] == [LATE]
@@ -130,13 +134,8 @@ def test_of_two_alternatives_in_the_likeliest_set_one_stands() -> None:
     search = search_white_noise(
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
-    root, weighed = search.root, {search.root.names: search.root}
-    for names, weight in (((LATE,), 498.1), ((ARM,), 498.0), ((LATE, ARM), 500.0)):
-        fitted = search.fit([effect(name) for name in names], root.fitted)
-        assert fitted is not None
-        one = replace(search.store(fitted), weight=root.weight + weight)
-        weighed[one.names] = one
-    search.visited = weighed
+    late, arm = effect(LATE), effect(ARM)
+    give_weights(search, {(late,): 498.1, (arm,): 498.0, (late, arm): 500.0})
     found = _decide_under_white_noise(search, search.best())
     assert found.verdict is Verdict.AMBIGUOUS
     (named,) = found.named
@@ -182,14 +181,8 @@ def test_a_phugoid_that_takes_the_place_of_a_small_event_hides_no_cause() -> Non
     search = search_white_noise(
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
-    root, weighed = search.root, {search.root.names: search.root}
-    slow = effect("phugoid")
-    for effects, weight in (((pulse,), 500.0), ((slow,), 470.0), ((), 440.0)):
-        fitted = search.fit([effect(LATE), *effects], root.fitted)
-        assert fitted is not None
-        one = replace(search.store(fitted), weight=root.weight + weight)
-        weighed[one.names] = one
-    search.visited = weighed
+    late, slow = effect(LATE), effect("phugoid")
+    give_weights(search, {(late, pulse): 500.0, (late, slow): 470.0, (late,): 440.0})
     found = _decide_under_white_noise(search, search.best())
     assert [each.name for each in found.named] == [LATE]
     assert found.verdict is Verdict.TRACED and {*found.best.names} == {LATE, "phugoid"}
