@@ -315,7 +315,7 @@ def read_record(
 
     Raises
     ------
-    InputError : it is no record, has no time, or what is said of it does not fit.
+    InputError : it is no record or has no time, or a channel or unit given for it does not fit.
 
     Examples
     --------

@@ -46,9 +46,9 @@ ACCELEROMETER_IN_YAW = (
 BELOW = (
     "An axial accelerometer below the centre of gravity is carried forward when the nose "
     "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m below the centre of gravity. The "
-    "pitch acceleration answers the elevator at once, so the reading jumps with it, while the "
-    "axial force of the whole aircraft hardly does: what is left in nx has the shape of the pitch "
-    "acceleration, in no other channel."
+    "pitch acceleration answers the elevator at once, and the reading jumps with it. The axial "
+    "force hardly changes. The residual of nx therefore has the shape of the pitch acceleration, "
+    "and no other channel has it."
 )
 _EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx": BELOW}
 

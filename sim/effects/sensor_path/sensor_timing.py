@@ -241,10 +241,9 @@ class SensorHold(OfChannel):
         "The sensor delivers a new value every period and the recorder, which is faster, writes "
         "the last one again: y_recorded(t) = y(t_k), t_k = phase + k period the last update. A "
         "slow bus or telemetry frame does this; without noise of its own behind it the raw column "
-        "shows repeated values. In the mean the channel is late by half a period, which is most of "
-        "what is seen; the stairs themselves are the smaller part, so that a delay or a lag of "
-        "half the period is nearly the same where the motion is slow. The phase belongs to one "
-        "record."
+        "shows repeated values. In the mean the channel is late by half a period. The steps "
+        "between updates change it less than this delay does, so that a delay or a lag of half the "
+        "period is nearly the same where the motion is slow. The phase belongs to one record."
     )
 
     @property
@@ -362,11 +361,12 @@ class TimeBase:
     explanation: ClassVar[str] = (
         "The clock of the recorder is wrong: recorded time = factor x true time, from a wrong "
         "sampling rate or a file resampled by mistake. Every motion then seems slower than it is, "
-        "and a rate that is measured no longer is the slope of what it is the rate of. The "
-        "kinematics say alpha_dot = (q - (g/V) nz) / factor: with alpha, q and nz that is word for "
-        "word an angle of attack read too small by the factor, with other derivatives, and as rare "
-        "as such clocks are that is what is named. It is a scale of q and one of nz alike, the "
-        "latter as good as an airspeed that is wrong in the vehicle file. Without nz it only "
+        "and a measured rate is no longer the slope of the measured angle. The kinematics say "
+        "alpha_dot = (q - (g/V) nz) / factor. A record of alpha, q and nz is therefore the same as "
+        "one whose angle of attack is read too small by the factor, under other derivatives; that "
+        "is named, since such clocks are rare. Equal scales of q and of nz give the same record "
+        "too, and a scale of nz is as good as a wrong airspeed in the vehicle file. Without nz it "
+        "only "
         "changes the derivatives and leaves no trace. A pitch attitude in the record, or another "
         "clock, tells."
     )
