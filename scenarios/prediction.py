@@ -394,8 +394,8 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped(
-            "the study claims no effect: these are of the likeliest set of its search, beyond its "
-            "hints",
+            f"the study claims no effect; the prediction uses {' and '.join(effects)}, the most "
+            "probable set that its search found",
             width,
         )
     lines += table_as_lines(errors_table(found), width, keys=2)

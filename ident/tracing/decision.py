@@ -82,8 +82,13 @@ class Decision:
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """All candidates that were tried at fitted sets, by round."""
-        return tuple(each for search in self.searches for each in search.tried)
+        """All candidates that were tried at fitted sets; rounds count on from search to search."""
+        candidates: list[Candidate] = []
+        rounds_before = 0
+        for search in self.searches:
+            candidates += [replace(each, round=rounds_before + each.round) for each in search.tried]
+            rounds_before += len(search.steps)
+        return tuple(candidates)
 
     @property
     def stopped(self) -> bool:

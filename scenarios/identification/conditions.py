@@ -488,10 +488,12 @@ def _of_gusts(
     ):
         factor, worst, held = SHORT_IN_GUSTS[estimate.method]
         return (
-            f"several outputs err together, as in gusts; multiply the sigmas by {factor:g} "
-            f"(single derivatives need up to {worst:g}), or use --method equation-error, whose "
-            "sigmas are right in gusts. In simulated gusts the true value was within two sigmas "
-            f"of {estimate.method} in {100 * held:.0f} % of cases in place of 95 %",
+            "several outputs err together: gusts, a faulty sensor or an effect that the model "
+            "lacks may be the cause (flightid diagnose looks for it). In gusts, multiply the "
+            f"sigmas by {factor:g} (single derivatives need up to {worst:g}), or use --method "
+            "equation-error, whose sigmas are right in gusts. In simulated gusts the true value "
+            f"was within two sigmas of {estimate.method} in {100 * held:.0f} % of cases in place "
+            "of 95 %",
         )
     if (
         estimate.method == "filter-error"

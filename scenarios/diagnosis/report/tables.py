@@ -59,14 +59,19 @@ SIMULATION_NOTE = (
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
 SHOWN_CANDIDATES = 6  # candidates of a round
+SHOWN_ROWS = 15  # candidates of all rounds
 
 
-def candidates_table(
-    d: Diagnosis, caption: str, count: int = SHOWN_CANDIDATES, printed: int | None = None
-) -> Table:
+def few_candidates(d: Diagnosis) -> int:
+    """Return how many candidates of each round are shown where only the best are."""
+    rounds = len({(candidate.round, candidate.within) for candidate in d.candidates})
+    return max(1, min(SHOWN_CANDIDATES, SHOWN_ROWS // max(rounds, 1)))
+
+
+def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None = None) -> Table:
     """Return the best candidates of each round, by gain, with the best form of each effect.
 
-    ``printed``: number of rows on paper.
+    ``count``: candidates of a round. ``printed``: number of rows on paper.
     """
     some: list[Candidate] = []
     nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)

@@ -29,6 +29,7 @@ from scenarios.diagnosis.report.tables import (
     derived_of,
     derived_table,
     errors_table,
+    few_candidates,
     kinematics_content,
     kinematics_lines,
     level_changes,
@@ -135,7 +136,9 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         *(_titled(each, width) for each in member_tables(d, MEMBER_TITLE)),
         _titled(derived_table(d, ""), width),
         _titled(levels_table(tracing, levels_title(tracing)), width),
-        _titled(candidates_table(d, CANDIDATE_TITLE), width, CANDIDATE_LEGEND, keys=2),
+        _titled(
+            candidates_table(d, CANDIDATE_TITLE, few_candidates(d)), width, CANDIDATE_LEGEND, keys=2
+        ),
         [
             line
             for warning in warnings_of(tracing)
@@ -151,7 +154,7 @@ MEMBER_TITLE = (
     "derivatives under each effect that these data cannot tell apart (* differs from the first "
     "by more than two of their joint sigmas, the root of the sum of both squared)"
 )
-CANDIDATE_TITLE = "best candidates of each round of the search"
+CANDIDATE_TITLE = "best candidates of each round of the search (all of them are in evidence.csv)"
 CANDIDATE_LEGEND = (
     "gain: increase of the log evidence when the candidate is added; log odds: log posterior odds, "
     "gain plus the log of its prior odds, above zero where the candidate is more probable than its "

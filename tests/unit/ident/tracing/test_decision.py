@@ -71,6 +71,18 @@ def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
     assert found.named[0].probability > 0.95
 
 
+def test_rounds_of_a_second_search_count_on_from_the_first() -> None:
+    problem = offered([planted(seed=4)])
+    first = search_white_noise(problem)
+    second = first.with_candidates([effect(LATE)], "another search").run()
+    found = replace(decide(first), searches=(first, second))
+    assert min(each.round for each in second.tried) == 1
+    assert len(found.candidates) == len(first.tried) + len(second.tried)
+    assert [each.round for each in found.candidates[len(first.tried) :]] == [
+        len(first.steps) + each.round for each in second.tried
+    ]
+
+
 def with_slow_errors(record: Record, seed: int, size: float) -> Record:
     """The record with slow errors of q and nz, ``size`` times their noise."""
     rng = np.random.default_rng(seed)

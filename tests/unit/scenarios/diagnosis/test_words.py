@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.report.tables import candidates_table, move_cell, moved
+from scenarios.diagnosis.report.tables import candidates_table, few_candidates, move_cell, moved
 from scenarios.diagnosis.report.text import (
     diagnosis_text,
     headline,
@@ -264,6 +264,21 @@ def test_each_round_shows_a_name_once_and_the_best_first() -> None:
         ("sensor-scale:alpha", "3.1"),
         ("vane-offset", "1.4"),
     ]
+
+
+def test_a_long_search_prints_few_candidates_of_each_round() -> None:
+    d = tracing_of(Verdict.UNEXPLAINED).diagnosis
+    some = [replace(d.candidates[0], name=f"effect-{i}", gain=float(-i)) for i in range(10)]
+    rounds = [replace(each, round=number) for number in range(1, 8) for each in some]
+    one_round, seven = replace(d, candidates=tuple(some)), replace(d, candidates=tuple(rounds))
+    assert few_candidates(one_round) == 6
+    rows = candidates_table(seven, "", few_candidates(seven)).rows
+    assert [(cell_text(row[0]), row[1]) for row in rows[:3]] == [
+        ("1", "effect-0"),
+        ("1", "effect-1"),
+        ("2", "effect-0"),
+    ]
+    assert len(rows) == 14
 
 
 def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:

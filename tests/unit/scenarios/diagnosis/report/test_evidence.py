@@ -237,7 +237,7 @@ def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
     d = spread_tracing().diagnosis
 
     def row_of(candidate: Candidate) -> list[str]:
-        (row,) = candidates_table(replace(d, candidates=(candidate,)), "").rows
+        (row,) = candidates_table(replace(d, candidates=(candidate,)), "", 1).rows
         return [cell_text(cell) for cell in row]
 
     assert row_of(best)[:4] == ["1", "sensor-lag:alpha", "420.0", "414.9"]
