@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy.fft import dct, idct, prev_fast_len
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.priors import half_normal_factor, log_mass, set_prior
-from ident.tracing.whiteness import LOW_FREQUENCY
-from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.coloured_noise import ColouredNoise
 from sim.declaration.proposal import SearchContext
 
 Key = frozenset[str]
@@ -127,154 +124,3 @@ def _of_noise_levels(fitted: FittedModel) -> float:
         levels = fit.theta[len(fit.layout.names) :]
         return -float(np.sum(np.log(np.maximum(levels, 1e-300))))
     return sum(0.5 * math.log(math.pi / n) for n in fit.counts.tolist() if n)
-
-
-# ---- Noise with a level below a few hertz and one above
-
-FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
-
-
-def blocks_of(n: int) -> tuple[slice, ...]:
-    """Return blocks that cover ``n`` samples, of lengths whose cosine transforms are fast.
-
-    The transform of a length with a large prime factor takes five times as long.
-    """
-    most = prev_fast_len(n)
-    return (slice(0, most), slice(most, n)) if most < n else (slice(0, n),)
-
-
-def cosines(values: np.ndarray, inverse: bool = False) -> np.ndarray:
-    """Orthonormal cosine transform along the last axis, block by block, or its inverse."""
-    transform = idct if inverse else dct
-    made = [
-        transform(values[..., block], axis=-1, norm="ortho")
-        for block in blocks_of(values.shape[-1])
-    ]
-    return np.concatenate(made, axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class ColouredNoise:
-    """Levels of the noise of a fit's residuals in two bands.
-
-    Filters and least bits of a recorder colour the noise: it has more power at the frequencies of
-    the motion than above. A model of white noise would overstate the evidence. The level below a
-    few hertz is therefore estimated from the periodogram of the residual at these frequencies [1]_.
-    For white noise the two levels are equal.
-
-    Attributes
-    ----------
-    fit : the fit whose residuals are used.
-    averaged : number of neighbouring samples that are averaged.
-
-    References
-    ----------
-    .. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv foer Matematik
-       2, 1953.
-    """
-
-    fit: Fit
-    averaged: int = 1
-
-    @cached_property
-    def _low(self) -> tuple[np.ndarray, ...]:
-        """Mask ``(N,)`` of each record: low coefficients of the cosine transform."""
-        found = []
-        for problem in self.fit.layout.problems:
-            time, n = problem.record.time, self.samples(problem.valid.shape[1])
-            interval = self.averaged * (time[-1] - time[0]) / max(len(time) - 1, 1)
-            lengths = [block.stop - block.start for block in blocks_of(n)]
-            frequency = [np.arange(each) / (2.0 * each * interval) for each in lengths]
-            found.append(np.concatenate(frequency) < LOW_FREQUENCY)
-        return tuple(found)
-
-    def samples(self, count: int) -> int:
-        """Return the number of averages of ``count`` samples."""
-        return -(-count // self.averaged)
-
-    def _averages(self, values: np.ndarray) -> np.ndarray:
-        """Return averages of values ``(..., N)``, times the root of their count to keep the noise
-        level.
-        """
-        if self.averaged == 1:
-            return values
-        count, step = values.shape[-1], self.averaged
-        sums = np.zeros((*values.shape[:-1], self.samples(count)))
-        for k in range(step):
-            part = values[..., k::step]
-            sums[..., : part.shape[-1]] += part
-        return sums / math.sqrt(step)
-
-    def _standard(self, r: int, values: np.ndarray) -> np.ndarray:
-        """Values ``(m, N)`` or ``(m, N, c)`` of a record in standard deviations of the fit."""
-        valid = self.fit.layout.problems[r].valid
-        weight = np.where(valid, 1.0 / np.sqrt(self.fit.variance)[:, None], 0.0)
-        return values * (weight if values.ndim == 2 else weight[:, :, None])
-
-    @cached_property
-    def _bands(self) -> tuple[np.ndarray, np.ndarray]:
-        """Counts and mean squares ``(m, 2)`` of the low and the high band, of all samples."""
-        if self.averaged > 1:
-            return ColouredNoise(self.fit)._bands
-        m = len(self.fit.variance)
-        counts, squares = np.zeros((m, 2)), np.zeros((m, 2))
-        for r, (problem, low) in enumerate(zip(self.fit.layout.problems, self._low, strict=True)):
-            e = cosines(self._standard(r, self.fit.residuals[r]))
-            share = problem.valid.mean(axis=1)
-            for band, inside in enumerate((low, ~low)):
-                counts[:, band] += share * np.count_nonzero(inside)
-                squares[:, band] += np.sum(e[:, inside] ** 2, axis=1)
-        enough = np.all(counts >= FEWEST_COEFFICIENTS, axis=1)[:, None] & (squares > 0.0)
-        means = np.where(enough, squares / np.maximum(counts, 1.0), 1.0)
-        return counts, means
-
-    @property
-    def log_likelihood(self) -> float:
-        """Log likelihood of the data, with two levels of noise for each output."""
-        counts, means = self._bands
-        return self.fit.log_likelihood - 0.5 * float(np.sum(counts * np.log(means)))
-
-    def whitened(
-        self, r: int, values: np.ndarray, outputs: np.ndarray | slice = slice(None)
-    ) -> np.ndarray:
-        """Cosine transform of values ``(..., m, N)`` of a record in standard deviations of the fit,
-        over the level of each band; of some outputs or all."""
-        found = cosines(self._averages(values))
-        found *= self._scales(r)[outputs]
-        return found
-
-    def _scales(self, r: int) -> np.ndarray:
-        means = self._bands[1]
-        low = self._low[r]
-        return np.where(low[None, :], means[:, :1], means[:, 1:]) ** -0.5
-
-    def residual(self, r: int) -> np.ndarray:
-        """Whitened residual ``(m, N)`` of a record over the frequencies."""
-        return self.whitened(r, self._standard(r, self.fit.residuals[r]))
-
-    def sensitivities(self, r: int) -> np.ndarray:
-        """Whitened sensitivities ``(m, N, c)`` of a record over the frequencies."""
-        standard = self._standard(r, self.fit.jacobians[r])
-        return np.moveaxis(self.whitened(r, np.moveaxis(standard, 2, 0)), 0, 2)
-
-    def in_time(self, r: int) -> np.ndarray:
-        """Whitened residual ``(m, N)`` of a record over the samples."""
-        return cosines(self.residual(r), inverse=True)
-
-    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood at the fit."""
-        normal, gradient = (each.copy() for each in self.fit.normal_equations())
-        for r in range(len(self.fit.layout.problems)):
-            at = np.arange(len(gradient))[self.fit.layout.columns(r)]
-            for sign, e, A in (
-                (1.0, self.residual(r), self.sensitivities(r)),
-                (
-                    -1.0,
-                    self._standard(r, self.fit.residuals[r]),
-                    self._standard(r, self.fit.jacobians[r]),
-                ),
-            ):
-                flat = A.reshape(-1, A.shape[2])
-                normal[np.ix_(at, at)] += sign * (flat.T @ flat)
-                gradient[at] += sign * (flat.T @ e.ravel())
-        return normal, gradient

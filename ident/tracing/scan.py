@@ -12,24 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE, ColouredNoise
+from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.priors import SetPrior, prior_of, set_prior
-from ident.tracing.signatures import motions_of, signatures_of
-from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
-from sim.errors import ModelError
+from ident.tracing.priors import SetPrior, set_prior
+from ident.tracing.signatures import CandidateSignatures, candidate_signatures, factors_prior
+from ident.whole_record.coloured_noise import ColouredNoise
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Probe, SearchContext, Traceable
 
 SCANNED_PLACES = 60  # onsets tried over the record
 SHARP_PLACES = 2000  # the same for a step of one output
-PLACED_SIZE_SHARE = 0.4  # one sigma of the size of a placed event, relative to the size
 KEPT_PLACES = 2  # best places kept of a candidate
-LARGEST_SIGNATURE = 1e6  # largest signature; the simulation of a larger one diverged
 RANKING_AVERAGE_TIME = 0.04  # s, averaging time of samples where places are ranked
-
-
-# An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
-CandidateSignatures = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,41 +172,6 @@ def closed_forms(
     return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
 
 
-def candidate_signatures(
-    fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
-) -> dict[int, CandidateSignatures]:
-    """Return the signatures of all candidates at a fitted set, without divergent ones."""
-    motions = motions_of(fitted)
-    found: dict[int, CandidateSignatures] = {}
-    for place, candidate in enumerate(candidates):
-        if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
-            continue
-        effect = fitted_to(candidate, context)
-        probes = tuple(effect.probes(context))
-        if not probes:
-            continue
-        try:
-            signatures = signatures_of(fitted, motions, effect, probes)
-        except (ModelError, FloatingPointError):
-            continue
-        usable = [
-            (probe, parts)
-            for probe, parts in zip(probes, signatures, strict=True)
-            if _stays_small(effect, probe, parts, context)
-        ]
-        if usable:
-            found[place] = (effect, usable)
-    return found
-
-
-def _stays_small(
-    effect: Traceable, probe: Probe, parts: Sequence[np.ndarray], context: SearchContext
-) -> bool:
-    """Return whether a signature of the usual size of its parameters did not run away."""
-    _, usual = factors_prior(effect, probe, context)
-    return all(np.all(np.abs(part) * usual < LARGEST_SIGNATURE) for part in parts)
-
-
 def leads_of(
     fitted: FittedModel,
     ready: Prepared,
@@ -222,21 +181,6 @@ def leads_of(
     """Return the leads (best places) of all signatures of effects that are not in the set."""
     absent = [(effect, usable) for effect, usable in shown if effect.name not in fitted.names]
     return [lead for effect, usable in absent for lead in _leads(ready, effect, usable, context)]
-
-
-def factors_prior(
-    effect: Traceable, probe: Probe, context: SearchContext
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean and sigma ``(k,)`` of the factors of a probe's columns."""
-    if not probe.slopes:
-        return np.ones(1), np.full(1, PLACED_SIZE_SHARE)
-    items = {item.name: item for item in effect.parameters}
-    means, sigmas = [], []
-    for local in probe.slopes:
-        known = prior_of(effect, items[local], probe.values[local], context)
-        means.append(known.mean - probe.values[local])
-        sigmas.append(known.sigma)
-    return np.array(means), np.array(sigmas)
 
 
 def _has_physical_sign(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:

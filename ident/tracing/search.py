@@ -31,15 +31,14 @@ from ident.tracing.fitted_model import (
 from ident.tracing.priors import family_sizes, log_odds, set_prior
 from ident.tracing.problem import TraceProblem
 from ident.tracing.scan import (
-    CandidateSignatures,
     LinearSet,
-    candidate_signatures,
     leading_sets,
     leads_of,
     prepared,
     starts_of,
     weighed_sets,
 )
+from ident.tracing.signatures import CandidateSignatures, candidate_signatures
 from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Refinable, SearchContext, Traceable

@@ -21,10 +21,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.tracing.evidence import ColouredNoise, WeighedSet
+from ident.tracing.evidence import WeighedSet
 from ident.tracing.fitted_model import FittedModel, absent_values, belongs_to_record
 from ident.tracing.priors import ABSENT_LIMIT, set_prior
 from ident.tracing.search import CLEAR_GAIN, Search
+from ident.whole_record.coloured_noise import ColouredNoise
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import SearchContext, Traceable
 

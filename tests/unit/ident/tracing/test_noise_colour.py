@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from ident.tracing.context import search_context
-from ident.tracing.evidence import ColouredNoise, blocks_of, cosines, evidence_of
+from ident.tracing.evidence import evidence_of
+from ident.whole_record.coloured_noise import ColouredNoise, blocks_of, cosines
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for

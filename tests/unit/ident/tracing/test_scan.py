@@ -15,7 +15,8 @@ from ident.tracing.evidence import evidence_of
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.priors import set_prior
 from ident.tracing.problem import TraceProblem
-from ident.tracing.scan import candidate_signatures, leads_of, prepared, starts_at, weighed_sets
+from ident.tracing.scan import leads_of, prepared, starts_at, weighed_sets
+from ident.tracing.signatures import candidate_signatures
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput

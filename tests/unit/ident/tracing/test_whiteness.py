@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import butter, lfilter
 from scipy.stats import kstest
 
-from ident.statistics.residuals import ljung_box
+from ident.statistics.residuals import flat_spectrum, ljung_box, loudest_spell
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.whiteness import flat_spectrum, is_noise, loudest_spell, whiteness
+from ident.tracing.whiteness import is_noise, whiteness
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from ident.tracing.signatures import alternative_outputs
+from ident.whole_record.alternatives import alternative_outputs
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
@@ -209,7 +209,7 @@ def test_alternatives_a_few_at_a_time_are_those_of_one_batch(
         for column in columns
     ]
     y, together, _, _ = compared(record, [effect], columns)
-    monkeypatch.setattr("ident.tracing.signatures._LARGEST_BATCH", 1)
+    monkeypatch.setattr("ident.whole_record.alternatives._LARGEST_BATCH", 1)
     base, one_by_one, _, _ = compared(record, [effect], columns)
     np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-14)
     np.testing.assert_array_equal(base, y)
