@@ -12,11 +12,8 @@ from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.members import (
-    NEGLIGIBLE_RATIO,
     certain_part,
-    error_over_noise,
     is_physical_effect,
-    without_guards,
     without_weak_members,
 )
 from ident.tracing.names import (
@@ -41,11 +38,11 @@ from ident.tracing.steady_search import (
     vuong,
 )
 from ident.tracing.whiteness import FITTED, is_noise, whiteness
-from sim.declaration.effect import NoiseEffect, Station
+from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
-LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
+LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
     "the model needs turbulence that follows the maneuvers: some load is missing, which this "
@@ -213,21 +210,19 @@ def _decide(
             return found
     if discrepancy is None:
         return _decide_with_general_forms(search, leaves_noise) or _no_claims(search, best)
+    if not _discrepancy_is_needed(search, best, discrepancy):
+        found = _decide_under_white_noise(search, best, clear=math.inf)
+        if found.named:
+            return found
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _decide_beside_discrepancy(
-        search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
-    )
+    beside = _decide_beside_discrepancy(search, steady, search_spread_evidence(steady))
     beside = _claims_to_hints(beside, _reasons_of_large_error(beside))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
-    return (
-        _decide_with_small_misfit(search, best, discrepancy)
-        or _decide_with_general_forms(search, leaves_noise)
-        or beside
-    )
+    return _decide_with_general_forms(search, leaves_noise) or beside
 
 
 def _decide_by_prediction(
@@ -257,7 +252,6 @@ def _decide_by_prediction(
             narrowed = copy(search)
             excluded = {other: replace(search.visited[other], weight=-math.inf) for other in failed}
             narrowed.visited = search.visited | excluded
-            narrowed.repeated = search.repeated | {*failed}
             found = _decide_under_white_noise(narrowed, one, clear=-math.inf)
             # The decided set may differ from the tested one.
             if leaves_noise(found.best):
@@ -266,28 +260,20 @@ def _decide_by_prediction(
     return None
 
 
-def _decide_with_small_misfit(
-    search: Search, best: WeighedSet, discrepancy: Traceable
-) -> Decision | None:
-    """Decide under white noise where the residual of the best set is hardly larger than noise; else
-    None, as where no effect is claimed.
+def _discrepancy_is_needed(search: Search, best: WeighedSet, discrepancy: Traceable) -> bool:
+    """Return whether a discrepancy makes the best set clearly more probable, or an output leaves
+    coloured noise that is large.
 
-    The search with a discrepancy cannot find events, since their evidence is local in time. They
-    are found here with the noise levels of white noise.
+    The search with a discrepancy cannot find events, since their evidence is local in time. A
+    discrepancy acts on forces and cannot represent a sensor fault, hence the second condition.
     """
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
-    if fitted is None or error_over_noise(best.fitted, fitted) > NEGLIGIBLE_RATIO:
-        return None
-    # The discrepancy acts on forces: a sensor fault keeps its size when it is added.
+    if fitted is None or search.evidence_gain(fitted, best) > CLEAR_GAIN:
+        return True
     tests, levels = whiteness(best.fitted.fit, FITTED), noise_levels(best.fitted.fit)
-    left = {test.channel.partition(",")[0] for test in tests if not test.passed}
+    coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
     least = search.problem.least_noise
-    if any(levels[name] > LARGEST_NOISE_RATIO * least.get(name, math.inf) for name in left):
-        return None
-    found = _decide_under_white_noise(search, best, clear=math.inf)
-    # The misfit must also be small without the weak members.
-    enough = error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
-    return found if found.named and enough else None
+    return any(levels[name] > LARGEST_NOISE_RATIO * least.get(name, math.inf) for name in coloured)
 
 
 def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decision | None:
@@ -307,31 +293,6 @@ def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decisio
     return replace(_decide_under_white_noise(general, best), searches=(search, general))
 
 
-def _exchange_fault_forms(search: Search, best: WeighedSet) -> WeighedSet:
-    """Return the set with members replaced by another fault of the same sensor where that is
-    clearly likelier (with a discrepancy).
-
-    Kinematic evidence covers few forms of a fault (scale, delay, sensor position) and names the
-    nearest of them; thresholds and backlash are not among them.
-    """
-    for name in sorted(search.added(best) & search.problem.named_by_kinematics):
-        (effect,) = [each for each in best.fitted.effects if each.name == name]
-        channel = getattr(effect, "channel", None)
-        others = {
-            each.name
-            for each in search.candidates
-            if each.station is Station.SENSOR_PATH and getattr(each, "channel", None) == channel
-        }
-        smaller = search.set_without(best, name)
-        if channel is None or smaller is None:
-            continue
-        found = search.sets_with_replacement(smaller, others - {name})
-        other = max(found, key=lambda one: one.weight, default=None)
-        if other is not None and other.weight > best.weight + CLEAR_GAIN:
-            best = other
-    return best
-
-
 def _group_probability(named: Named) -> float:
     """Return the probability of an effect together with those confusable with it."""
     return named.probability + sum(named.alternatives.values())
@@ -347,13 +308,6 @@ def _decide_under_white_noise(
     inclusion = inclusion_of(sets)
     whole = best = certain_part(search, best, sets)
     best, slight, out = without_weak_members(search, best, clear)
-    guarded, best = best, without_guards(search, best)
-    if best is not guarded:
-        # Effects that only the catch-all term told apart are compared again without it.
-        out |= search.problem.guards
-        top = search.best(out)
-        if top.weight > best.weight and is_noise(top.fitted.fit):
-            best, _, out = without_weak_members(search, top, clear, out)
     if out:
         sets = probabilities(search, out)
         best = certain_part(search, best, sets)
@@ -417,7 +371,7 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     """
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
-    best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
+    best, spread = _drop_local_evidence(search, best)
     interval = search.context.interval
     effects = {each.name: each for each in best.fitted.effects}
     named = [
@@ -452,28 +406,6 @@ def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, 
         best = smaller
 
 
-def _prefer_named_by_kinematics(
-    search: Search, best: WeighedSet, spread: dict[str, float]
-) -> tuple[WeighedSet, dict[str, float]]:
-    """Return the set with confusable effects exchanged for those with kinematic evidence, whose
-    prior odds are larger; and z of its members.
-    """
-    known = search.problem.named_by_kinematics
-    for name in sorted(set(spread) - known):
-        rest = best.names - {name}
-        rivals = [
-            one
-            for key, one in search.visited.items()
-            if rest < key
-            and len(key) == len(best.names)
-            and key - rest <= known
-            and vuong(best, one, search.context.interval) < CONFUSABLE_SETS_Z
-        ]
-        if rivals:
-            return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))
-    return best, spread
-
-
 def _reasons_of_large_error(decision: Decision) -> dict[str, str]:
     """Return the claims made with a discrepancy that may represent a cause outside the library, by
     name with the reason: without the discrepancy the residual is far above the noise.
@@ -489,7 +421,15 @@ def _reasons_of_large_error(decision: Decision) -> dict[str, str]:
     search, best = _search_and_set(decision)
     effects = [each for each in best.fitted.effects if each.name not in search.base_names]
     plain = decision.searches[0].fit(effects, best.fitted)
-    ratio = math.inf if plain is None else error_over_noise(plain, best.fitted)
+    ratio = math.inf if plain is None else _error_over_noise(plain, best.fitted)
     if ratio <= LARGE_ERROR_RATIO:
         return {}
     return dict.fromkeys(names, LARGE_ERROR_REASON.format(ratio))
+
+
+def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
+    """Return the largest ratio, over the outputs, of the noise level of ``plain`` to that of
+    ``beside``.
+    """
+    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
+    return max(std / max(levels[name], 1e-300) for name, std in without.items())

@@ -35,10 +35,8 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
-from ident.tracing.members import NEGLIGIBLE_RATIO
 from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
-from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import (
     After,
@@ -63,6 +61,7 @@ FROZEN_WORSE = (
     "the fit leaves open what remains there is noise: fit these data as well before you predict "
     "with the model"
 )
+NEGLIGIBLE_RATIO = 1.1  # largest error on held-out data, over the noise, of a negligible misfit
 MOST_ALTERNATIVES = 2  # most alternatives named: fixed by
 
 
@@ -119,9 +118,8 @@ def diagnose(
     if groups:
         search = search.with_kinematics(groups)
     decision, out = _decide_and_predict(search, discrepancy, held)
-    problem, best = search.problem, decision.best
-    kept = _still_needed(declared.spikes, problem, records, best)
-    judgement = _with_judgement(problem, decision, out, held, (*kept, *spikes))
+    problem = search.problem
+    judgement = _with_judgement(problem, decision, out, held, (*declared.spikes, *spikes))
     before, after = _scatter(problem, root, judgement, held)
     diagnosis = reported(
         problem,
@@ -160,17 +158,6 @@ def _searched(
     # The interpolation hardly changes a scan: sets scanned before are not scanned again.
     rival.expanded |= search.expanded
     return other, again, rival.run()
-
-
-def _still_needed(
-    spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel
-) -> Sequence[Claim]:
-    """Return the claims of wrong input samples that the accepted set needs as well."""
-    if not spikes:
-        return ()
-    as_recorded = replace(problem, records=records).fit(best.effects, best, rough=True)
-    brought = np.inf if as_recorded is None else as_recorded.fit.cost - best.fit.cost
-    return spikes if brought > -np.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS) else ()
 
 
 def _scatter(

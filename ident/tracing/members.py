@@ -9,9 +9,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from ident.process_noise.filter_error import noise_levels
 from ident.tracing.evidence import Key, WeighedSet
-from ident.tracing.fitted_model import FittedModel
 from ident.tracing.names import CLAIM_LEVEL, event_names, inclusion_of, look_alikes
 from ident.tracing.search import Search
 from ident.tracing.steady_search import SUPPORTED_Z, vuong
@@ -19,7 +17,6 @@ from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Traceable
 
-NEGLIGIBLE_RATIO = 1.1  # largest residual, over the noise, of a negligible misfit
 EVENT_GAIN = 200.0  # least gain of log evidence of an effect that passes once
 WEAK_REASON = (
     "its gain in likelihood is only {:.1f} times the scatter of that gain over the record; "
@@ -70,18 +67,18 @@ def certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) ->
 
 
 def without_weak_members(
-    search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
+    search: Search, best: WeighedSet, clear: float
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
     """Return the likeliest set without weak members, and the names left out.
 
     Returns
     -------
     The set; the reason by name for the members of ``best`` that were left out; the names of all
-    effects left out but events, with ``before``: these take no part in probabilities.
+    effects left out but events: these take no part in probabilities.
     """
     events = event_names(best.fitted.effects)
     best, slight = _drop_weak_members(search, best, clear)
-    out = {*before, *slight} - events
+    out = {*slight} - events
     # A small event stays the most probable cause: no other takes its place.
     while out and events.isdisjoint(slight):
         top = search.best(out)
@@ -136,30 +133,3 @@ def _likeliest_without(
     rest = best.names - {name} - frozenset(usual)
     found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
     return max(found, key=lambda one: one.weight, default=None)
-
-
-def without_guards(search: Search, best: WeighedSet) -> WeighedSet:
-    """Return the set without its catch-all terms if its residual is noise and hardly larger.
-
-    A catch-all term means that a cause outside the library acts; one this small is negligible.
-    """
-    guards = search.problem.guards & best.names
-    names = best.names - guards
-    if not guards:
-        return best
-    plain = search.visited.get(names)
-    if plain is None:
-        effects = [each for each in best.fitted.effects if each.name in names]
-        fitted = search.fit(effects, best.fitted)
-        plain = None if fitted is None else search.store(fitted)
-    if plain is None or not is_noise(plain.fitted.fit):
-        return best
-    return plain if error_over_noise(plain.fitted, best.fitted) <= NEGLIGIBLE_RATIO else best
-
-
-def error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
-    """Return the largest ratio, over the outputs, of the noise level of ``plain`` to that of
-    ``beside``.
-    """
-    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
-    return max(std / max(levels[name], 1e-300) for name, std in without.items())

@@ -21,7 +21,6 @@ from ident.tracing.fitted_model import (
     FittedModel,
     Start,
     Values,
-    absent_values,
     belongs_to_record,
     fit_set,
     levels_of,
@@ -41,13 +40,12 @@ from ident.tracing.scan import (
 from ident.tracing.signatures import CandidateSignatures, candidate_signatures
 from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import Refinable, SearchContext, Traceable
+from sim.declaration.proposal import SearchContext, Traceable
 from sim.errors import ModelError
 
 MOST_ROUNDS = 6
 FITTED_SINGLES = 4  # single effects fitted in a round; half as many sets of each larger size
-# alternatives fitted for a member; single effects at which further candidates are scanned
-FITTED_RIVALS = 3
+SCANNED_SINGLES = 3  # single effects beside which further candidates are scanned
 # shares of the linearised step from which a fit starts, tried until one improves
 SHARES = (1.0, 0.3, 0.1)
 LEAST_REALISED_GAIN_SHARE = 0.3  # smallest gain of a fit, relative to the predicted gain
@@ -76,8 +74,6 @@ class Search:
     discrepancy : of the loads; the search ends if it alone is by far likelier than the best set.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned.
-    refined : sets tried in refined forms, by their parameters.
-    repeated : sets whose failed fit was repeated.
     steps, tried : log of the search.
     alike : by pairs of names, the largest cosine of their signatures.
     fits : number of fits.
@@ -95,8 +91,6 @@ class Search:
     discrepancy: Traceable | None = None
     visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
-    refined: set[Key] = field(default_factory=set)
-    repeated: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
@@ -160,22 +154,15 @@ class Search:
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
-            self._set_aside_failed(found)
-        return self._fitted_from_part(self.visited[found.names])
-
-    def _set_aside_failed(self, new: WeighedSet) -> None:
-        """Exclude sets that fit worse than one of their subsets, ``new`` or because of it: their
-        fits missed the optimum.
-        """
-        for one in [*self.visited.values()]:
-            for part, whole in ((one, new), (new, one)):
-                lost = part.fitted.fit.log_likelihood - whole.fitted.fit.log_likelihood
-                if part.names < whole.names and lost > CLEAR_GAIN:
-                    self.visited[whole.names] = replace(whole, weight=-math.inf)
+        return self.visited[found.names]
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
         evidence, offset, covariance = evidence_of(fitted, self.context)
         return self.weighed_by_own_odds(WeighedSet(fitted, evidence, 0.0, offset, covariance))
+
+    def evidence_gain(self, fitted: FittedModel, one: WeighedSet) -> float:
+        """Return the log evidence of a fit over that of a set."""
+        return evidence_of(fitted, self.context)[0] - one.evidence
 
     def fit(
         self,
@@ -224,24 +211,10 @@ class Search:
         best = min((each for each in tries if each), key=lambda each: each.fit.cost, default=None)
         return None if best is None else self.store(best)
 
-    def _fitted_from_part(self, one: WeighedSet) -> WeighedSet:
-        """Return a set; if it fits worse than a part of it, fitted again from the best part, with
-        its other effects absent.
-        """
-        if one.weight > -math.inf or one.names in self.repeated:
-            return one
-        self.repeated.add(one.names)
-        parts = [each for key, each in self.visited.items() if key < one.names]
-        part = max(parts, key=lambda each: each.fitted.fit.log_likelihood)
-        absent = absent_values(each for each in one.fitted.effects if each.name not in part.names)
-        own = part.fitted.values.own
-        again = self.fit(one.fitted.effects, part.fitted, [absent] * len(own))
-        return one if again is None else self.store(again)
-
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """Return the set without one of its effects, stored or fitted now."""
         found = self.visited.get(parent.names - {name})
-        return self.fit_without(parent, name) if found is None else self._fitted_from_part(found)
+        return self.fit_without(parent, name) if found is None else found
 
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
@@ -255,8 +228,6 @@ class Search:
             if best.names in self.expanded or self.budget_spent:
                 break
             self.expand(best)
-            self._in_finer_forms()
-            self._with_look_alikes()
             if self._discrepancy_is_likelier(self.best().weight - best.weight):
                 return self
         for _ in range(2):
@@ -278,8 +249,6 @@ class Search:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
-            self._in_finer_forms()
-        self._with_look_alikes()
         self._with_equivalents()
         return self
 
@@ -331,11 +300,7 @@ class Search:
         return other
 
     def weighed_by_own_odds(self, one: WeighedSet) -> WeighedSet:
-        """Return a fitted set with the prior odds of this search; an excluded one stays
-        excluded.
-        """
-        if one.weight == -math.inf:
-            return one
+        """Return a fitted set with the prior odds of this search."""
         named = [effect for effect in one.fitted.effects if effect not in self.base]
         odds = log_odds(named, self.families, self.problem.named_by_kinematics)
         return replace(one, weight=one.evidence + odds)
@@ -380,56 +345,6 @@ class Search:
                         best = max(best, self.store(swapped), key=lambda one: one.weight)
         return best
 
-    def _in_finer_forms(self) -> None:
-        """Try the leading set of each size in refined forms of its effects."""
-        leading: dict[int, tuple[Key, WeighedSet]] = {}
-        for key, one in self.visited.items():
-            best = leading.get(len(key))
-            if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
-                leading[len(key)] = (key, one)
-        for _, one in [*leading.values()]:
-            while (finer := self._refined_set(one)) is not None and finer.weight > one.weight:
-                one = finer
-
-    def _refined_set(self, one: WeighedSet) -> WeighedSet | None:
-        """Return a set with the refined forms of its effects; None if there are none."""
-        fitted = one.fitted
-        forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
-        names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
-        if forms == list(fitted.effects) or names in self.refined or self.budget_spent:
-            return None
-        self.refined.add(names)
-        known = {*fitted.values.shared, *fitted.values.own[0]}
-        absent = {name: v for name, v in absent_values(forms).items() if name not in known}
-        other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
-        return None if other is None else self.store(other)
-
-    def _with_look_alikes(self) -> None:
-        """Try the best set with each member replaced by each confusable effect."""
-        best = self.best()
-        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
-            smaller = self.visited.get(best.names - {effect.name})
-            wanted = {
-                name
-                for name in (*self._confusable_names(effect.name), *effect.traits.twins)
-                if best.names - {effect.name} | {name} not in self.visited
-            }
-            if not wanted:
-                continue
-            smaller = smaller or self.fit_without(best, effect.name)
-            if smaller is not None:
-                self.sets_with_replacement(smaller, wanted)
-
-    def sets_with_replacement(
-        self, smaller: WeighedSet, wanted: Collection[str]
-    ) -> list[WeighedSet]:
-        """Return the fitted sets of ``smaller`` with one of the ``wanted`` effects: those with the
-        largest predicted gain.
-        """
-        proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
-        made = (self.fit_proposed(smaller, each) for each in proposed)
-        return [each for each in made if each is not None]
-
     def _with_equivalents(self) -> None:
         """Try the best set with each member replaced by each observationally equivalent effect."""
         best = self.best()
@@ -446,7 +361,7 @@ class Search:
     def _scan_beside_single_effects(self) -> None:
         """Scan at the best single effects: the one in the best set may have replaced two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:FITTED_RIVALS]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:SCANNED_SINGLES]:
             if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
@@ -491,7 +406,7 @@ class Search:
         """Log the candidates tried at a set, for the report."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
-        for child in (each for each in made if each.weight > -math.inf):
+        for child in made:
             for effect in child.fitted.effects:
                 if child.names - parent.names == {effect.name}:
                     self.tried.append(
@@ -523,21 +438,17 @@ class Search:
         ]
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
-    def _proposed(
-        self, parent: WeighedSet, deeper: int, most: int, wanted: Collection[str] = ()
-    ) -> list[LinearSet]:
+    def _proposed(self, parent: WeighedSet, deeper: int, most: int) -> list[LinearSet]:
         """Return the most probable single leads, and larger sets that exceed all smaller ones.
 
-        With ``most`` zero, single leads of ``wanted`` names alone. Signatures come from the last
-        scan at a leading set: at other sets they are nearly equal.
+        Signatures come from the last scan at a leading set: at other sets they are nearly equal.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == FITTED_SINGLES or not self.shown:
             self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
-        shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
             lead
-            for lead in leads_of(parent.fitted, ready, shown, self.context)
+            for lead in leads_of(parent.fitted, ready, [*self.shown.values()], self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
         sets, overlap = weighed_sets(
@@ -556,9 +467,6 @@ class Search:
                 number, within, name, one.gain, one.weight, False, {}, self._confusable_names(name)
             )
             self.tried.append(told)
-        if not most:
-            named = [singles[name] for name in wanted if name in singles]
-            return sorted(named, key=lambda one: -one.weight)
         return leading_sets(sets, singles.values(), deeper, most)
 
     def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:

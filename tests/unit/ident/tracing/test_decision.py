@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import cast
@@ -14,8 +13,6 @@ from scipy.stats import norm
 from ident.estimate import Outcome
 from ident.tracing import decision
 from ident.tracing.decision import (
-    _exchange_fault_forms,
-    _prefer_named_by_kinematics,
     decide,
     search_white_noise,
 )
@@ -23,7 +20,7 @@ from ident.tracing.diagnosis import Verdict
 from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import CLEAR_GAIN, Search
+from ident.tracing.search import Search
 from ident.tracing.steady_search import quiet_vuong, vuong
 from ident.tracing.whiteness import is_noise
 from ident.whole_record.layout import FitSettings
@@ -280,35 +277,6 @@ def test_a_likely_set_is_fitted_until_it_settles() -> None:
     assert search.store(rough).fitted is rough
 
 
-def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
-    """A held sensor of sideslip was named in a measured flight: its fit had ended far from the
-    optimum, and the noise that it left was coloured enough to be forgiven.
-    """
-    problem = offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
-    search = Search(problem, problem.candidates)
-    root, whole = search.root, problem.fit([effect(LATE)], search.declared)
-    assert whole is not None
-    good = search.store(whole)
-    worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR_GAIN + 1.0))
-    failed = replace(good, fitted=worse, weight=good.weight + 1e3)
-    for sets in ([root, failed], [failed, root]):
-        search.visited = {}
-        for one in sets:
-            search.visited[one.names] = one
-            search._set_aside_failed(one)
-        assert search.best() is root and search.visited[good.names].weight == -math.inf
-        assert search.weighed_by_own_odds(search.visited[good.names]).weight == -math.inf
-    # The set is fitted again from the part, once, and takes part again.
-    repaired = search.set_without(failed, "of a larger set")
-    assert repaired is not None and repaired.weight == pytest.approx(good.weight, abs=0.1)
-    assert search.best().names == good.names
-    search.visited[good.names] = replace(repaired, weight=-math.inf)
-    again = search.set_without(failed, "of a larger set")
-    assert again is not None and again.weight == -math.inf
-    # So does a better fit of the set.
-    assert search.store(whole).weight == good.weight and search.best().names == good.names
-
-
 @pytest.mark.long
 def test_the_loop_reports_what_is_decided() -> None:
     records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
@@ -406,43 +374,6 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
     gain = search.store(both).evidence - search.store(rough).evidence
     assert gain > 30.0
     assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
-
-
-@pytest.mark.long
-def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
-    """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
-    shown = effect("sensor-deadband:q")
-    record = planted([shown], {"sensor-deadband:q.half_width": 0.02}, seed=7)
-    scale = effect("sensor-scale:q")
-    problem = replace(
-        problem_of([record], [shown, scale], model=declared()), kinematic=(("sensor-scale:q",),)
-    )
-    discrepancy = discrepancy_for(effects_for(declared().equations))
-    assert discrepancy is not None
-    search = Search(problem, (shown, scale), (discrepancy,))
-    named = search.set_named_by_kinematics()
-    assert named is not None and search.added(named) == {"sensor-scale:q"}
-    assert search.added(_exchange_fault_forms(search, named)) == {"sensor-deadband:q"}
-
-
-def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
-    """A late vane: the arm of a vane fits as well, and is named where kinematics name it."""
-    record = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.02}, seed=11)
-    offered_both = [effect(LATE), effect(ARM)]
-    plain = problem_of([record], offered_both, model=declared())
-    names = {}
-    for group in ((), ((LATE,),), ((ARM,),)):
-        search = Search(replace(plain, kinematic=group), offered_both)
-        one, other = (search.fit((each,), search.declared) for each in offered_both)
-        assert one is not None and other is not None
-        best = max(search.store(one), search.store(other), key=lambda each: each.weight)
-        _ = search.root
-        found, spread = _prefer_named_by_kinematics(
-            search, best, {name: 9.0 for name in best.names}
-        )
-        assert set(spread) == set(found.names)
-        names[group] = set(found.names)
-    assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
 
 
 @pytest.mark.long
