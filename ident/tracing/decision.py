@@ -210,10 +210,6 @@ def _decide(
             return found
     if discrepancy is None:
         return _decide_with_general_forms(search, leaves_noise) or _no_claims(search, best)
-    if not _discrepancy_is_needed(search, best, discrepancy):
-        found = _decide_under_white_noise(search, best, clear=math.inf)
-        if found.named:
-            return found
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
@@ -222,6 +218,10 @@ def _decide(
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
+    if not _discrepancy_is_needed(search, best, discrepancy):
+        found = _decide_under_white_noise(search, best, clear=math.inf)
+        if found.named:
+            return found
     return _decide_with_general_forms(search, leaves_noise) or beside
 
 
