@@ -504,3 +504,47 @@ def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
     share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - SHARES_LEVEL)
     return np.asarray((share >= tail) & (share <= 1.0 - tail))
+
+
+# ---- Scatter between records
+
+# degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
+# with two to five records
+BORROWED = 6.0
+
+
+def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return factors on the sigmas of mean values whose scatter between records exceeds their sigmas.
+
+    The factor is the root of chi-squared over its degrees of freedom [1]_, from each row and from
+    the median of all rows [2]_. It is multiplied by the width of Student's t relative to a Gaussian
+    at two sigmas, and is at least one.
+
+    Parameters
+    ----------
+    values, sigma : ``(n, records)`` estimates of ``n`` parameters from single records, and their
+        standard deviations.
+
+    Returns
+    -------
+    Factors ``(n,)``, at least one.
+
+    References
+    ----------
+    .. [1] R. T. Birge, "The calculation of errors by the method of least squares", Physical Review
+       40, 1932.
+    .. [2] G. K. Smyth, "Linear models and empirical Bayes methods for assessing differential
+       expression in microarray experiments", Stat. Appl. Genet. Mol. Biol. 3(1), 2004.
+    """
+    from scipy.special import chdtri, ndtr, stdtrit
+
+    weight = sigma**-2
+    mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
+    freedom = values.shape[1] - 1
+    own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
+    # the median of chi-squared lies below its mean
+    shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
+    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # no more degrees exist
+    squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
+    wider = float(stdtrit(freedom + borrowed, ndtr(2.0))) / 2.0
+    return np.maximum(1.0, wider * np.sqrt(squared))

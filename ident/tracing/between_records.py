@@ -2,9 +2,7 @@
 sigma.
 
 Mass, trim and speed differ from record to record. The residuals of one record do not show this; the
-differences between records do (Birge, Physical Review 40, 207, 1932). With few records, the scatter
-of each derivative is averaged with that of the others (Smyth, Stat. Appl. Genet. Mol. Biol. 3(1),
-2004). The factor also includes the width of Student's t at two sigmas.
+differences between records do.
 """
 
 from __future__ import annotations
@@ -17,7 +15,11 @@ import numpy as np
 from ident.estimate import Outcome
 from ident.process_noise.filter_error import fit_under_held_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
-from ident.statistics.intervals import add_normal_equations, inverse_information
+from ident.statistics.intervals import (
+    add_normal_equations,
+    inverse_information,
+    scatter_factors,
+)
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.tracing.held_out import HeldOutData
@@ -28,9 +30,6 @@ from sim.declaration.proposal import Refinable, Traceable
 from sim.record import Record
 
 FEWEST_RECORDS = 3  # fewest records for a scatter: two have a single degree of freedom
-# degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
-# with two to five records
-BORROWED = 6.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def scatter_between_records(
     if found is None:
         return RecordScatter()
     values, sigma = found
-    factors = inflation(values, sigma)
+    factors = scatter_factors(values, sigma)
     spread = (
         {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)}
         if values.shape[1] >= FEWEST_RECORDS
@@ -144,28 +143,6 @@ def _one_by_one(
         values.append(fit.theta[at])
         sigma.append(np.sqrt(variance[at]))
     return (np.transpose(values), np.transpose(sigma)) if len(values) > 1 else None
-
-
-def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return the factors ``(n,)`` on the sigmas of the means of values ``(n, records)``, whose own
-    sigmas are ``sigma (n, records)``.
-
-    The factor is the root of chi-squared over its degrees of freedom, from each row and from the
-    median of all rows. It is multiplied by the width of Student's t relative to a Gaussian at two
-    sigmas, and is at least one.
-    """
-    from scipy.special import chdtri, ndtr, stdtrit
-
-    weight = sigma**-2
-    mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
-    freedom = values.shape[1] - 1
-    own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
-    # the median of chi-squared lies below its mean
-    shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
-    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # no more degrees exist
-    squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
-    wider = float(stdtrit(freedom + borrowed, ndtr(2.0))) / 2.0
-    return np.maximum(1.0, wider * np.sqrt(squared))
 
 
 # ---- Parameters of an effect in each record

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.tracing.between_records import inflation, scatter_between_records
+from ident.statistics.intervals import scatter_factors
+from ident.tracing.between_records import scatter_between_records
 from ident.tracing.declared import fit_declared, held_out_data
 from sim.effects.disturbance.gusts import GustTurbulence
 from sim.maneuvers import doublet, sequence, three_two_one_one
@@ -36,7 +37,7 @@ def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None
                 np.sum(weight * values, axis=1) / weight.sum(axis=1),
                 weight.sum(axis=1) ** -0.5,
             )
-            held += int(np.count_nonzero(np.abs(mean) < 2.0 * inflation(values, sigma) * std))
+            held += int(np.count_nonzero(np.abs(mean) < 2.0 * scatter_factors(values, sigma) * std))
         assert 0.93 < held / (6 * flights) < 0.985, (count, held / (6 * flights))
 
 
@@ -53,7 +54,7 @@ def test_one_derivative_borrows_from_none() -> None:
         mean, std = np.sum(weight * values, axis=2) / weight.sum(axis=2), weight.sum(axis=2) ** -0.5
         held = np.mean(
             [
-                abs(m[0]) < 2.0 * inflation(v, s)[0] * d[0]
+                abs(m[0]) < 2.0 * scatter_factors(v, s)[0] * d[0]
                 for m, v, s, d in zip(mean, values, sigma, std, strict=True)
             ]
         )
@@ -65,7 +66,7 @@ def test_one_derivative_that_differs_does_not_take_the_others_with_it() -> None:
     values = np.tile([1.0, -1.0, 1.0, -1.0, 0.0], (6, 1))
     wild = values.copy()
     wild[0] *= 20.0
-    calm, one = inflation(values, sigma), inflation(wild, sigma)
+    calm, one = scatter_factors(values, sigma), scatter_factors(wild, sigma)
     assert one[0] > 8.0 and np.allclose(one[1:], calm[1:])
 
 
@@ -75,9 +76,9 @@ def test_growth_knows_no_unit_and_never_shrinks(
 ) -> None:
     rng = np.random.default_rng(seed)
     values, sigma = rng.standard_normal((rows, count)), rng.uniform(0.1, 1.0, (rows, count))
-    factors = inflation(values, sigma)
+    factors = scatter_factors(values, sigma)
     assert np.all(factors >= 1.0) and np.all(np.isfinite(factors))
-    assert np.allclose(inflation(unit * values + 3.0 * unit, unit * sigma), factors)
+    assert np.allclose(scatter_factors(unit * values + 3.0 * unit, unit * sigma), factors)
 
 
 def in_rough_air(seed: int, Cm_q: float) -> Record:
