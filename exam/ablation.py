@@ -24,7 +24,7 @@ from exam.independent.command import diagnosed
 from exam.independent.grading import grade
 from exam.options import Parser, ended_in_one_line
 from exam.random_cases.examination import score_written, write_case
-from ident.tracing import decision, loop, members
+from ident.tracing import decision, loop, names
 from ident.tracing.predictive import PredictiveGain
 from ident.tracing.search import Search
 from scenarios.cli import main as flightid
@@ -85,12 +85,6 @@ def _search_step(what: str, attribute: str) -> Rule:
 
 
 RULES: Mapping[str, Rule] = {
-    "finer forms": _search_step(
-        "the leading set of each size is fitted with finer forms of its curves", "_in_finer_forms"
-    ),
-    "look-alikes": _search_step(
-        "effects with the signature of a member are tried in its place", "_with_look_alikes"
-    ),
     "equivalents": _search_step(
         "effects that no record tells from a member are tried in its place", "_with_equivalents"
     ),
@@ -104,15 +98,6 @@ RULES: Mapping[str, Rule] = {
         "_with_events_moved",
         _second,
         _not_second,
-    ),
-    "failed fits": Rule(
-        "a set that fits worse than a part of it is set aside",
-        Search,
-        "_set_aside_failed",
-        _nothing,
-        lambda before, result, search, new: any(
-            one.weight == float("-inf") for one in search.visited.values()
-        ),
     ),
     "inputs read otherwise": Rule(
         "where a time is found, the likelier of two readings of inputs between samples is taken",
@@ -140,22 +125,22 @@ RULES: Mapping[str, Rule] = {
         "an effect that brings little, and not all along, is a hint",
         decision,
         "without_weak_members",
-        lambda search, best, clear, before=(): (best, {}, set(before)),
+        lambda search, best, clear: (best, {}, set()),
         lambda before, result, search, best, *_: result[0] is not best,
     ),
-    "idle guards": Rule(
-        "a guard that lowers the noise by less than a tenth is left out",
+    "no discrepancy": Rule(
+        "where a discrepancy is not needed and names nothing, white noise decides",
         decision,
-        "without_guards",
-        _second,
-        _not_second,
+        "_discrepancy_is_needed",
+        lambda *_: True,
+        lambda before, result, *_: not result,
     ),
-    "small misfit": Rule(
-        "where the best set leaves hardly more than noise, it is judged as under white noise",
+    "large error": Rule(
+        "forces prove no cause where the residual is ten times the noise",
         decision,
-        "_decide_with_small_misfit",
-        _nothing,
-        _given,
+        "_reasons_of_large_error",
+        lambda *_: {},
+        lambda before, result, *_: bool(result),
     ),
     "general forms": Rule(
         "forms without a cause of their own are tried where nothing else leaves noise",
@@ -163,13 +148,6 @@ RULES: Mapping[str, Rule] = {
         "_decide_with_general_forms",
         _nothing,
         _given,
-    ),
-    "other faults": Rule(
-        "beside a discrepancy, other faults of a sensor that kinematics name are tried",
-        decision,
-        "_exchange_fault_forms",
-        _second,
-        _not_second,
     ),
     "rough air": Rule(
         "rough air is named only if its evidence is there while the aircraft hardly moves",
@@ -180,7 +158,7 @@ RULES: Mapping[str, Rule] = {
     ),
     "small events": Rule(
         "a load or gust in passing is named only if its gain is large",
-        members,
+        names,
         "event_names",
         lambda *_: frozenset(),
         lambda before, result, *_: bool(result),
@@ -198,20 +176,6 @@ RULES: Mapping[str, Rule] = {
         "predictive_gains",
         lambda *_: PredictiveGain(),
         lambda before, result, *_: result.contradicts,
-    ),
-    "needed repairs": Rule(
-        "wrong samples of an input are claimed only if the final set needs them mended",
-        loop,
-        "_still_needed",
-        lambda spikes, *_: spikes,
-        lambda before, result, spikes, *_: bool(spikes) and not result,
-    ),
-    "kinematics decide": Rule(
-        "of effects that the records do not tell apart, those that kinematics name are taken",
-        decision,
-        "_prefer_named_by_kinematics",
-        lambda search, best, spread: (best, spread),
-        lambda before, result, search, best, *_: result[0] is not best,
     ),
 }
 

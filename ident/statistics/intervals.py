@@ -514,7 +514,7 @@ BORROWED = 6.0
 
 
 def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return factors on the sigmas of mean values whose scatter between records exceeds their sigmas.
+    """Return factors on the sigmas of means, for the scatter of values between records.
 
     The factor is the root of chi-squared over its degrees of freedom [1]_, from each row and from
     the median of all rows [2]_. It is multiplied by the width of Student's t relative to a Gaussian

@@ -11,21 +11,19 @@ from ident.process_noise.filter_error import noise_levels
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.members import (
-    certain_part,
-    is_physical_effect,
-    without_weak_members,
-)
 from ident.tracing.names import (
     CLAIM_LEVEL,
     Named,
+    certain_part,
     event_names,
     inclusion_of,
+    is_physical_effect,
     named_with_rivals,
     passing_events,
     probabilities,
     rivals_of,
     with_shares,
+    without_weak_members,
 )
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search

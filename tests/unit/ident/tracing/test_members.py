@@ -16,7 +16,7 @@ from ident.tracing.decision import (
 )
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence import WeighedSet
-from ident.tracing.members import EVENT_GAIN, _likeliest_without, is_physical_effect
+from ident.tracing.names import EVENT_GAIN, _likeliest_without, is_physical_effect
 from ident.tracing.search import CLEAR_GAIN, Search
 from ident.tracing.whiteness import is_noise
 from sim.declaration.proposal import Traceable
