@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.tracing.diagnosis import ErrorFigures
+from ident.statistics.residuals import ErrorFigures
 from scenarios.files.declarations import checked, closest, read_toml_source, toml_of
 from scenarios.files.sources import json_or_none
 from scenarios.files.units import to_si

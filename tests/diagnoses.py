@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import ErrorFigures, ResidualTest
 from ident.tracing.diagnosis import (
     Candidate,
     Caution,
     Claim,
     Concern,
     Diagnosis,
-    ErrorFigures,
     FittedRecord,
     Prediction,
     Quantity,

@@ -9,7 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
+from ident.statistics.residuals import ErrorFigures
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from sim.declaration.proposal import RangedCurve
 from sim.effects.library import library
 

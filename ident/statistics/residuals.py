@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ import numpy as np
 from ident.estimate import Estimate, FilterHistory
 from ident.statistics.noise_levels import levelled, robust_sigma, robust_sigma_about_zero
 from sim.errors import ModelError
+from sim.record import Record
 
 # ---- Are residuals white noise? Two first tests
 
@@ -484,3 +486,50 @@ def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> Noise
         float(np.sqrt(ratios[first : last + 1].mean())),
         float(p_values[loudest]),
     )
+
+
+# ---- Errors of a simulation
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Errors of a simulation by channel: root mean square, the same over the measured spread, R
+    squared, Theil's inequality coefficient.
+    """
+
+    rmse: Mapping[str, float]
+    nrmse: Mapping[str, float]
+    r2: Mapping[str, float]
+    theil: Mapping[str, float]
+
+
+def error_figures(
+    predictions: Sequence[np.ndarray],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray],
+    channels: Sequence[str],
+) -> ErrorFigures:
+    """Return the errors of the predictions of records, without masked samples.
+
+    Parameters
+    ----------
+    predictions, masks : ``(m, N)`` of each record, in the order of ``channels``.
+    """
+    rmse, nrmse, r2, theil = {}, {}, {}, {}
+    for i, name in enumerate(channels):
+        pairs = [
+            (p[i][mask[i]], record[name].values[mask[i]])
+            for p, record, mask in zip(predictions, records, masks, strict=True)
+            if name in record.output_names
+        ]
+        p, z = np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+        if z.size == 0:
+            continue
+        error = float(np.sqrt(np.mean((z - p) ** 2)))
+        spread = float(np.std(z))
+        rmse[name] = error
+        nrmse[name] = error / spread if spread > 0 else 0.0
+        r2[name] = 1.0 - (error / spread) ** 2 if spread > 0 else 0.0
+        size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(p**2)))
+        theil[name] = error / size if size > 0 else 0.0
+    return ErrorFigures(rmse, nrmse, r2, theil)

@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 
 from ident.flying_qualities.modes import Characteristics
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import ErrorFigures, ResidualTest
 from ident.whole_record.layout import FitSettings
 from sim.declaration.proposal import Traceable
 from sim.record import Record
@@ -175,18 +175,6 @@ class Step:
     log_evidence: float
     log_likelihood: float
     sentence: str
-
-
-@dataclass(frozen=True)
-class ErrorFigures:
-    """Simulation error by channel: root mean square, that over the measured spread, R squared,
-    Theil's coefficient.
-    """
-
-    rmse: Mapping[str, float]
-    nrmse: Mapping[str, float]
-    r2: Mapping[str, float]
-    theil: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)

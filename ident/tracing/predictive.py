@@ -11,7 +11,8 @@ import numpy as np
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.noise_levels import final_spikes
-from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
+from ident.statistics.residuals import ErrorFigures, error_figures
+from ident.tracing.diagnosis import Prediction, Trained
 from ident.tracing.fitted_model import FittedModel, local_names
 from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on, predicted_by
 from ident.tracing.steady_search import SUPPORTED_Z
@@ -223,32 +224,3 @@ def prediction(
         for name in channels
     ]
     return np.array([np.full(len(record), mean) for mean in means])
-
-
-def error_figures(
-    predictions: Sequence[np.ndarray],
-    records: Sequence[Record],
-    masks: Sequence[np.ndarray],
-    channels: Sequence[str],
-) -> ErrorFigures:
-    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, without
-    masked samples.
-    """
-    rmse, nrmse, r2, theil = {}, {}, {}, {}
-    for i, name in enumerate(channels):
-        pairs = [
-            (p[i][mask[i]], record[name].values[mask[i]])
-            for p, record, mask in zip(predictions, records, masks, strict=True)
-            if name in record.output_names
-        ]
-        p, z = np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
-        if z.size == 0:
-            continue
-        error = float(np.sqrt(np.mean((z - p) ** 2)))
-        spread = float(np.std(z))
-        rmse[name] = error
-        nrmse[name] = error / spread if spread > 0 else 0.0
-        r2[name] = 1.0 - (error / spread) ** 2 if spread > 0 else 0.0
-        size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(p**2)))
-        theil[name] = error / size if size > 0 else 0.0
-    return ErrorFigures(rmse, nrmse, r2, theil)

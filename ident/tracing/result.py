@@ -20,7 +20,7 @@ from ident.flying_qualities.modes import (
 from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import noise_levels
 from ident.process_noise.innovations_model import has_process_noise
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest, error_figures
 from ident.tracing.between_records import RecordScatter, form_spread
 from ident.tracing.diagnosis import (
     Caution,
@@ -35,7 +35,7 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.held_out import HeldOut, HeldOutData
-from ident.tracing.predictive import error_figures, prediction, spike_masks_of
+from ident.tracing.predictive import prediction, spike_masks_of
 from ident.tracing.problem import TraceProblem
 from ident.tracing.whiteness import FITTED, HELD_OUT, noise_floors, noise_shown, whiteness
 from ident.tracing.wrong_samples import measured_masks

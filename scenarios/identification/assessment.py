@@ -15,9 +15,8 @@ from ident.flying_qualities.modes import Characteristics
 from ident.recording.series import Certainty, FindingQuantity, Kind, RecordFinding, shown
 from ident.statistics.intervals import ProfileInterval, variance_along
 from ident.statistics.noise_levels import input_edges, isolated_wrong
-from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import ErrorFigures, Trained
-from ident.tracing.predictive import error_figures
+from ident.statistics.residuals import ErrorFigures, ResidualTest, error_figures
+from ident.tracing.diagnosis import Trained
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import in_pieces

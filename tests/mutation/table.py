@@ -513,8 +513,8 @@ IDENT = (
         ("z, abs(z) > limit", "z, z > limit"),
     ),
     *changes(
-        "ident/tracing/predictive.py",
-        ("tests/unit/ident/tracing/test_error_figures.py",),
+        "ident/statistics/residuals.py",
+        ("tests/unit/ident/statistics/test_error_figures.py",),
         ("1.0 - (error / spread) ** 2", "1.0 - error / spread"),
     ),
     *changes(

@@ -9,12 +9,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import ErrorFigures, ResidualTest
 from ident.tracing.diagnosis import (
     Candidate,
     Claim,
     Diagnosis,
-    ErrorFigures,
     Quantity,
     Requirement,
     Step,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
+from ident.statistics.residuals import ErrorFigures
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,

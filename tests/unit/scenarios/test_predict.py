@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.predictive import error_figures
+from ident.statistics.residuals import error_figures
 from scenarios.tolerances import Simulation
 from sim.record import Channel, Record
 

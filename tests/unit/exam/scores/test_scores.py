@@ -33,7 +33,8 @@ from exam.scores.scored_flight import (
 )
 from exam.scores.tables import confusion_rows, rate_rows
 from exam.scores.text import scores_blocks
-from ident.tracing.diagnosis import Claim, ErrorFigures, Quantity, Verdict
+from ident.statistics.residuals import ErrorFigures
+from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.report.figure_formats import USUAL
 from scenarios.report.terminal import cell_text
 from tests.figure_laws import broken_laws, words

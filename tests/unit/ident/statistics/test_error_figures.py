@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.tracing.predictive import error_figures
+from ident.statistics.residuals import error_figures
 from sim.record import Channel, Record
 
 
