@@ -106,7 +106,8 @@ def show_effects(name: str | None) -> None:
         lines += [
             "",
             *folded(
-                f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width
+                f"a freer form of it, fitted where this one is found to see how far the derivatives depend on the form, adds {', '.join(more)}",
+                width,
             ),
         ]
     print("\n".join(lines))
