@@ -106,7 +106,8 @@ def show_effects(name: str | None) -> None:
         lines += [
             "",
             *folded(
-                f"a freer form of it, fitted where this one is found to see how far the derivatives depend on the form, adds {', '.join(more)}",
+                "a freer form of it, fitted as well to see how far derivatives depend on the form, "
+                f"adds {', '.join(more)}",
                 width,
             ),
         ]
