@@ -85,6 +85,13 @@ def _search_step(what: str, attribute: str) -> Rule:
 
 
 RULES: Mapping[str, Rule] = {
+    "finer forms": Rule(
+        "the leading set of each size is fitted with finer forms of its curves",
+        Search,
+        "_refined_set",
+        _nothing,
+        lambda before, result, search, one: result is not None and result.weight > one.weight,
+    ),
     "equivalents": _search_step(
         "effects that no record tells from a member are tried in its place", "_with_equivalents"
     ),
@@ -141,6 +148,13 @@ RULES: Mapping[str, Rule] = {
         "_reasons_of_large_error",
         lambda *_: {},
         lambda before, result, *_: bool(result),
+    ),
+    "other faults": Rule(
+        "beside a discrepancy, other faults of a sensor that kinematics name are tried",
+        decision,
+        "_exchange_fault_forms",
+        _second,
+        _not_second,
     ),
     "general forms": Rule(
         "forms without a cause of their own are tried where nothing else leaves noise",

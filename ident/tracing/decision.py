@@ -36,7 +36,7 @@ from ident.tracing.steady_search import (
     vuong,
 )
 from ident.tracing.whiteness import FITTED, is_noise, whiteness
-from sim.declaration.effect import NoiseEffect
+from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
 LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
@@ -211,7 +211,9 @@ def _decide(
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _decide_beside_discrepancy(search, steady, search_spread_evidence(steady))
+    beside = _decide_beside_discrepancy(
+        search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
+    )
     beside = _claims_to_hints(beside, _reasons_of_large_error(beside))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
@@ -289,6 +291,31 @@ def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decisio
     if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
     return replace(_decide_under_white_noise(general, best), searches=(search, general))
+
+
+def _exchange_fault_forms(search: Search, best: WeighedSet) -> WeighedSet:
+    """Return the set with members replaced by another fault of the same sensor where that is
+    clearly likelier (with a discrepancy).
+
+    Kinematic evidence covers few forms of a fault (scale, delay, sensor position) and names the
+    nearest of them; thresholds and backlash are not among them.
+    """
+    for name in sorted(search.added(best) & search.problem.named_by_kinematics):
+        (effect,) = [each for each in best.fitted.effects if each.name == name]
+        channel = getattr(effect, "channel", None)
+        others = {
+            each.name
+            for each in search.candidates
+            if each.station is Station.SENSOR_PATH and getattr(each, "channel", None) == channel
+        }
+        smaller = search.set_without(best, name)
+        if channel is None or smaller is None:
+            continue
+        found = search.sets_with_replacement(smaller, others - {name})
+        other = max(found, key=lambda one: one.weight, default=None)
+        if other is not None and other.weight > best.weight + CLEAR_GAIN:
+            best = other
+    return best
 
 
 def _group_probability(named: Named) -> float:

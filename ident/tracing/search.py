@@ -21,6 +21,7 @@ from ident.tracing.fitted_model import (
     FittedModel,
     Start,
     Values,
+    absent_values,
     belongs_to_record,
     fit_set,
     levels_of,
@@ -40,12 +41,13 @@ from ident.tracing.scan import (
 from ident.tracing.signatures import CandidateSignatures, candidate_signatures
 from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import SearchContext, Traceable
+from sim.declaration.proposal import Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
 MOST_ROUNDS = 6
 FITTED_SINGLES = 4  # single effects fitted in a round; half as many sets of each larger size
-SCANNED_SINGLES = 3  # single effects beside which further candidates are scanned
+# alternatives fitted for a member; single effects at which further candidates are scanned
+FITTED_RIVALS = 3
 # shares of the linearised step from which a fit starts, tried until one improves
 SHARES = (1.0, 0.3, 0.1)
 LEAST_REALISED_GAIN_SHARE = 0.3  # smallest gain of a fit, relative to the predicted gain
@@ -74,6 +76,7 @@ class Search:
     discrepancy : of the loads; the search ends if it alone is by far likelier than the best set.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned.
+    refined : sets tried in refined forms, by their parameters.
     steps, tried : log of the search.
     alike : by pairs of names, the largest cosine of their signatures.
     fits : number of fits.
@@ -91,6 +94,7 @@ class Search:
     discrepancy: Traceable | None = None
     visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
+    refined: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
@@ -228,6 +232,7 @@ class Search:
             if best.names in self.expanded or self.budget_spent:
                 break
             self.expand(best)
+            self._in_finer_forms()
             if self._discrepancy_is_likelier(self.best().weight - best.weight):
                 return self
         for _ in range(2):
@@ -249,6 +254,7 @@ class Search:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
+            self._in_finer_forms()
         self._with_equivalents()
         return self
 
@@ -345,6 +351,40 @@ class Search:
                         best = max(best, self.store(swapped), key=lambda one: one.weight)
         return best
 
+    def _in_finer_forms(self) -> None:
+        """Try the leading set of each size in refined forms of its effects."""
+        leading: dict[int, tuple[Key, WeighedSet]] = {}
+        for key, one in self.visited.items():
+            best = leading.get(len(key))
+            if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
+                leading[len(key)] = (key, one)
+        for _, one in [*leading.values()]:
+            while (finer := self._refined_set(one)) is not None and finer.weight > one.weight:
+                one = finer
+
+    def _refined_set(self, one: WeighedSet) -> WeighedSet | None:
+        """Return a set with the refined forms of its effects; None if there are none."""
+        fitted = one.fitted
+        forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
+        names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
+        if forms == list(fitted.effects) or names in self.refined or self.budget_spent:
+            return None
+        self.refined.add(names)
+        known = {*fitted.values.shared, *fitted.values.own[0]}
+        absent = {name: v for name, v in absent_values(forms).items() if name not in known}
+        other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
+        return None if other is None else self.store(other)
+
+    def sets_with_replacement(
+        self, smaller: WeighedSet, wanted: Collection[str]
+    ) -> list[WeighedSet]:
+        """Return the fitted sets of ``smaller`` with one of the ``wanted`` effects: those with the
+        largest predicted gain.
+        """
+        proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
+        made = (self.fit_proposed(smaller, each) for each in proposed)
+        return [each for each in made if each is not None]
+
     def _with_equivalents(self) -> None:
         """Try the best set with each member replaced by each observationally equivalent effect."""
         best = self.best()
@@ -361,7 +401,7 @@ class Search:
     def _scan_beside_single_effects(self) -> None:
         """Scan at the best single effects: the one in the best set may have replaced two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:SCANNED_SINGLES]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:FITTED_RIVALS]:
             if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
@@ -438,17 +478,21 @@ class Search:
         ]
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
-    def _proposed(self, parent: WeighedSet, deeper: int, most: int) -> list[LinearSet]:
+    def _proposed(
+        self, parent: WeighedSet, deeper: int, most: int, wanted: Collection[str] = ()
+    ) -> list[LinearSet]:
         """Return the most probable single leads, and larger sets that exceed all smaller ones.
 
-        Signatures come from the last scan at a leading set: at other sets they are nearly equal.
+        With ``most`` zero, single leads of ``wanted`` names alone. Signatures come from the last
+        scan at a leading set: at other sets they are nearly equal.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == FITTED_SINGLES or not self.shown:
             self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
+        shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
             lead
-            for lead in leads_of(parent.fitted, ready, [*self.shown.values()], self.context)
+            for lead in leads_of(parent.fitted, ready, shown, self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
         sets, overlap = weighed_sets(
@@ -467,6 +511,9 @@ class Search:
                 number, within, name, one.gain, one.weight, False, {}, self._confusable_names(name)
             )
             self.tried.append(told)
+        if not most:
+            named = [singles[name] for name in wanted if name in singles]
+            return sorted(named, key=lambda one: -one.weight)
         return leading_sets(sets, singles.values(), deeper, most)
 
     def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:

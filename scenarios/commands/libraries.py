@@ -106,9 +106,7 @@ def show_effects(name: str | None) -> None:
         lines += [
             "",
             *folded(
-                "a freer form of it, fitted as well to see how far derivatives depend on the form, "
-                f"adds {', '.join(more)}",
-                width,
+                f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width
             ),
         ]
     print("\n".join(lines))

@@ -13,6 +13,7 @@ from scipy.stats import norm
 from ident.estimate import Outcome
 from ident.tracing import decision
 from ident.tracing.decision import (
+    _exchange_fault_forms,
     decide,
     search_white_noise,
 )
@@ -374,6 +375,23 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
     gain = search.store(both).evidence - search.store(rough).evidence
     assert gain > 30.0
     assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
+
+
+@pytest.mark.long
+def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
+    """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
+    shown = effect("sensor-deadband:q")
+    record = planted([shown], {"sensor-deadband:q.half_width": 0.02}, seed=7)
+    scale = effect("sensor-scale:q")
+    problem = replace(
+        problem_of([record], [shown, scale], model=declared()), kinematic=(("sensor-scale:q",),)
+    )
+    discrepancy = discrepancy_for(effects_for(declared().equations))
+    assert discrepancy is not None
+    search = Search(problem, (shown, scale), (discrepancy,))
+    named = search.set_named_by_kinematics()
+    assert named is not None and search.added(named) == {"sensor-scale:q"}
+    assert search.added(_exchange_fault_forms(search, named)) == {"sensor-deadband:q"}
 
 
 @pytest.mark.long
