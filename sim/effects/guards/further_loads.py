@@ -189,7 +189,8 @@ class PeriodicLoads:
     likewise, with w the ``frequency`` in rad/s.
 
     Causes are a rotor, a limit cycle of the control system or a periodic input that was not
-    recorded: forcing that does not depend on the state.
+    recorded: forcing that does not depend on the state. Of a falling body the logarithm of the
+    drag swings, as where the body oscillates about its axis.
 
     Attributes
     ----------
@@ -278,6 +279,7 @@ PERIODIC_LOADS: tuple[Traceable, ...] = (
     PeriodicLoads(("1", "1"), (0.01, 0.01), ("Cm_de",)),
     PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
     PeriodicLoads(("1", "1"), (0.002, 0.002), ("Cn_dr",), ("roll", "yaw")),
+    PeriodicLoads(("1",), (0.2,), (), ("log_drag",)),
 )
 
 

@@ -140,11 +140,17 @@ def test_drag_over_mach_takes_its_range_from_the_speeds_flown() -> None:
     assert isinstance(both_ways, DragMach) and both_ways.low == 0.0
 
 
-def test_drag_that_drifts_is_a_guard_only() -> None:
-    (guard,) = catch_all_terms_for(Ballistic())
+def test_drag_that_drifts_or_swings_is_a_guard_only() -> None:
+    drift, swing = catch_all_terms_for(Ballistic())
     np.testing.assert_allclose(
-        with_effect(guard, {"rate": 0.04}),
+        with_effect(drift, {"rate": 0.04}),
         fallen(lambda t, h, v: np.exp(0.04 * t)),
+        rtol=0.0,
+        atol=1e-3,
+    )
+    np.testing.assert_allclose(
+        with_effect(swing, {"frequency": 1.5, "log_drag_cos": 0.1, "log_drag_sin": 0.2}),
+        fallen(lambda t, h, v: np.exp(0.1 * np.cos(1.5 * t) + 0.2 * np.sin(1.5 * t))),
         rtol=0.0,
         atol=1e-3,
     )
