@@ -38,11 +38,11 @@ from ident.whole_record.output_error import (
     failed_estimate,
     fit_covariance,
     in_pieces,
+    pieces_message,
     put_together,
     quiet,
-    said_of_pieces,
-    started_at,
-    started_unstable,
+    with_starting_values,
+    with_unstable_start,
 )
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -109,13 +109,13 @@ def fit_filter_error(
     # stopped early.
     if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
         return found
-    unstable = started_unstable(records, calm or system, settings, local)
+    unstable = with_unstable_start(records, calm or system, settings, local)
     if unstable is None:
         return found
     values = dict(
         zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True)
     )
-    mine = started_at(
+    mine = with_starting_values(
         system, {name: value for name, value in values.items() if name in system.parameters}
     )
     again, fit = _estimate_and_fit(records, mine, settings, unstable, local)
@@ -156,7 +156,7 @@ def _estimate_and_fit(
     fit = fit_from_best_start(layout, calm)
     found = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
     found = replace(
-        found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces)
+        found, fitted=put_together(found.fitted, pieces), message=pieces_message(pieces)
     )
     return found, fit
 
