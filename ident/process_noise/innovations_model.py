@@ -307,13 +307,13 @@ def _covariance_derivatives(
 
 
 def _padded(stack: np.ndarray, part: slice, d: int) -> np.ndarray:
-    """Return the derivatives ``(B, D, a, b)`` by ``some``, padded with zeros, in the axis order
-    ``(B, a, d, b)`` of `ident.process_noise.whitener`.
+    """Return the derivatives ``part`` of a stack ``(B, D, a, b)`` in the axes ``(B, a, d, b)``
+    of `ident.process_noise.whitener`; zeros fill up to d quantities.
     """
-    found = stack[:, some].swapaxes(1, 2)
-    out = np.zeros((*found.shape[:2], d, found.shape[3]))
-    out[:, :, : found.shape[2]] = found
-    return out
+    derivatives = stack[:, part].swapaxes(1, 2)
+    padded = np.zeros((*derivatives.shape[:2], d, derivatives.shape[3]))
+    padded[:, :, : derivatives.shape[2]] = derivatives
+    return padded
 
 
 def _right_transposed(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
@@ -424,8 +424,8 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the gradient ``(n,)`` and information ``(n, n)`` that the log likelihood has because
-        the unknowns change the filter.
+        """Return the part of the gradient ``(n,)`` and of the information ``(n, n)`` that is due to
+        changes of the filter by the unknowns.
         """
         n = len(theta)
         gradient, information = np.zeros(n), np.zeros((n, n))
