@@ -9,16 +9,14 @@ import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
 from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
+from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
-    instruments_of,
     measured_channels,
     relations,
-    shortened,
     signals_of,
     smoothed_walk,
-    weigher,
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees

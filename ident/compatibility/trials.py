@@ -19,8 +19,8 @@ from ident.compatibility.fitting import (
     smoother_sigmas,
     whitened,
 )
+from ident.compatibility.instruments import instrumented, weigher
 from ident.compatibility.kinematics import BIAS, SensorFault, linearised, unknowns_of
-from ident.compatibility.signals import instrumented, weigher
 from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 

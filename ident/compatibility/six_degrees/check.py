@@ -12,15 +12,9 @@ import numpy as np
 
 from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
+from ident.compatibility.instruments import instruments_of, weigher
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import (
-    NO_AIRSPEED,
-    KinematicSignals,
-    instruments_of,
-    smoothed_walk,
-    weigher,
-    whitener,
-)
+from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
 from ident.compatibility.six_degrees.fitting import (
     Linear,
     NormalEquations,
