@@ -22,7 +22,7 @@ from sim.record import Hold, Record
 
 # time (s) at both ends of a record that gives no residuals: a delayed channel has no data there
 IGNORED_ENDS = 0.1
-_LEAST_RECORD_ENDS = 50.0  # a shorter record, in units of IGNORED_ENDS, is used as a whole
+LEAST_RECORD_ENDS = 50.0  # a shorter record, in units of IGNORED_ENDS, is used as a whole
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
 SPIKE_SIGMAS = 8.0  # smallest spike, in robust sigmas
 LEAST_SPIKE = 0.03  # smallest spike, relative to the range of the channel
@@ -129,9 +129,7 @@ def signals_of(
     relation_list = relations(channels)
     used = {name for joined in relation_list.values() for name in joined}
     edge = (
-        IGNORED_ENDS
-        if record.time[-1] - record.time[0] > _LEAST_RECORD_ENDS * IGNORED_ENDS
-        else 0.0
+        IGNORED_ENDS if record.time[-1] - record.time[0] > LEAST_RECORD_ENDS * IGNORED_ENDS else 0.0
     )
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     if "airspeed" in bridged:
