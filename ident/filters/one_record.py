@@ -366,21 +366,21 @@ def table_equations(
 def _motion(
     f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
 ) -> Callable[[int, np.ndarray], np.ndarray | None]:
-    """``FilterEquations.move``: moves the states in ``w`` and fills the state rows of the
-    fundamental matrix.
+    """Return ``FilterEquations.move``, which moves the states in ``w`` by an integrator of order
+    ``steps``, with ``terms`` Taylor terms of the fundamental matrix.
     """
     width, n, n_x = len(w), f.n, len(problem.system.states)
     coefficients = f.table.reshape(width, n_x, n + width)
     slopes, halves, A = coefficients[:, :, :n], coefficients[:, :, n:], coefficients[:, :, :n_x]
-    none, one = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
-    one[0] = np.eye(n_x)
-    # Each block with its terms with and without the factor of the step. The last but one, times F
-    # above I, gives Phi.
-    half = (0.5 * A, one) if terms > 2 else (none, one)
+    zero, identity = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
+    identity[0] = np.eye(n_x)
+    # Each block is a pair: the terms with the factor of the step, and those without. The last block
+    # but one, times F above I, gives Phi.
+    half = (0.5 * A, identity) if terms > 2 else (zero, identity)
     blocks = [
         ([[halves]], [[0.0 * halves]]),
-        *_stages(A, none, one, steps),
-        ([[half[0], none]], [[half[1], one]]),
+        *_stages(A, zero, identity, steps),
+        ([[half[0], zero]], [[half[1], identity]]),
         ([[slopes]], [[0.0 * slopes]]),
     ]
     per_step, constant = (
@@ -424,21 +424,26 @@ def _motion(
 
 
 def _stages(
-    A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
+    A: np.ndarray, zero: np.ndarray, identity: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Return the matrices that lead in steps from f to (I + A/2 (I + A/3 (I + A/4))) f; none for a
-    single step.
+    """Return the matrices whose products lead from f to (I + A/2 (I + A/3 (I + A/4))) f, for an
+    integrator of order 4; none for order 1.
     """
     if steps == 1:
         return []
     inner = [
-        ([[A / k, none], [none, none]], [[none, one], [none, one]]) for k in range(steps - 1, 2, -1)
+        ([[A / k, zero], [zero, zero]], [[zero, identity], [zero, identity]])
+        for k in range(steps - 1, 2, -1)
     ]
-    return [([[A / steps], [none]], [[one], [one]]), *inner, ([[0.5 * A, none]], [[none, one]])]
+    return [
+        ([[A / steps], [zero]], [[identity], [identity]]),
+        *inner,
+        ([[0.5 * A, zero]], [[zero, identity]]),
+    ]
 
 
 def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Function that writes the inputs of a step into the end of ``w``, after one and ``n``
+    """Return the function that writes the inputs of a step into ``w``, after its first 1 + ``n``
     entries.
     """
     inputs = w[1 + n :]
@@ -447,25 +452,25 @@ def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable
     if len(inputs) == 1:
         values, last = np.asarray(rows[0]).tolist(), len(w) - 1
 
-        def one(s: int) -> None:
+        def write_one(s: int) -> None:
             w[last] = values[s]
 
-        return one
+        return write_one
     u = np.stack(list(rows), axis=1)
 
-    def several(s: int) -> None:
+    def write_all(s: int) -> None:
         inputs[:] = u[s]
 
-    return several
+    return write_all
 
 
 def _noise(
     problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int
 ) -> Noise | None:
-    """Q_k of the last step, None without process noise: sum over i, j of M_i Q M_j^T dt / (i + j +
-    1), M_i the terms of Phi.
+    """Return the function that computes Q_k of the last step; None without process noise.
 
-    ``half (n_x, n_x)``: I + A/2; ``slopes (n_x, n)``: F; both times the step.
+    Q_k is the sum over i, j of M_i Q M_j^T dt / (i + j + 1), with M_i the terms of Phi. ``half
+    (n_x, n_x)`` is I + A/2 and ``slopes (n_x, n)`` is F, with A and F times the step.
     """
     driven, order = np.flatnonzero(problem.density), np.arange(terms)
     if not driven.size:
@@ -488,15 +493,18 @@ def _noise(
 def _outputs(
     h: Bilinear, w: np.ndarray, problem: FilterProblem
 ) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
-    """``observe``, ``G`` and ``varying`` of ``FilterEquations``."""
+    """Return ``observe``, ``G`` and ``varying`` of `FilterEquations`."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
-    beside = np.zeros((width, m, m + 1))
-    beside[0, :, :m] = -np.eye(m)
-    blocks = [np.concatenate([coefficients[:, :, :n], beside], axis=2), coefficients[:, :, n:]]
+    constant_columns = np.zeros((width, m, m + 1))
+    constant_columns[0, :, :m] = -np.eye(m)
+    blocks = [
+        np.concatenate([coefficients[:, :, :n], constant_columns], axis=2),
+        coefficients[:, :, n:],
+    ]
     table = np.concatenate([block.reshape(width, -1) for block in blocks], axis=1)
-    product, cut = table[0].copy(), m * (n + m + 1)
-    G, of_values = product[:cut].reshape(m, -1), product[cut:].reshape(m, width)
+    product, size = table[0].copy(), m * (n + m + 1)
+    G, of_values = product[:size].reshape(m, -1), product[size:].reshape(m, width)
     varying, dot = bool(np.any(table[1:])), np.dot
     write_inputs = (
         _input_writer(w, n, [row[problem.grid.sample] for row in problem.drive.begin])

@@ -555,7 +555,7 @@ IDENT = (
     *changes(
         "ident/banks/bank.py",
         ("tests/unit/ident/banks/test_bank.py",),
-        ("active[again.sound & (moved >= SETTLED_SIGMAS)]", "active[again.sound]"),
+        ("active[next_pass.sound & (change >= SETTLED_SIGMAS)]", "active[next_pass.sound]"),
     ),
 )
 
