@@ -431,8 +431,7 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
 
 def _power_offset(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
     """Return the mean distance ``(q, F)`` of the power of inputs from a frequency, times the window
-    length; zero without derivatives.
-    """
+    length; zero without derivatives."""
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
         return np.zeros((rows.shape[0], rows.shape[3]))
