@@ -416,7 +416,8 @@ def _best_reading_finding(
             return _airspeed_finding(columns, as_read, expected) or wrong_clock(
                 columns, as_read, expected
             )
-        best, rivals = possible[0], []
+        best = possible[0]
+        rivals: list[ColumnReading] = []
         if len(possible) > 1:
             best, rivals = _rivals_by_control(possible, expected)
         numbers = {

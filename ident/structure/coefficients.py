@@ -297,7 +297,6 @@ def histories_of(
     force_sigmas = _force_noise(noises, force_kernel, half, step, airframe)
     scatter = _coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
     sigma = {axis: scatter[axis] for axis in coefficients}
-    width = bandwidth_of(half, 1.0 / step)
     signal_noise = _signal_noise(noises, force_kernel, half, c1, s1)
     by_alpha = {}
     if airframe.wind_axes:
@@ -311,7 +310,7 @@ def histories_of(
         sigma,
         kernel,
         rows,
-        width,
+        bandwidth_of(half, 1.0 / step),
         signal_noise,
         by_alpha,
     )
