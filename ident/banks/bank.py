@@ -1,14 +1,13 @@
 """Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
 
-A pass filters its samples in blocks, by the coefficients of the equations where these are bilinear,
-else step by step (`ident.banks.equation_kernels`). Each block ends with a check for failed runs.
+The filter is that of `ident.filters.ekf` with the runs on a batch axis. It agrees with filterpy to
+rounding. A pass filters its samples in blocks, by the coefficients of the equations where these are
+bilinear, and otherwise step by step (`ident.banks.equation_kernels`). Each block ends with a check
+for failed runs.
 
-The filter is that of `ident.filters.ekf`, with runs on a batch axis; it agrees with filterpy's to
-rounding.
-
-The smoothed trajectory to linearise about comes from the modified Bryson-Frazier recursion, which
-inverts nothing but the innovations' covariance (Bierman, "Fixed Interval Smoothing with Discrete
-Measurements", Int. J. Control 18(1), 1973).
+The smoothed trajectory of the iterated filter comes from the modified Bryson-Frazier recursion,
+which inverts only the covariance of the innovations (Bierman, "Fixed Interval Smoothing with
+Discrete Measurements", Int. J. Control 18(1), 1973).
 """
 
 from __future__ import annotations
@@ -56,12 +55,16 @@ def run_pass(
     *,
     in_rows: bool = False,
 ) -> BankPass:
-    """Filter all runs once.
+    """Filter B runs once. A run that breaks down keeps the mean and covariance of its last finite
+    sample.
 
-    A run that diverges keeps the mean and covariance of its last finite sample. ``about (n, N,
-    B)``: trajectory to linearise about; None: about the mean. ``trace``: history to fill.
-    ``in_rows``: use `ident.banks.row_kernel` if the equations have a table; it is faster from a
-    hundred runs on, and no result then depends on the number of runs.
+    Parameters
+    ----------
+    keep : return the histories of means and innovations too.
+    about : ``(n, N, B)`` trajectories to linearise about; None takes the means.
+    trace : arrays to fill for the smoother; None without.
+    in_rows : use `ident.banks.row_kernel` where the equations have a table. It is faster for more
+        than a hundred runs, and its results do not depend on the number of runs.
     """
     if in_rows and about is None and trace is None:
         result = pass_side_by_side(problem, settings, runs, keep)
@@ -82,29 +85,29 @@ def run_pass(
         march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
         for first in range(0, N, SAMPLES_PER_CHECK):
             last = min(first + SAMPLES_PER_CHECK, N)
-            done = march(first, last, x, P, about, trace)
-            x, P = done.mean[-1].T, done.covariance[-1]
-            gains, block_nis = likelihood_and_nis(done.innovation, problem.valid[:, first:last])
-            good = sound_so_far(done, block_nis, sound)
-            log_likelihood = log_likelihood + np.where(good, gains, 0.0).sum(axis=0)
-            nis[first:last] = np.where(good, block_nis, 0.0)
+            block = march(first, last, x, P, about, trace)
+            x, P = block.mean[-1].T, block.covariance[-1]
+            gains, block_nis = likelihood_and_nis(block.innovation, problem.valid[:, first:last])
+            finite = sound_so_far(block, block_nis, sound)
+            log_likelihood = log_likelihood + np.where(finite, gains, 0.0).sum(axis=0)
+            nis[first:last] = np.where(finite, block_nis, 0.0)
             if trace is not None:
                 trace.mean[first:last], trace.covariance[first:last] = (
-                    done.mean.transpose(0, 2, 1),
-                    done.covariance,
+                    block.mean.transpose(0, 2, 1),
+                    block.covariance,
                 )
             if history is not None:
-                _keep(history, slice(first, last), done, good, (last_x, last_P))
-            last_x, last_P, sound = *_last_sound(done, good, last_x, last_P), good[-1]
-    # Asymmetry is of the order of rounding, since each step mirrors the rows of the states.
+                _keep(history, slice(first, last), block, finite, (last_x, last_P))
+            last_x, last_P, sound = *_last_sound(block, finite, last_x, last_P), finite[-1]
+    # P is symmetric but for rounding, since each step mirrors the rows of the states.
     return BankPass(
         last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history
     )
 
 
 def likelihood_and_nis(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log-likelihood and the normalised innovation squared, ``(K, B)`` each, of
-    innovations ``(K, B, m, 1 + m)`` as in ``PassStretch``; ``valid (m, K)``.
+    """Return the log likelihood and the normalised innovation squared, ``(K, B)`` each, of the
+    ``innovation (K, B, m, 1 + m)`` of a `PassStretch`. ``valid`` is ``(m, K)``.
     """
     rows = innovation.copy()
     variance = decorrelated(rows)
@@ -114,18 +117,15 @@ def likelihood_and_nis(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.nd
 
 
 def sound_so_far(done: PassStretch, nis: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return whether runs are finite, without a negative variance, up to each sample: ``(K, B)``,
-    given ``before (B,)``.
+    """Return whether the runs are finite and without a negative variance up to each sample of a
+    block, ``(K, B)``. ``before (B,)`` says so for the samples before the block.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
-    # Values stay non-finite, so that the last sample is enough. Sums of squares are the cheapest
-    # bound; a NaN fails the comparison.
-    ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], nis)]
-    if (
-        before.all()
-        and sum(np.vdot(each, each) for each in ends) < LARGEST_NUMBER**2
-        and variance.min() >= 0.0
-    ):
+    # A number that is not finite stays so: the last sample is enough. The sum of squares takes the
+    # least time, and a NaN fails the comparison.
+    ends = [array.ravel() for array in (done.mean[-1], done.covariance[-1], nis)]
+    squares = sum(np.vdot(array, array) for array in ends)
+    if before.all() and squares < LARGEST_NUMBER**2 and variance.min() >= 0.0:
         return np.ones(nis.shape, dtype=bool)
     good = np.all(np.abs(done.mean) < LARGEST_NUMBER, axis=2) & np.all(
         np.abs(done.covariance) < LARGEST_NUMBER, axis=(2, 3)
@@ -135,33 +135,35 @@ def sound_so_far(done: PassStretch, nis: np.ndarray, before: np.ndarray) -> np.n
 
 
 def _last_sound(
-    done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
+    block: PassStretch, finite: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite
-    sample; ``x`` and ``P``: before the first one.
+    sample in a block; ``x`` and ``P`` are those before the block.
     """
-    if good[-1].all():
-        return done.mean[-1].T, done.covariance[-1]
-    out_x, out_P, count = x.copy(), P.copy(), np.count_nonzero(good, axis=0)
+    if finite[-1].all():
+        return block.mean[-1].T, block.covariance[-1]
+    last_x, last_P, count = x.copy(), P.copy(), np.count_nonzero(finite, axis=0)
     for run in np.flatnonzero(count):
-        out_x[:, run], out_P[run] = (
-            done.mean[count[run] - 1, run],
-            done.covariance[count[run] - 1, run],
+        last_x[:, run], last_P[run] = (
+            block.mean[count[run] - 1, run],
+            block.covariance[count[run] - 1, run],
         )
-    return out_x, out_P
+    return last_x, last_P
 
 
 def _keep(
     history: BankHistory,
     at: slice,
-    done: PassStretch,
-    good: np.ndarray,
+    block: PassStretch,
+    finite: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write samples into the history; runs that have diverged keep their last values."""
-    mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
-    if not good.all():
-        count = np.count_nonzero(good, axis=0)
+    """Write the samples ``at`` of a block into the history; runs that have broken down keep their
+    last values.
+    """
+    mean, variance = block.mean, np.diagonal(block.covariance, axis1=2, axis2=3)
+    if not finite.all():
+        count = np.count_nonzero(finite, axis=0)
         # the last finite sample, -1 if before this block
         row = np.minimum(np.arange(len(mean))[:, None], count - 1)
         mean = np.where(
@@ -179,9 +181,9 @@ def _keep(
         mean.transpose(2, 0, 1),
         np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1),
     )
-    y, S = done.innovation[..., 0], np.diagonal(done.innovation[..., 1:], axis1=2, axis2=3)
-    history.innovation[:, at] = np.where(good[:, :, None], y, 0.0).transpose(2, 0, 1)
-    history.innovation_std[:, at] = np.where(good[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
+    y, S = block.innovation[..., 0], np.diagonal(block.innovation[..., 1:], axis1=2, axis2=3)
+    history.innovation[:, at] = np.where(finite[:, :, None], y, 0.0).transpose(2, 0, 1)
+    history.innovation_std[:, at] = np.where(finite[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
 
 
 # ---- Many extended Kalman filters in one batched pass: banks of delays, Monte-Carlo campaigns
@@ -193,16 +195,18 @@ class BankEstimate:
 
     Attributes
     ----------
-    names : states, then free parameters (n).
-    mean : ``(n, B)``, covariance : ``(B, n, n)`` after the last sound sample.
+    names : names of the n states and free parameters.
+    mean : ``(n, B)`` after the last finite sample.
+    covariance : ``(B, n, n)`` after the last finite sample.
     log_likelihood : ``(B,)``; minus infinity for a run that broke down.
     nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured
-        or a run broke down.
+        or the run had broken down.
     sound : ``(B,)`` False where a run broke down.
-    iterations : ``(B,)`` passes over the data of each run.
-    innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero and one where a sample is
-        missing.
-    history, history_std : ``(n, N, B)`` means and standard deviations after each update, if kept.
+    iterations : ``(B,)`` number of passes of each run.
+    innovation, innovation_std : ``(m, N, B)``, zero and one where a sample is missing; None where
+        histories are not kept.
+    history, history_std : ``(n, N, B)`` means and standard deviations after each update; None where
+        histories are not kept.
     """
 
     names: tuple[str, ...]
@@ -238,22 +242,22 @@ def run_bank(
 
     Parameters
     ----------
-    record : time, inputs, and the validity of the outputs, shared by all runs.
-    system : compiled with ``online=True``.
-    settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does:
-        converged or failed; the bank ends when no run is left.
-    z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
-    fixed_values : fixed parameters, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
-    start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
-        None.
-    covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all when
-        None.
-    keep : also return histories of means and innovations.
+    record : time, inputs and validity of the outputs, which are the same for all runs.
+    system : model compiled with ``online=True``.
+    settings : as for ``run_ekf``. With several passes, each run ends as in ``run_ekf``: where it
+        has converged or broken down.
+    z : ``(m, N, B)`` outputs of each run; None takes those of the record for all runs.
+    fixed_values : fixed parameter -> its values ``(B,)``, e.g. ``{"input-delay.delay": delays}``.
+    start : ``(n,)`` or ``(n, B)`` starting mean of states and free parameters; None takes that of
+        the System.
+    covariance : ``(B, n, n)`` at the start, for a single pass; None takes the priors of the System
+        for all runs.
+    keep : return the histories of means and innovations too.
 
     Raises
     ------
-    ModelError : as for ``run_ekf``; a parameter given in ``fixed_values`` that is free; numbers of
-        runs that differ; a covariance of each run with several passes.
+    ModelError : as for ``run_ekf``. Also where a parameter in ``fixed_values`` is free, numbers of
+        runs differ, or a covariance of each run is given for several passes.
     """
     settings = settings or FilterSettings()
     problem, runs = bank_runs(record, system, settings, z=z, fixed_values=fixed_values, start=start)
@@ -271,29 +275,29 @@ def run_bank(
     filtered = partial(run_pass, problem, settings, in_rows=z is not None)
     result, iterations = filtered(runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)
-    for done in range(1, settings.passes):
+    for passes_before in range(1, settings.passes):
         if active.size == 0:
             break
-        start_again = np.concatenate([runs.start[:n_x], result.mean[n_x:]])
-        again = filtered(BankRuns(runs.p, runs.drive, runs.z, start_again).only(active), keep)
+        next_start = np.concatenate([runs.start[:n_x], result.mean[n_x:]])
+        next_pass = filtered(BankRuns(runs.p, runs.drive, runs.z, next_start).only(active), keep)
         std = np.sqrt(
             np.maximum(
                 np.diagonal(result.covariance[active], axis1=1, axis2=2).T[n_x:],
                 np.finfo(float).tiny,
             )
         )
-        moved = np.max(
-            np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0
+        change = np.max(
+            np.abs(next_pass.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0
         )
-        result, iterations[active] = _merged(result, again, active), done + 1
-        active = active[again.sound & (moved >= SETTLED_SIGMAS)]
+        result, iterations[active] = _merged(result, next_pass, active), passes_before + 1
+        active = active[next_pass.sound & (change >= SETTLED_SIGMAS)]
     return bank_estimate(problem, result, iterations, sound=result.sound)
 
 
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """Return a pass as an estimate; a failed run has zero likelihood."""
+    """Return the estimate of a pass; a run that is not ``sound (B,)`` has zero likelihood."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -305,11 +309,9 @@ def bank_estimate(
         sound,
         iterations,
     )
-    return (
-        BankEstimate(*estimate)
-        if kept is None
-        else BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
-    )
+    if kept is None:
+        return BankEstimate(*estimate)
+    return BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
 
 
 def bank_runs(
@@ -354,6 +356,7 @@ def bank_runs(
 
 
 def _number_of_runs(counts: Mapping[str, int]) -> int:
+    """Return the number of runs from those of each argument, which are equal or 1."""
     several = {count for count in counts.values() if count > 1}
     if len(several) > 1:
         listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
@@ -368,25 +371,25 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
     """Return a pass with the runs ``at`` replaced by those of a new one."""
 
-    def put(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
-        out = whole.copy()
-        out[at if leading else (..., at)] = part
-        return out
+    def replaced(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
+        merged = whole.copy()
+        merged[at if leading else (..., at)] = part
+        return merged
 
     history = old.history
     if history is not None and new.history is not None:
         history = BankHistory(
             *(
-                put(getattr(history, field.name), getattr(new.history, field.name))
+                replaced(getattr(history, field.name), getattr(new.history, field.name))
                 for field in fields(BankHistory)
             )
         )
     return BankPass(
-        put(old.mean, new.mean),
-        put(old.covariance, new.covariance, leading=True),
-        put(old.log_likelihood, new.log_likelihood),
-        put(old.nis, new.nis),
-        put(old.sound, new.sound),
+        replaced(old.mean, new.mean),
+        replaced(old.covariance, new.covariance, leading=True),
+        replaced(old.log_likelihood, new.log_likelihood),
+        replaced(old.nis, new.nis),
+        replaced(old.sound, new.sound),
         history,
     )
 
@@ -400,9 +403,9 @@ def filter_alone(
     settings: FilterSettings | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """Filter one run with the batched kernel, with the history for a smoother or a report.
+    """Return the estimate of one run by the batched kernel, with its history.
 
-    ``about (n, N)``: trajectory at the samples to linearise about, instead of the mean.
+    ``about (n, N)`` is the trajectory at the samples to linearise about; None takes the mean.
 
     Raises
     ------
@@ -418,9 +421,9 @@ def filter_batched(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """Run ``filter_by_filterpy`` with the batched kernel, same arguments.
-
-    If it diverges, ``filter_by_filterpy`` repeats the pass and reports the cause.
+    """Return one pass by the batched kernel, with the arguments and results of
+    `filter_by_filterpy`. Where the run breaks down, `filter_by_filterpy` repeats the pass and
+    reports the cause.
     """
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
@@ -454,14 +457,14 @@ def filter_batched(
 def _history(
     problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
 ) -> tuple[FilterHistory, np.ndarray]:
-    """Return the history of a pass of one run, and the outputs ``(m, N)`` predicted by the filter,
-    also for missing samples.
+    """Return the history of a pass of one run, and the outputs ``(m, N)`` that the filter predicts,
+    also where samples are missing.
     """
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
-    # Reverse the update to get the prediction.
+    # The prediction follows from the update in reverse.
     gain = np.swapaxes(np.linalg.solve(S, HP), 1, 2)
     before, P_before = mean - (gain @ y[:, :, None])[:, :, 0], covariance + gain @ HP
     transition = np.array(np.broadcast_to(np.eye(n), (N, n, n)))
@@ -502,7 +505,7 @@ def _history(
 
 # ---- The iterated extended Kalman filter for many runs at once
 
-MOST_ITERATIONS = 15
+MOST_ITERATIONS = 15  # most passes of an iterated filter
 
 
 def run_iterated_bank(
@@ -520,10 +523,10 @@ def run_iterated_bank(
     Parameters
     ----------
     record, system, settings, fixed_values : as for ``run_bank``; ``settings.passes`` is not used.
-    about : ``(n, N, B)`` or ``(n, N, 1)``, a trajectory for the first pass, e.g. that of a run
-        nearby; the filter's own when None.
-    iterations : limit of passes. A run that has not settled by then, or broke down, is not sound.
-    tolerance : a run has settled when no parameter moves by more than this many sigmas.
+    about : ``(n, N, B)`` or ``(n, N, 1)`` trajectories to linearise the first pass about, as those
+        of a similar run; None takes the means of the filter.
+    iterations : most passes. A run that has then not converged, or has broken down, is not sound.
+    tolerance : a run has converged when no parameter changes by more than this many sigmas.
 
     Returns
     -------
@@ -545,7 +548,7 @@ def run_iterated_bank(
         result = run_pass(problem, settings, runs, False, about, trace)
         with np.errstate(all="ignore"):
             about = smoothed(trace)
-        # A failed run is linearised at the start, so that it does not disturb the others.
+        # A failed run is linearised about its start, so that it does not disturb the others.
         about[:, :, ~result.sound] = runs.start[:, None, ~result.sound]
         if before is not None:
             std = np.sqrt(
@@ -567,25 +570,26 @@ def run_iterated_bank(
 
 
 def smoothed(trace: BankTrace) -> np.ndarray:
-    """Return the smoothed means, ``(n, N, B)``, of the linearised problem of a pass.
+    """Return the smoothed means ``(n, N, B)`` of the linearised problem of a pass.
 
-    lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s =
-    x - P_filtered l.
+    The recursion is lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1], which is
+    zero at the end. The smoothed mean is x - P l, with x and P after the update.
     """
     N, n, B = trace.mean.shape
     n_x = trace.moved.shape[2]
     inverse = _inverse(trace.S)
-    out = np.empty((n, N, B))
+    means = np.empty((n, N, B))
     later = np.zeros((B, n, 1))
     for k in range(N - 1, -1, -1):
-        out[:, k] = trace.mean[k] - (trace.covariance[k] @ later)[:, :, 0].T
-        weighed = inverse[k] @ (trace.HP[k] @ later + trace.y[k][:, :, None])
-        here = later - np.swapaxes(trace.H[k], 1, 2) @ weighed
-        later = here + np.swapaxes(trace.moved[k], 1, 2) @ here[:, :n_x]
-    return out
+        means[:, k] = trace.mean[k] - (trace.covariance[k] @ later)[:, :, 0].T
+        weighted = inverse[k] @ (trace.HP[k] @ later + trace.y[k][:, :, None])
+        adjoint = later - np.swapaxes(trace.H[k], 1, 2) @ weighted
+        later = adjoint + np.swapaxes(trace.moved[k], 1, 2) @ adjoint[:, :n_x]
+    return means
 
 
 def _inverse(S: np.ndarray) -> np.ndarray:
+    """Return the inverses of covariances ``(N, B, m, m)``; pseudo-inverses if one is singular."""
     try:
         return np.linalg.inv(S)
     except np.linalg.LinAlgError:

@@ -1,16 +1,15 @@
 """Pure delays by a bank of filters, and the two engines of the extended Kalman filter.
 
-Both solve the same equations and agree to rounding; docs/decisions/0022-who-runs-the-bank.md
-compares their costs. A single record is filtered by filterpy unless the user asks otherwise; a bank
-of delays is filtered by the batched kernel, and ``against_filterpy`` compares its likeliest filter
-with filterpy's.
+The engines solve the same equations and agree to rounding; docs/decisions/0022-who-runs-the-bank.md
+compares their times. By default filterpy filters a single record, and the batched kernel a bank of
+delays. ``against_filterpy`` compares the most likely filter of a bank with that of filterpy.
 
-NASA TM-101722 ran nine filters from 0 to 200 ms, and considered the most likely one and the
-weighted sum. Both are given here, and a refined delay between the grid points. Plain filters are
-biased by wrong starting values (delay, lag and short period are correlated). The refined banks are
-therefore linearised about their own smoothed result (`ident.banks.bank`). Their grids shrink about
-the maximum until the log-likelihood is a parabola, whose vertex and curvature give the delay and
-its sigma.
+NASA TM-101722 ran nine filters from 0 to 200 ms, and used the most likely one and the weighted sum.
+Both are given here, and a refined delay between the grid points. Wrong starting values bias plain
+filters, since delay, lag and short period are correlated. The refined banks are therefore
+linearised about their own smoothed result (`ident.banks.bank`). Their grids shrink about the
+maximum until the log likelihood is a parabola. Its vertex is the delay, and its curvature gives the
+sigma.
 """
 
 from __future__ import annotations
@@ -45,13 +44,13 @@ class BankEngine:
 
     Attributes
     ----------
-    name : key in ``ENGINES``; the same in scenario files, on the command line and in study files.
+    name : key in ``ENGINES``, in scenario files, on the command line and in study files.
     label : name in reports.
-    run : a filter for each value of a held parameter, as ``run_bank``.
-    iterated : the same, each linearised anew about its own smoothed result, as
+    run : runs a filter for each value of a fixed parameter, as ``run_bank``.
+    iterated : does so with each filter linearised about its own smoothed result, as
         ``run_iterated_bank``.
-    alone : one filter with its whole history, as ``filter_alone``.
-    one_pass : one pass over a prepared problem, as ``filter_by_filterpy``.
+    alone : runs one filter with its history, as ``filter_alone``.
+    one_pass : runs one pass, as ``filter_by_filterpy``.
     """
 
     name: str
@@ -69,14 +68,15 @@ def run_one_by_one(
     *,
     fixed_values: Mapping[str, np.ndarray],
 ) -> BankEstimate:
-    """Run ``run_bank`` by B calls of ``run_ekf`` with filterpy; ``fixed_values``: ``(B,)`` by
-    name.
+    """Return the result of ``run_bank`` by B calls of ``run_ekf`` with filterpy; ``fixed_values``
+    maps a parameter to its values ``(B,)``.
     """
     estimates = [
-        run_ekf(record, each, settings, by=filter_by_filterpy)
-        for each in _systems(system, fixed_values)
+        run_ekf(record, fixed_system, settings, by=filter_by_filterpy)
+        for fixed_system in _systems(system, fixed_values)
     ]
-    return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
+    sound = [estimate.outcome is Outcome.CONVERGED for estimate in estimates]
+    return _bank(estimates, np.array(sound))
 
 
 def run_iterated_one_by_one(
@@ -89,10 +89,11 @@ def run_iterated_one_by_one(
     iterations: int = MOST_ITERATIONS,
     tolerance: float = SETTLED_SIGMAS,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """Run ``run_iterated_bank`` with filterpy; same arguments, result ``(n, N, B)`` and errors."""
+    """Return the result of ``run_iterated_bank`` with filterpy; arguments and errors are equal."""
     settings = settings or FilterSettings()
     problems = [
-        filter_problem(record, each, settings.max_step) for each in _systems(system, fixed_values)
+        filter_problem(record, fixed_system, settings.max_step)
+        for fixed_system in _systems(system, fixed_values)
     ]
     count, N = len(problems), len(record)
     points: list[np.ndarray | None] = (
@@ -101,39 +102,33 @@ def run_iterated_one_by_one(
         else list(np.moveaxis(np.broadcast_to(about, (*about.shape[:2], count)), 2, 0))
     )
     before: np.ndarray | None = None
-    settled, passes = np.zeros(count, dtype=bool), 0
+    converged, passes = np.zeros(count, dtype=bool), 0
     while True:
         passes += 1
-        result = [
+        estimates = [
             filter_by_filterpy(problem, settings, about=point)
             for problem, point in zip(problems, points, strict=True)
         ]
-        sound = np.array([each.outcome is Outcome.CONVERGED for each in result])
-        # A failed filter is linearised at its start.
+        sound = np.array([item.outcome is Outcome.CONVERGED for item in estimates])
+        # A failed filter is linearised about its start.
         points = [
-            smooth(each.history).mean
-            if good and each.history is not None
+            smooth(estimate.history).mean
+            if finite and estimate.history is not None
             else np.repeat(problem.start[:, None], N, axis=1)
-            for problem, each, good in zip(problems, result, sound, strict=True)
+            for problem, estimate, finite in zip(problems, estimates, sound, strict=True)
         ]
-        values = np.stack([each.values for each in result], axis=1)
-        std = np.stack([each.std for each in result], axis=1)
+        values = np.stack([estimate.values for estimate in estimates], axis=1)
+        std = np.stack([estimate.std for estimate in estimates], axis=1)
         if before is not None:
-            settled = (
-                np.max(
-                    np.abs(values - before) / np.maximum(std, np.finfo(float).tiny),
-                    axis=0,
-                    initial=0.0,
-                )
-                < tolerance
-            )
-        if (np.all(settled | ~sound) and before is not None) or passes == iterations:
+            sigmas = np.abs(values - before) / np.maximum(std, np.finfo(float).tiny)
+            converged = np.max(sigmas, axis=0, initial=0.0) < tolerance
+        if (np.all(converged | ~sound) and before is not None) or passes == iterations:
             break
         before = values
     trajectories = [point for point in points if point is not None]
-    return replace(_bank(result, sound & settled), iterations=np.full(count, passes)), np.stack(
-        trajectories, axis=2
-    )
+    return replace(
+        _bank(estimates, sound & converged), iterations=np.full(count, passes)
+    ), np.stack(trajectories, axis=2)
 
 
 def alone_by_filterpy(
@@ -142,7 +137,7 @@ def alone_by_filterpy(
     settings: FilterSettings | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_alone`` by filterpy: one pass, linearised about ``about (n, N)`` where given."""
+    """Return the result of ``filter_alone`` by filterpy; ``about (n, N)`` as there."""
     settings = settings or FilterSettings()
     return filter_by_filterpy(
         filter_problem(record, system, settings.max_step), settings, about=about
@@ -160,18 +155,18 @@ FILTERPY = BankEngine(
     alone_by_filterpy,
     filter_by_filterpy,
 )
-ENGINES: Mapping[str, BankEngine] = {each.name: each for each in (FILTERPY, BATCHED)}
+ENGINES: Mapping[str, BankEngine] = {engine.name: engine for engine in (FILTERPY, BATCHED)}
 
 
 @dataclass(frozen=True)
 class SecondPass:
-    """The likeliest filter of a batched bank, run again by filterpy in one pass.
+    """Differences of the most likely filter of a batched bank from that by filterpy, in one pass.
 
     Attributes
     ----------
-    delay : value that the filter was held at, e.g. its delay in s.
+    delay : fixed value of the parameter of the bank, e.g. the delay in s.
     mean, std : largest differences of states and parameters, and of their standard deviations,
-        after the last sample; in sigmas.
+        after the last sample, in sigmas.
     log_likelihood : relative difference.
     """
 
@@ -189,13 +184,13 @@ class SecondPass:
 def against_filterpy(
     record: Record, system: System, bank: BankEstimate, values: np.ndarray
 ) -> SecondPass | None:
-    """Compare the likeliest filter of a batched bank of one pass with filterpy's.
+    """Compare the most likely filter of a batched bank of one pass with that by filterpy.
 
     Parameters
     ----------
-    record, system : as the bank was run with.
-    bank, values : the bank, and the delays ``(B,)`` in s at which its filters hold the parameter
-        ``delay``.
+    record, system : those of the bank.
+    bank : the bank.
+    values : ``(B,)`` delays of its filters, s.
 
     Returns
     -------
@@ -204,7 +199,7 @@ def against_filterpy(
     best = int(np.argmax(bank.log_likelihood))
     if not bank.sound[best]:
         return None
-    own = replace(
+    best_filter = replace(
         bank,
         mean=bank.mean[:, best : best + 1],
         covariance=bank.covariance[best : best + 1],
@@ -212,29 +207,29 @@ def against_filterpy(
         sound=bank.sound[best : best + 1],
     )
     single_pass = replace(FilterSettings(), passes=1)
-    result = agreement(
-        own,
+    differences = agreement(
+        best_filter,
         run_one_by_one(
             record, system, single_pass, fixed_values={"delay": np.atleast_1d(values[best])}
         ),
     )
-    return (
-        SecondPass(float(values[best]), result.mean, result.std, result.log_likelihood)
-        if result.sound
-        else None
+    if not differences.sound:
+        return None
+    return SecondPass(
+        float(values[best]), differences.mean, differences.std, differences.log_likelihood
     )
 
 
 @dataclass(frozen=True)
 class BankDifferences:
-    """Largest differences of two banks over the same delays, of runs that are finite in both.
+    """Largest differences of two banks over the same delays, for runs that are sound in both.
 
     Attributes
     ----------
     mean : of states and parameters after the last sample, in sigmas.
-    std : of their sigmas, relative.
+    std : of their standard deviations, relative.
     log_likelihood : relative.
-    sound : whether the same runs are.
+    sound : whether the same runs are sound in both.
     """
 
     mean: float
@@ -248,25 +243,25 @@ class BankDifferences:
         return max(self.mean, self.std, self.log_likelihood)
 
 
-def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
-    """Return the differences of two banks of the same runs, in sigmas of ``one``."""
-    both = one.sound & other.sound
-    sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
-    likelihood = one.log_likelihood[both]
+def agreement(first: BankEstimate, second: BankEstimate) -> BankDifferences:
+    """Return the differences of two banks of the same runs, in sigmas of the ``first``."""
+    both = first.sound & second.sound
+    sigma = np.maximum(first.std[:, both], np.finfo(float).tiny)
+    likelihood = first.log_likelihood[both]
     return BankDifferences(
-        float(np.max(np.abs(other.mean[:, both] - one.mean[:, both]) / sigma, initial=0.0)),
-        float(np.max(np.abs(other.std[:, both] / sigma - 1.0), initial=0.0)),
+        float(np.max(np.abs(second.mean[:, both] - first.mean[:, both]) / sigma, initial=0.0)),
+        float(np.max(np.abs(second.std[:, both] / sigma - 1.0), initial=0.0)),
         float(
             np.max(
-                np.abs(other.log_likelihood[both] - likelihood) / np.abs(likelihood), initial=0.0
+                np.abs(second.log_likelihood[both] - likelihood) / np.abs(likelihood), initial=0.0
             )
         ),
-        bool(np.array_equal(one.sound, other.sound)),
+        bool(np.array_equal(first.sound, second.sound)),
     )
 
 
 def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[System]:
-    """Return the System once for each run, with its values held."""
+    """Return the System of each run, with its fixed values."""
     runs = zip(*(np.atleast_1d(values).tolist() for values in fixed_values.values()), strict=True)
     return [
         replace(
@@ -278,31 +273,31 @@ def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[Sys
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Estimates of single filters as a bank; a failed run has zero likelihood."""
-    histories = [each.history for each in estimates if each.history is not None]
+    """Return the estimates of single filters as a bank; a failed run has zero likelihood."""
+    histories = [item.history for item in estimates if item.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(
         histories[0].names,
-        np.stack([each.mean[:, -1] for each in histories], axis=1),
-        np.stack([each.covariance[-1] for each in histories]),
-        np.where(sound, [each.log_likelihood for each in estimates], -np.inf),
-        np.stack([each.nis for each in histories], axis=1),
+        np.stack([history.mean[:, -1] for history in histories], axis=1),
+        np.stack([history.covariance[-1] for history in histories]),
+        np.where(sound, [estimate.log_likelihood for estimate in estimates], -np.inf),
+        np.stack([history.nis for history in histories], axis=1),
         sound,
-        np.array([each.iterations for each in estimates]),
+        np.array([estimate.iterations for estimate in estimates]),
     )
 
 
 # ---- A pure delay found by a bank of filters
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
-_LARGEST_PARABOLA_FALL = 4.5  # largest fall of a parabola to a neighbour, three sigmas
-_FINEST_SPACING = 1e-4  # s, smallest distance of two filters
+_LARGEST_PARABOLA_FALL = 4.5  # largest drop of log likelihood over a parabola: three sigmas
+_FINEST_SPACING = 1e-4  # smallest difference of two delays, s
 _REFINED_POINTS = 7  # delays in a refined bank
-_MOST_BANKS = 8
-_REFINED_REACH = 6.0  # sigmas on either side of the vertex
-_SETTLED_SIGMAS = 0.1  # sigmas; within 0.005 of the final likelihood
-WIDENINGS = 4
-FAR_SIGMAS = 3.0  # largest change in sigmas of a prior that it allows
+_MOST_BANKS = 8  # most refined banks
+_REFINED_REACH = 6.0  # half-width of a refined bank, in sigmas
+_SETTLED_SIGMAS = 0.1  # tolerance of the last bank; it changes the log likelihood by 0.005
+WIDENINGS = 4  # most repetitions with wider priors
+FAR_SIGMAS = 3.0  # largest change of a parameter, in sigmas of its prior, that agrees with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,19 +309,19 @@ class DelayBank:
     delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that
         broke down.
     weights : ``(B,)`` likelihoods normalised to a sum of one.
-    bank : the filters of the declared grid.
-    most_likely : the delay of the largest likelihood, s.
-    weighted_mean : the sum of all delays by their weights, s.
-    refined, refined_std : delay between the grid points with its standard deviation, s; the latter
-        assumes white innovations and a correct model.
-    at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
-    estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
-        sigma, the delay is the last name and the covariance holds what its uncertainty adds to the
-        others; else the delay is not among the names. Its message tells of contradicted priors.
-    contradicted : parameters whose estimate lies more than ``FAR_SIGMAS`` sigmas of the
-        prior from the start, with these distances. Their estimates depend on the start.
-    system : the system of ``estimate``, with the widened priors.
-    about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
+    bank : estimates of the declared grid.
+    most_likely : delay of the largest likelihood, s.
+    weighted_mean : mean of the delays by their weights, s.
+    refined, refined_std : delay between the grid points and its standard deviation, s, which holds
+        for white innovations and a correct model.
+    at_edge : whether no maximum is inside the grid; the refined delay then has no sigma.
+    estimate : the iterated filter at the refined delay, with its history. Where the delay has a
+        sigma, it is the last parameter, and its uncertainty is in the covariance of the others.
+        The message names contradicted priors.
+    contradicted : parameters that are more than ``FAR_SIGMAS`` sigmas of the prior from the start,
+        with this distance. Their estimates depend on the start.
+    system : the System of ``estimate``, with the widened priors.
+    about : ``(n, N)`` smoothed trajectory that the refined filters were linearised about; None
         where none was sound.
     """
 
@@ -359,18 +354,17 @@ def run_delay_bank(
     Parameters
     ----------
     record : as for ``run_ekf``.
-    system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
-        matter.
+    system : model compiled with ``online=True``, with a fixed parameter ``name``.
     delays : at least three, increasing, s.
-    widenings : most repetitions with widened priors where the record contradicts them, so that the
-        result does not depend on a wrong start; each such prior's sigma becomes the distance from
-        start to estimate. With 0 the declared priors are kept.
-    engine : runs the filters; both give the same result.
+    widenings : most repetitions with wider priors where the record contradicts the priors, so that
+        the result does not depend on a wrong start. The sigma of such a prior becomes the distance
+        of the estimate from the start. With 0 the declared priors are kept.
+    engine : runs the filters; both engines give the same result.
 
     Raises
     ------
-    ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as
-        for ``run_ekf``.
+    ModelError : as for ``run_ekf``. Also where there are fewer than three delays, they do not
+        increase, or ``name`` is free or unknown.
     """
     grid = np.asarray(delays, dtype=float)
     if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):
@@ -454,22 +448,16 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
 
 
 def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
-    """Return the System with the sigmas of these priors widened to the distance of the
+    """Return the System with the sigmas of these priors as large as the distance of the
     estimates.
     """
-    return replace(
-        system,
-        parameters=system.parameters.with_prior(
-            {
-                name: abs(sigmas) * system.parameters[name].prior_std
-                for name, sigmas in contradicted_parameters
-            }
-        ),
-    )
+    parameters = system.parameters
+    wider = {name: abs(far) * parameters[name].prior_std for name, far in contradicted_parameters}
+    return replace(system, parameters=parameters.with_prior(wider))
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Return likelihoods ``(..., B)`` normalised to a sum of one; equal if no filter is finite."""
+    """Return likelihoods ``(..., B)`` normalised to a sum of one; equal if none is finite."""
     top = np.max(log_likelihood, axis=-1, keepdims=True)
     finite = np.isfinite(top)
     weights = np.exp(np.where(finite, log_likelihood - np.where(finite, top, 0.0), 0.0))
@@ -489,9 +477,9 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _RefinedDelay:
-    """Refined delay, its sigma (0 without a maximum inside the grid), slope of the mean ``(n,)`` by
-    the delay (1/s), smoothed trajectory ``(n, N, 1)`` of the nearest filter, and its last
-    parameters.
+    """Refined delay and its sigma, s, which is 0 without a maximum inside the grid; derivative
+    ``slope (n,)`` of the mean with respect to the delay; smoothed trajectory ``about (n, N, 1)`` of
+    the nearest filter, and its final parameters.
     """
 
     delay: float
@@ -512,30 +500,32 @@ def _refine_delay(
     between: tuple[float, float],
     about: np.ndarray | None,
 ) -> _RefinedDelay:
-    """Run iterated banks on shrinking grids around the maximum likelihood.
+    """Return the delay of the maximum likelihood, by iterated banks on shrinking grids.
 
-    Each grid is centred on the vertex of the previous one and scaled by its curvature; a maximum at
-    an end moves the grid first. Only the last bank is iterated to convergence.
+    Each grid has its centre at the vertex of the one before and a width by its curvature. Where the
+    maximum is at an end, the grid is moved first. Only the last bank is iterated to convergence.
     """
     low, high = between
-    nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
+    without_maximum = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
     for _ in range(_MOST_BANKS):
         fine = np.linspace(low, high, _REFINED_POINTS)
         bank, trajectories = engine.iterated(
             record, system, settings, fixed_values={name: fine}, about=about, tolerance=np.inf
         )
         if not np.any(bank.sound):
-            return nowhere
+            return without_maximum
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
-        nowhere = _RefinedDelay(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
+        without_maximum = _RefinedDelay(
+            float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about)
+        )
         if top in (0, _REFINED_POINTS - 1):
             shift = (
                 (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
             )
             shift = min(shift, grid[-1] - high)
             if shift == 0.0:
-                return nowhere
+                return without_maximum
             low, high = low + shift, high + shift
             continue
         near = slice(top - 1, top + 2)
@@ -560,41 +550,35 @@ def _refine_delay(
             if curvature > 0 and np.all(bank.sound):
                 low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
                 continue
-            return nowhere
+            return without_maximum
         delay, curvature = vertex(fine[near], bank.log_likelihood[near])
-        half = (
-            max(min(_REFINED_REACH * curvature**-0.5, spacing), 3.0 * _FINEST_SPACING)
-            if curvature > 0
-            else spacing
-        )
+        half = spacing
+        if curvature > 0:
+            half = max(min(_REFINED_REACH * curvature**-0.5, spacing), 3.0 * _FINEST_SPACING)
         low, high = delay - half, delay + half
-    return nowhere
+    return without_maximum
 
 
 def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
-    return dict(
-        zip(
-            system.parameters.free_names,
-            trajectory[len(system.states) :, -1, 0].tolist(),
-            strict=True,
-        )
-    )
+    """Return the free parameters at the last sample of a trajectory ``(n, N, 1)``."""
+    values = trajectory[len(system.states) :, -1, 0].tolist()
+    return dict(zip(system.parameters.free_names, values, strict=True))
 
 
 def _with_delay(
-    estimate: Estimate, name: str, unit: str, found: _RefinedDelay, n_x: int
+    estimate: Estimate, name: str, unit: str, refined: _RefinedDelay, n_x: int
 ) -> Estimate:
-    """Return the estimate with the delay as its last parameter, and the delay's uncertainty
-    included in the others.
+    """Return the estimate with the delay as its last parameter. The uncertainty of the delay is
+    added to the covariance of the others.
     """
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance
-    whole = np.append(found.slope[n_x:], 1.0) * found.std
+    delay_sigmas = np.append(refined.slope[n_x:], 1.0) * refined.std
     return replace(
         estimate,
         names=(*estimate.names, name),
         units=(*estimate.units, unit),
-        values=np.append(estimate.values, found.delay),
-        covariance=covariance + np.outer(whole, whole),
+        values=np.append(estimate.values, refined.delay),
+        covariance=covariance + np.outer(delay_sigmas, delay_sigmas),
     )

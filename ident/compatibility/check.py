@@ -9,16 +9,14 @@ import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
 from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
+from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
-    instruments_of,
     measured_channels,
     relations,
-    shortened,
     signals_of,
     smoothed_walk,
-    weigher,
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
@@ -38,6 +36,7 @@ from ident.compatibility.trials import (
 from sim.errors import RecordError
 from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
+# channels that the relation of a channel needs
 _NEEDS = {
     "alpha": ("q", "nz"),
     "theta": ("q",),
@@ -46,7 +45,7 @@ _NEEDS = {
     "q": ("theta",),
     "ax": ("airspeed",),
 }
-FEWEST_SAMPLES = 20
+FEWEST_SAMPLES = 20  # fewest samples of a record
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
@@ -57,27 +56,25 @@ def compatibility(
     each: bool = True,
     six: bool | None = None,
 ) -> Compatibility:
-    """Flight-path reconstruction from records of one set of sensors.
+    """Check the data compatibility of records of one set of sensors by flight-path reconstruction.
 
-    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax).
-    Differences are explained by biases of each record and by sensor faults shared by all records,
-    estimated by output error and by a smoother. No model of the vehicle is needed. If the channels
-    have a relation of sideslip, bank, heading or height, all six degrees of freedom are used
-    (``six_degrees``).
+    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax). Biases
+    of each record, and sensor faults common to all records, explain the differences. They are
+    estimated by output error and by a smoother. No model of the vehicle is needed. Where the
+    channels have a relation of sideslip, bank, heading or height, the relations of six degrees of
+    freedom are used.
 
     Parameters
     ----------
-    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all
-        records have are used.
-    settings : constants, limits.
-    each : whether several records are also checked each by itself, which costs as much again;
-        ``single`` is empty where not.
-    six : whether the relations of six degrees of freedom are used; None takes them where one closes
-        that longitudinal motion does not have.
+    records : the channels that all records have are used.
+    settings : constants and limits.
+    each : check each of several records alone too, which takes the same time again.
+    six : use the relations of six degrees of freedom; None uses them where one of them exists that
+        longitudinal motion does not have.
 
     Raises
     ------
-    RecordError : a record with fewer than 20 samples, or numbers beyond all measure.
+    RecordError : where a record has fewer than 20 samples, or an unusable number.
     """
     try:
         return _compatibility(records, settings, each=each, six=six)
@@ -89,6 +86,7 @@ def compatibility(
 def _compatibility(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None
 ) -> Compatibility:
+    """Return the result of `compatibility`."""
     for record in records:
         _refuse(record)
     if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
@@ -122,8 +120,10 @@ def _compatibility(
         for record in records
     ]
     controls = [instruments_of(record) for record in records]
-    if all(each.shape[1] for each in controls):
-        signals = [replace(s, instruments=each) for s, each in zip(signals, controls, strict=True)]
+    if all(columns.shape[1] for columns in controls):
+        signals = [
+            replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
+        ]
     for s in signals:
         notes += [
             f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
@@ -138,11 +138,9 @@ def _compatibility(
         whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings
     )
     joint = _result(search_result, bias_estimates(whole) if not together else ())
-    single = (
-        [_by_itself(base, search_result, settings, len(bases)) for base in bases if each]
-        if together
-        else [joint]
-    )
+    single = [joint]
+    if together:
+        single = [_by_itself(base, search_result, settings, len(bases)) for base in bases if each]
     if search_result.early is not None:
         ahead = -1000.0 * search_result.early
         notes.append(
@@ -150,9 +148,9 @@ def _compatibility(
             "fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that no further fault is named"
         )
-    if counted := reference_sentence(search_result.fit.faults, clocks(signals)):
-        notes.append(counted)
-    told = (
+    if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
+        notes.append(reference)
+    cannot_tell = (
         *_closed_by(channels, joined),
         *unobservable_sentences(whole, search_result.fit.noise, used),
     )
@@ -162,7 +160,7 @@ def _compatibility(
         joint,
         tuple(single),
         _reconstructions(whole, search_result.fit),
-        told,
+        cannot_tell,
         tuple(notes),
     )
 
@@ -170,19 +168,21 @@ def _compatibility(
 def _without_relations(
     records: Sequence[Record], channels: tuple[str, ...], notes: Sequence[str]
 ) -> Compatibility:
+    """Return the result for channels that no relation joins."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     each = tuple(replace(empty, records=(record.name,)) for record in records)
     return Compatibility(channels, {}, empty, each, (), _closed_by(channels, {}), tuple(notes))
 
 
 def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
-    """Return a check that closes no relation."""
+    """Return the result where nothing is observable, with the sentences ``why``."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
     return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
 def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
+    """Return the result of a search for faults."""
     noise = search_result.fit.noise
     levels = dict(
         zip(
@@ -204,8 +204,8 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
 def _by_itself(
     base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
 ) -> CheckResult:
-    """Return the faults from one record of several, each with the same others as in all records; a
-    drift, which belongs to one record, with all accepted faults.
+    """Return the result of one record of several. Each fault is tried with the same other faults as
+    in all records, and a drift, which belongs to a single record, with all accepted faults.
     """
     current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
     by_fault: dict[SensorFault, FaultTrial] = {}
@@ -229,7 +229,7 @@ def _by_itself(
 
 
 def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
-    """Return the fits of single records joined, as the start of a fit of all."""
+    """Return the start of a joint fit from the fits of single records."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
@@ -240,13 +240,14 @@ def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    out = []
+    """Return the reconstructions by the fit without faults, ``base``, and with them, ``final``."""
+    reconstructions = []
     for s, plain, y, residual in zip(
         final.signals, base.outputs, final.outputs, final.residuals, strict=True
     ):
         smooth = y + smoothed_walk(s, final.noise, residual)
         rows = range(len(s.outputs))
-        out.append(
+        reconstructions.append(
             Reconstruction(
                 s.name,
                 s.time,
@@ -257,13 +258,13 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
                 {s.outputs[i]: s.valid[i] for i in rows},
             )
         )
-    return tuple(out)
+    return tuple(reconstructions)
 
 
 def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the channels without a kinematic relation, and the channel that would give one."""
+    """Return a sentence on each channel without a relation, with the channels that it needs."""
     reached = {name for names in joined.values() for name in names}
-    out = []
+    sentences = []
     for name in channels:
         if name not in reached and not (name == "airspeed" and "alpha" in joined):
             missing = [other for other in _NEEDS[name] if other not in channels]
@@ -277,8 +278,8 @@ def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
                 if name == "alpha" and "nz" in missing and "q" in channels
                 else ""
             )
-            out.append(f"{name}: nothing can be told, {why}{lift}")
-    return tuple(out)
+            sentences.append(f"{name}: nothing can be told, {why}{lift}")
+    return tuple(sentences)
 
 
 def _longitudinal(record: Record) -> Record:
@@ -288,6 +289,7 @@ def _longitudinal(record: Record) -> Record:
 
 
 def _refuse(record: Record) -> None:
+    """Raise an error for a record that is too short or has unusable values."""
     if len(record) < FEWEST_SAMPLES:
         raise RecordError(
             f"{len(record)} samples are too few to check",

@@ -1,6 +1,6 @@
 """Search for the set of sensor faults that the kinematics require.
 
-Kinematics show differences of delays only, so that one channel must be the time reference.
+The kinematics determine differences of delays only, so that one channel must be the time reference.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
+from ident.compatibility.instruments import instrumented, weigher
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import KinematicSignals, instrumented, weigher
+from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,
     CompatibilitySettings,
@@ -27,18 +28,26 @@ from ident.compatibility.trials import (
 
 # ---- Sets of sensor faults fitted jointly
 
-_BEAM_WIDTH = 5  # sets of each size kept, and faults tried with each of them
-TIE_LOG_LIKELIHOOD = 0.5  # difference of log likelihood below which two fits are equal
-# channels whose relations show delays of a fraction of a second; speed changes too slowly
+_BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults added to each of them
+TIE_LOG_LIKELIHOOD = 0.5  # fits with a smaller difference of log likelihood count as equal
+_BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
+_MOST_EXCHANGES = 3  # most exchanges of one fault of a set for a better one
+# channels that change fast enough to show a delay of a fraction of a second; airspeed does not
 _TIMED = ("alpha", "q", "nz", "theta")
 
 
 @dataclass(frozen=True, eq=False)
 class FaultSet:
-    """A joint fit of some faults. ``widening``: factor of variances by coloured residuals, mean
-    over its faults. ``sound``: each fault is ``determined``, notable, within bounds and of a
-    possible sign. ``early``: the last fault is a load with a negative delay. ``given``: number of
-    leading faults that were prescribed. ``surprise``: log likelihood lost by priors of sizes.
+    """A joint fit of some faults.
+
+    Attributes
+    ----------
+    widening : factor of the variances for coloured residuals, as a mean over the faults.
+    sound : every fault is determined, notable, within its bounds and of a possible sign.
+    determined : every sigma is smaller than a plausible size of its fault.
+    early : the last fault is a negative delay of the load.
+    given : number of leading faults of the fit that were prescribed.
+    surprise : loss of log likelihood by the priors of the sizes.
     """
 
     fit: KinematicFit
@@ -51,44 +60,33 @@ class FaultSet:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
+        """The faults without the prescribed ones."""
         return self.fit.faults[self.given :]
 
 
 def charge_of(false_alarm: float, count: int) -> float:
-    """Return the log likelihood that a fault must gain: ln of the number of candidates, minus ln of
-    the share of false alarms.
+    """Return the log likelihood that a fault must gain: ln of the number of candidates minus ln of
+    the probability of a false alarm.
 
-    Without the fault, the gain has an exponential tail or a shorter one: the best of ``count``
-    gains exceeds this in fewer than ``false_alarm`` of sound sets of records.
+    Where no fault is present, the tail of the gain is exponential or shorter. The best of ``count``
+    gains then exceeds this limit with a probability below ``false_alarm``.
     """
     return math.log(max(count, 1)) - math.log(false_alarm)
 
 
 def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
-    """Return a fit evaluated as a set of faults, the first few of them ``given``."""
+    """Return the set of a fit, whose first ``given`` faults are prescribed."""
     k = len(kinematic_fit.faults) - given
     if not k:
         return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
     sigmas = smoother_sigmas(kinematic_fit)
     widening = sigmas.widening[-k:]
     variances = np.diag(sigmas.covariance)[-k:] * widening
-    determined = all(
-        0.0 < variance < fault.plausible**2
-        for fault, variance in zip(kinematic_fit.faults[given:], variances.tolist(), strict=True)
-    )
-    possible = all(
-        _possible_size(fault, size)
-        for fault, size in zip(
-            kinematic_fit.faults[given:], kinematic_fit.sizes[given:].tolist(), strict=True
-        )
-    )
-    sized = zip(
-        kinematic_fit.faults[given:],
-        kinematic_fit.sizes[given:].tolist(),
-        variances.tolist(),
-        strict=True,
-    )
-    surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in sized))
+    faults, sizes = kinematic_fit.faults[given:], kinematic_fit.sizes[given:].tolist()
+    estimates = list(zip(faults, sizes, variances.tolist(), strict=True))
+    determined = all(0.0 < variance < fault.plausible**2 for fault, _, variance in estimates)
+    possible = all(_possible_size(fault, size) for fault, size, _ in estimates)
+    surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in estimates))
     return FaultSet(
         kinematic_fit,
         float(np.mean(widening)),
@@ -101,20 +99,20 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
 
 
 def _possible_size(fault: SensorFault, size: float) -> bool:
-    return fault.smallest_finding < abs(size) < 0.99 * fault.largest and (
-        size > 0 or not fault.one_sided
-    )
+    """Return whether a size is notable, within its bounds and of a possible sign."""
+    possible_sign = size > 0 or not fault.one_sided
+    return fault.smallest_finding < abs(size) < _BOUND_SHARE * fault.largest and possible_sign
 
 
 def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Minus the log likelihood of each fit of the same records; with instruments the projected
-    misfit, all under the noise of the best.
+    """Return minus the log likelihood of each fit to the same records. With instruments it is the
+    projected misfit instead, of all fits under the noise of the best one.
     """
     if not instrumented(fits[0].signals):
-        return np.array([each.cost for each in fits])
-    noise = min(fits, key=lambda each: each.cost).noise
+        return np.array([candidate.cost for candidate in fits])
+    noise = min(fits, key=lambda candidate: candidate.cost).noise
     whiteners = [weigher(s, noise) for s in fits[0].signals]
-    return np.array([least_misfit(each, whiteners) for each in fits])
+    return np.array([least_misfit(candidate, whiteners) for candidate in fits])
 
 
 def grow(
@@ -124,48 +122,49 @@ def grow(
     charge: float,
     most: int,
 ) -> list[FaultSet]:
-    """Return the sets of 0, 1, ... ``most`` faults, a few of each size, starting with the best of
-    ``singles`` (forward selection with a beam).
+    """Return sets of 0, 1, ... ``most`` faults by forward selection with a beam: several sets of
+    each size.
 
-    It ends where the best set of one more fault does not gain ``charge`` over the best without.
-    Without recorded controls, sets with an early load are included and marked.
+    The sets of one fault are the best of ``singles``. The selection ends where the best set with
+    one more fault does not gain ``charge``. Without recorded controls, sets with an early load are
+    included and marked.
     """
     given = len(base.faults)
-    out = [fault_set(base, given)]
-    level = _best_sound(singles, given)
-    before, blind = base, not instrumented(base.signals)
+    sets = [fault_set(base, given)]
+    largest_sets = _best_sound(singles, given)
+    best_smaller, without_controls = base, not instrumented(base.signals)
     for count in range(1, most + 1):
-        if not level:
+        if not largest_sets:
             break
-        if blind:
-            out += _early(before, faults, given)
-        out += level
-        best = level[0]
-        here, there = misfits([before, best.fit]).tolist()
-        if count == most or here - there < charge * best.widening:
+        if without_controls:
+            sets += _with_early_load(best_smaller, faults, given)
+        sets += largest_sets
+        best = largest_sets[0]
+        smaller_misfit, best_misfit = misfits([best_smaller, best.fit]).tolist()
+        if count == most or smaller_misfit - best_misfit < charge * best.widening:
             break
-        before = best.fit
+        best_smaller = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
-        for each in level:
-            for kinematic_fit in _extended(each.fit, faults, fits):
+        for smaller in largest_sets:
+            for kinematic_fit in _extended(smaller.fit, faults, fits):
                 fits[frozenset(kinematic_fit.faults)] = kinematic_fit
-        level = _best_sound(list(fits.values()), given)
-    return out
+        largest_sets = _best_sound(list(fits.values()), given)
+    return sets
 
 
 def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """Return the set of greatest likelihood minus ``charge`` for each fault; a negative delay of a
-    load must be better than any possible fault.
+    """Return the set with the greatest log likelihood minus ``charge`` for each fault. A set with
+    an early load must be better than a tie.
     """
-    misfit = misfits([each.fit for each in sets])
+    misfit = misfits([candidate.fit for candidate in sets])
     widening = sets[int(np.argmin(misfit))].widening
-    # Alpha and q that are equally late have nearly the same likelihood as a load that is early.
+    # An early load has nearly the same likelihood as equal delays of alpha and q.
     score = [
         value / widening
-        + charge * len(each.faults)
-        + TIE_LOG_LIKELIHOOD * each.early
-        + each.surprise
-        for each, value in zip(sets, misfit.tolist(), strict=True)
+        + charge * len(candidate.faults)
+        + TIE_LOG_LIKELIHOOD * candidate.early
+        + candidate.surprise
+        for candidate, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
 
@@ -173,72 +172,73 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
 def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
     """Return the set without the faults whose removal loses less than ``charge``."""
     while len(chosen_set.faults) > 1:
-        less = [
-            fit(
-                base.signals, [other for other in chosen_set.fit.faults if other is not fault], base
-            )
-            for fault in chosen_set.faults
+        smaller = [
+            fit(base.signals, [kept for kept in chosen_set.fit.faults if kept is not removed], base)
+            for removed in chosen_set.faults
         ]
-        misfit = misfits([chosen_set.fit, *less])
+        misfit = misfits([chosen_set.fit, *smaller])
         losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
         if losses[least] >= charge:
             break
-        chosen_set = fault_set(less[least], chosen_set.given)
+        chosen_set = fault_set(smaller[least], chosen_set.given)
     return chosen_set
 
 
 def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
-    """Return the best few sound ones, best first."""
+    """Return the sets of the best sound fits, at most ``_BEAM_WIDTH``, the best first."""
     if not fits:
         return []
-    out: list[FaultSet] = []
+    sets: list[FaultSet] = []
     for i in np.argsort(misfits(fits), kind="stable"):
-        judged = fault_set(fits[i], given)
-        if judged.sound:
-            out.append(judged)
-        if len(out) == _BEAM_WIDTH:
+        candidate = fault_set(fits[i], given)
+        if candidate.sound:
+            sets.append(candidate)
+        if len(sets) == _BEAM_WIDTH:
             break
-    return out
+    return sets
 
 
 def _extended(
     kinematic_fit: KinematicFit,
     faults: Sequence[SensorFault],
-    done: dict[frozenset[SensorFault], KinematicFit],
+    fitted: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
-    """Fits of a set with one more fault each: those with the largest first-order gain."""
+    """Return fits of a set with one more fault, for the faults with the largest first-order gains.
+    Sets that are already ``fitted`` are left out.
+    """
     timed = clocks(kinematic_fit.signals)
-    free = [
+    candidates = [
         fault
         for fault in faults
         if fault not in kinematic_fit.faults
         and leaves_a_reference((*kinematic_fit.faults, fault), timed)
     ]
-    quick = sorted(
-        zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
+    first_order = sorted(
+        zip(candidates, one_step(kinematic_fit, candidates), strict=True),
+        key=lambda pair: pair[1].cost,
     )
     promising = [
         fault
-        for fault, first in quick[:_BEAM_WIDTH]
-        if kinematic_fit.cost - first.cost > LEAST_PROJECTED_GAIN
+        for fault, projected in first_order[:_BEAM_WIDTH]
+        if kinematic_fit.cost - projected.cost > LEAST_PROJECTED_GAIN
     ]
     return [
         fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in promising
-        if frozenset((*kinematic_fit.faults, fault)) not in done
+        if frozenset((*kinematic_fit.faults, fault)) not in fitted
     ]
 
 
-def _early(
+def _with_early_load(
     kinematic_fit: KinematicFit, faults: Sequence[SensorFault], given: int
 ) -> list[FaultSet]:
-    """Return the set with an early load, which no sensor fault can cause.
+    """Return the fit with a negative delay of the load as a further fault, where it is determined.
 
-    A gust changes vane and load at once and the path later: the load then seems early, alpha and q
-    late.
+    No sensor fault causes this. A gust does: it changes the vane and the load at once and the
+    flight path later, so that the load seems early, or alpha and q late.
     """
-    ahead = [
+    load_faults = [
         fault
         for fault in faults
         if fault.channel == "nz"
@@ -251,16 +251,16 @@ def _early(
             given,
             early=True,
         )
-        for fault in ahead
+        for fault in load_faults
     ]
-    return [each for each in sets if each.determined and each.fit.sizes[-1] < 0]
+    return [candidate for candidate in sets if candidate.determined and candidate.fit.sizes[-1] < 0]
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Return the channels of which at least one must have no delay.
+    """Return the channels of which at least one must have no delay: a time reference.
 
-    Without recorded controls the load is not among them: a gust changes it before the path, so that
-    alpha and q seem late.
+    Without recorded controls the load is none of them. A gust changes it before the flight path, so
+    that alpha and q would seem late.
     """
     return tuple(
         name
@@ -270,26 +270,24 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
 
 
 def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Return the channels that these faults delay."""
+    """Return the time references that these faults delay."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
     }
 
 
 def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Return whether one of the channels ``timed`` has no delay among these faults: otherwise only
-    differences of delays are determined.
-
-    The reference is the channel with the least delay.
+    """Return whether these faults leave one of the channels ``timed`` without a delay. Delays of
+    all of them are not determined, only their differences.
     """
-    # An accelerometer ahead of the centre of gravity has the effect of a lag of q.
+    # An accelerometer ahead of the centre of gravity has the same effect as a lag of q.
     delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
     return not timed or not set(timed) <= delayed
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Return a sentence that names the clock in ``timed`` to which the times of these faults refer;
-    empty without a delay.
+    """Return a sentence that names the channels in ``timed`` to which the delays of these faults
+    refer; empty where none of them is delayed.
     """
     delayed = delayed_channels(faults)
     on_time = [name for name in timed if name not in delayed]
@@ -304,13 +302,19 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
 
 # ---- Faults that an accepted one may be confused with
 
+# a vane or the boom, then the accelerometers of the same plane
 SAME_PLANE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One position of a set: every fault tried in it with the ``others``, the best first; ``losses
-    (k,)`` of log likelihood against the best.
+    """One position of a set, with every fault that was tried in it.
+
+    Attributes
+    ----------
+    others : fit with the other faults of the set only.
+    trials : trial of each fault in this position, the best first.
+    losses : ``(k,)`` loss of log likelihood of each trial against the best one.
     """
 
     others: KinematicFit
@@ -318,28 +322,28 @@ class Slot:
     losses: np.ndarray
 
     def within(self, chance: float) -> list[FaultTrial]:
-        """Return the best fault and those confusable with it: sound faults that lose at most
-        ``chance``.
+        """Return the best trial, and the sound ones that lose at most ``chance`` of log likelihood:
+        their faults may be confused with the best one.
         """
-        pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
-        return [
-            self.trials[0],
-            *(
-                t
-                for t, lost in pairs[1:]
-                if lost <= chance and t.determined and (t.size > 0 or not t.fault.one_sided)
-            ),
-        ]
+        rivals = zip(self.trials[1:], self.losses[1:].tolist(), strict=True)
+        confusable = [trial for trial, loss in rivals if loss <= chance and _sound(trial)]
+        return [self.trials[0], *confusable]
+
+
+def _sound(trial: FaultTrial) -> bool:
+    """Return whether a tried fault is determined and of a possible sign."""
+    return trial.determined and (trial.size > 0 or not trial.fault.one_sided)
 
 
 def confusable_loss(false_alarm: float, count: int) -> float:
-    """Log likelihood by which the true one of ``count`` faults loses to another in no more than
-    ``false_alarm`` of cases.
+    """Return the loss of log likelihood that the true one of ``count`` faults exceeds against
+    another one with a probability of at most ``false_alarm``.
 
-    Where one of two faults is true and the traces are a distance d apart, in standard deviations,
-    the other's advantage is normal with mean -d^2/2 and variance d^2. It exceeds x with the
-    greatest chance at d = sqrt(2 x): the tail of the normal distribution beyond sqrt(2 x), however
-    alike the two are. So 2 x is the square of the quantile, shared among the rivals.
+    Let one of two faults be true, and let their effects on the outputs be d standard deviations
+    apart. The gain of the other fault is then normal with mean -d^2/2 and variance d^2. The
+    probability that it exceeds x is greatest at d = sqrt(2 x), where it is the tail of the normal
+    distribution beyond sqrt(2 x). So sqrt(2 x) is a quantile that holds for every d; the
+    probability is shared among the faults.
     """
     from scipy.special import ndtri
 
@@ -347,21 +351,19 @@ def confusable_loss(false_alarm: float, count: int) -> float:
 
 
 def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> dict[str, float]:
-    """Return the probability of each of some faults, exactly one of which is present, by name: from
-    its estimate and loss of log likelihood.
+    """Return the probability of each fault by name, where exactly one of them is present.
+
+    ``among`` has for each fault its estimated size and its loss of log likelihood.
     """
     scores = np.array(
         [
-            -lost - float(fault.surprise(size.value - fault.offset, size.std**2))
-            for fault, size, lost in among
+            -loss - float(fault.surprise(size.value - fault.offset, size.std**2))
+            for fault, size, loss in among
         ]
     )
     weights = np.exp(scores - np.max(scores))
-    return dict(
-        zip(
-            (fault.name for fault, _, _ in among), (weights / np.sum(weights)).tolist(), strict=True
-        )
-    )
+    names = [fault.name for fault, _, _ in among]
+    return dict(zip(names, (weights / np.sum(weights)).tolist(), strict=True))
 
 
 def slots_of(
@@ -370,12 +372,12 @@ def slots_of(
     faults: Sequence[SensorFault],
     singles: Sequence[FaultTrial],
 ) -> tuple[FaultSet, list[Slot]]:
-    """Return the positions of a set, each with all faults tried in it; a better fault replaces the
-    present one, and the search repeats.
+    """Return a set, and its positions with all faults tried in them. Where another fault is better
+    in a position, it replaces the present one, and all positions are tried again.
 
-    ``singles`` : every fault tried beside ``base`` alone.
+    ``singles`` are the trials of each fault with ``base`` alone.
     """
-    for _ in range(3):
+    for _ in range(_MOST_EXCHANGES):
         slots = [_slot(base, chosen_set, fault, faults, singles) for fault in chosen_set.faults]
         better = [
             (i, slot)
@@ -384,20 +386,14 @@ def slots_of(
         ]
         if not better:
             break
-        i, slot = max(
-            better,
-            key=lambda pair: pair[1].losses[
-                [t.fault for t in pair[1].trials].index(chosen_set.faults[pair[0]])
-            ],
-        )
-        chosen = list(chosen_set.fit.faults)
-        chosen[chosen_set.given + i] = slot.trials[0].fault
-        changed = fault_set(fit(base.signals, chosen, slot.trials[0].fit), chosen_set.given)
+        gains = [slot.losses[_place(slot, chosen_set.faults[i])] for i, slot in better]
+        i, slot = better[int(np.argmax(gains))]
+        exchanged = list(chosen_set.fit.faults)
+        exchanged[chosen_set.given + i] = slot.trials[0].fault
+        changed = fault_set(fit(base.signals, exchanged, slot.trials[0].fit), chosen_set.given)
         before, after = misfits([chosen_set.fit, changed.fit]).tolist()
-        before, after = (
-            before + chosen_set.widening * chosen_set.surprise,
-            after + chosen_set.widening * changed.surprise,
-        )
+        before += chosen_set.widening * chosen_set.surprise
+        after += chosen_set.widening * changed.surprise
         if not changed.sound or after > before + TIE_LOG_LIKELIHOOD:
             break
         chosen_set = changed
@@ -406,21 +402,26 @@ def slots_of(
     ]
 
 
-def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    """Return whether both delay the same channel by different laws."""
+def _place(slot: Slot, fault: SensorFault) -> int:
+    """Return the place of a fault among the trials of a position."""
+    return [trial.fault for trial in slot.trials].index(fault)
+
+
+def same_lateness(first: SensorFault, second: SensorFault) -> bool:
+    """Return whether both faults delay the same channel: by a delay, a lag or an arm."""
     return (
-        one.channel == other.channel
-        and {one.kind, other.kind} <= {DELAY, LAG, ARM}
-        and not (one.rare or other.rare)
+        first.channel == second.channel
+        and {first.kind, second.kind} <= {DELAY, LAG, ARM}
+        and not (first.rare or second.rare)
     )
 
 
-def same_trace(one: SensorFault, other: SensorFault) -> bool:
-    """Return whether two arms have the same effect with opposite signs: of a vane, and of the
-    accelerometer of the same plane.
+def same_trace(first: SensorFault, second: SensorFault) -> bool:
+    """Return whether two arms have the same effect with opposite signs: that of a vane, and that of
+    an accelerometer of the same plane.
     """
-    channels = {one.channel, other.channel}
-    return one.kind == other.kind == ARM and any(
+    channels = {first.channel, second.channel}
+    return first.kind == second.kind == ARM and any(
         vane in channels and channels & {*loads} for vane, *loads in SAME_PLANE
     )
 
@@ -432,48 +433,40 @@ def _slot(
     faults: Sequence[SensorFault],
     singles: Sequence[FaultTrial],
 ) -> Slot:
-    rest = [other for other in chosen_set.fit.faults if other is not fault]
-    free = [
-        each
-        for each in faults
-        if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))
+    """Return the position of a fault in a set, with all faults tried in it."""
+    other_faults = [other for other in chosen_set.fit.faults if other is not fault]
+    candidates = [
+        candidate
+        for candidate in faults
+        if candidate not in other_faults
+        and leaves_a_reference((*other_faults, candidate), clocks(base.signals))
     ]
-    if rest == list(base.faults):
-        others, trials = base, [trial for trial in singles if trial.fault in free]
+    if other_faults == list(base.faults):
+        others, trials = base, [trial for trial in singles if trial.fault in candidates]
     else:
-        others = fit(base.signals, rest, base)
-        trials = tried(others, free)
+        others = fit(base.signals, other_faults, base)
+        trials = tried(others, candidates)
     misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
-    # The accepted fault is fitted already: its fit in the set is used.
-    here = [
-        misfit[1] if t.fault is fault else value
-        for t, value in zip(trials, misfit[2:].tolist(), strict=True)
-    ]
-    here = [
-        value + TIE_LOG_LIKELIHOOD * t.fault.rare for t, value in zip(trials, here, strict=True)
-    ]
-    with_priors = [
-        value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
-        for t, value in zip(trials, here, strict=True)
-    ]
-    sound = [t.determined and (t.size > 0 or not t.fault.one_sided) for t in trials]
-    order = sorted(range(len(trials)), key=lambda i: (not sound[i], with_priors[i]))
-    gains = (misfit[0] - np.array(here)) / chosen_set.widening
+    trial_misfits, with_priors = [], []
+    for trial, value in zip(trials, misfit[2:].tolist(), strict=True):
+        # the fit of the set is that of the accepted fault
+        own_misfit = misfit[1] if trial.fault is fault else value
+        own_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
+        surprise = float(trial.fault.surprise(trial.size, trial.variance))
+        trial_misfits.append(own_misfit)
+        with_priors.append(own_misfit + chosen_set.widening * surprise)
+    order = sorted(range(len(trials)), key=lambda i: (not _sound(trials[i]), with_priors[i]))
+    gains = (misfit[0] - np.array(trial_misfits)) / chosen_set.widening
     ordered = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
     return Slot(others, tuple(ordered), (gains[order[0]] - gains)[order])
 
 
 def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
-    """Return the slot with a given fault first."""
-    at = (
-        [t.fault for t in slot.trials].index(fault)
-        if fault in [t.fault for t in slot.trials]
-        else 0
-    )
-    order = [at, *(i for i in range(len(slot.trials)) if i != at)]
-    return Slot(
-        slot.others, tuple(slot.trials[i] for i in order), slot.losses[order] - slot.losses[at]
-    )
+    """Return the position with the trial of a fault first, where there is one."""
+    first = _place(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
+    order = [first, *(i for i in range(len(slot.trials)) if i != first)]
+    trials = tuple(slot.trials[i] for i in order)
+    return Slot(slot.others, trials, slot.losses[order] - slot.losses[first])
 
 
 # ---- Search for the required sensor faults
@@ -481,11 +474,17 @@ def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
-    """Findings, accepted ones first, and the relevant trial of every fault. An accepted fault and
-    its group are tried with the other accepted ones; another law of the same delay in place of the
-    accepted one; any further fault in addition to all accepted ones. ``fit`` is the joint fit of
-    the best of each group. ``early``: s by which a load would be early, if that explains more than
-    any fault; then no further fault is accepted.
+    """Result of a search.
+
+    Attributes
+    ----------
+    findings : accepted faults first.
+    trials : one for every fault. An accepted fault, and those that may be confused with it, are
+        tried with the other accepted faults. Another delay of a delayed channel is tried in place
+        of the accepted one. Any further fault is tried in addition to all accepted faults.
+    fit : joint fit of the best fault of each group.
+    early : time (s) by which a load would be early, where this explains more than any fault; no
+        further fault is then accepted.
     """
 
     findings: tuple[SensorFinding, ...]
@@ -500,22 +499,27 @@ def search(
     bases: Sequence[KinematicFit],
     settings: CompatibilitySettings,
 ) -> FaultSearch:
-    """Return the set of faults that the records ask for, each with its group.
+    """Return the set of faults that the records require, each with the faults that it may be
+    confused with.
 
-    Forward selection that keeps several sets of each size; each fault must gain ``charge_of`` under
-    coloured residuals with all the others, and single records must agree on it. ``bases`` are the
-    base fits of each record alone.
+    Forward selection keeps several sets of each size. Each fault must gain `charge_of` under
+    coloured residuals in addition to the others, and single records must agree on it. ``bases`` are
+    the base fits of each record alone.
     """
     charge = charge_of(settings.false_alarm, len(faults))
     chance = confusable_loss(settings.false_alarm, len(faults))
     singles = tried(base, faults)
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
-        left = [fault for fault in faults if fault not in refused]
+        candidates = [fault for fault in faults if fault not in refused]
         best, early = _selected(
-            base, [t.fit for t in singles if t.fault not in refused], left, charge, settings.most
+            base,
+            [t.fit for t in singles if t.fault not in refused],
+            candidates,
+            charge,
+            settings.most,
         )
-        best, slots = slots_of(base, best, left, singles)
+        best, slots = slots_of(base, best, candidates, singles)
         failing = [
             slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])
         ]
@@ -533,8 +537,8 @@ def _selected(
     charge: float,
     most: int,
 ) -> tuple[FaultSet, float | None]:
-    """Return the best set, each of whose faults is needed, and the time by which a load would be
-    early if that is in the best set.
+    """Return the best set without superfluous faults, and the time (s) by which a load would be
+    early, where the best set has this.
     """
     best = chosen(grow(base, singles, faults, charge, most), charge)
     early = float(best.fit.sizes[-1]) if best.early else None
@@ -544,6 +548,9 @@ def _selected(
 
 
 def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
+    """Return the best trial of a position, and those that may be confused with it and on which the
+    single records agree.
+    """
     best, *rivals = slot.within(chance)
     return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
 
@@ -557,53 +564,47 @@ def _searched(
     current: KinematicFit,
     early: float | None,
 ) -> FaultSearch:
-    lost, instead = _in_place(slots)
-    # An alternative of two faults is reported once: where it is best, else first.
+    """Return the result of a search from its last set, whose positions are ``slots``."""
+    losses, in_place = _in_place(slots)
+    # A fault that is in two groups is reported once: where it is best, else in the first group.
     grouped = {t.fault: t for group in reversed(groups) for t in group} | {
         group[0].fault: group[0] for group in groups
     }
-    stand, timed = current.faults, clocks(current.signals)
-    besides = [
-        f
-        for f in faults
-        if f not in grouped
-        and leaves_a_reference((*stand, f), timed)
-        and not any(same_lateness(f, s) for s in stand)
-    ]
-    beside = {t.fault: t for t in (tried(current, besides) if stand else singles)}
-    trials = {
-        fault: grouped.get(fault)
-        or beside.get(fault)
-        or instead.get(fault)
-        or _alone(singles, fault)
+    accepted, timed = current.faults, clocks(current.signals)
+    further = [
+        fault
         for fault in faults
-    }
+        if fault not in grouped
+        and leaves_a_reference((*accepted, fault), timed)
+        and not any(same_lateness(fault, other) for other in accepted)
+    ]
+    added = {t.fault: t for t in (tried(current, further) if accepted else singles)}
+    alone = {t.fault: t for t in singles}
+    trials = {fault: {**alone, **in_place, **added, **grouped}[fault] for fault in faults}
     findings = []
     for group in groups:
         names = [trial.fault.name for trial in group]
-        mine = [t for t in group if grouped[t.fault] is t]
-        sized = [
-            (
-                t.fault,
-                FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))),
-                lost.get(t.fault, 0.0),
-            )
-            for t in group
-        ]
-        shares = probabilities(sized)
-        for t in mine:
-            others = tuple(name for name in names if name != t.fault.name)
-            findings.append(
-                replace(
-                    _finding(t, others, lost.get(t.fault, 0.0), stands=True), probabilities=shares
+        shares = probabilities(
+            [
+                (
+                    t.fault,
+                    FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))),
+                    losses.get(t.fault, 0.0),
                 )
-            )
-    rest = sorted(
+                for t in group
+            ]
+        )
+        for t in group:
+            if grouped[t.fault] is t:
+                others = tuple(name for name in names if name != t.fault.name)
+                finding = _finding(t, others, losses.get(t.fault, 0.0), stands=True)
+                findings.append(replace(finding, probabilities=shares))
+    not_accepted = sorted(
         (trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value
     )
     findings += [
-        _finding(t, (), lost.get(t.fault), stands=False, replicates=t.fault not in refused)
-        for t in rest
+        _finding(t, (), losses.get(t.fault), stands=False, replicates=t.fault not in refused)
+        for t in not_accepted
     ]
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
@@ -611,26 +612,22 @@ def _searched(
 def _in_place(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
-    """Find the position at which each fault loses least in place of an accepted one, and return
-    loss and trial.
+    """Return for each fault its least loss of log likelihood in place of an accepted one, and the
+    trial with this loss.
     """
-    lost: dict[SensorFault, float] = {}
-    instead: dict[SensorFault, FaultTrial] = {}
+    losses: dict[SensorFault, float] = {}
+    trials: dict[SensorFault, FaultTrial] = {}
     for slot in slots:
         for trial, loss in zip(slot.trials, slot.losses.tolist(), strict=True):
-            if loss < lost.get(trial.fault, math.inf):
-                lost[trial.fault], instead[trial.fault] = loss, trial
-    return lost, instead
-
-
-def _alone(singles: Sequence[FaultTrial], fault: SensorFault) -> FaultTrial:
-    return next(trial for trial in singles if trial.fault == fault)
+            if loss < losses.get(trial.fault, math.inf):
+                losses[trial.fault], trials[trial.fault] = loss, trial
+    return losses, trials
 
 
 def _finding(
     trial: FaultTrial,
     group: tuple[str, ...],
-    lost: float | None,
+    loss: float | None,
     *,
     stands: bool,
     replicates: bool = True,
@@ -647,5 +644,5 @@ def _finding(
         group,
         fault.name,
         replicates,
-        lost,
+        loss,
     )

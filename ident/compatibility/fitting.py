@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.compatibility.instruments import Weigher, part_of_controls, weigher
 from ident.compatibility.kinematics import (
     BIAS,
     DELAY,
@@ -26,12 +27,9 @@ from ident.compatibility.signals import (
     KinematicSignals,
     NoiseEvidence,
     RelationNoise,
-    Weigher,
     first_noise,
-    part_of_controls,
     settled_noise,
     walk_gains,
-    weigher,
     whitener,
 )
 from ident.statistics.intervals import (
@@ -43,23 +41,28 @@ from ident.statistics.residual_spectrum import corrected_covariance
 
 # ---- Fits of the kinematics to records
 
-_MOST_ITERATIONS = 8
-_NEGLIGIBLE_GAIN = 2e-3  # smallest gain of a step, times two
+_MOST_ITERATIONS = 8  # most Gauss-Newton steps under one noise
+_NEGLIGIBLE_GAIN = 2e-3  # twice the smallest gain of log likelihood by a step
+_NEGLIGIBLE_LOG_CHANGE = 0.05  # a fit ends when the logarithms of all noise variances change less
+_FIRST_NOISE_PASSES, _NOISE_PASSES = 6, 2  # Newton steps on the noise: in a first fit, and later
+_LARGEST_RESIDUAL = 1e6  # a reconstruction with larger residuals has diverged
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicFit:
-    """A fit of R records.
+    """A fit of the kinematics to records.
 
     Attributes
     ----------
-    faults, sizes : fitted in addition to each record's own unknowns.
-    own : values of these, one array a record.
-    noise : of the residual.
-    cost : minus the log likelihood, priors included.
-    residuals : ``(m, N)`` a record, zero where a sample is missing.
-    jacobians : ``(m, N, own + faults)`` a record, of the reconstruction.
-    outputs : ``(m, N)`` expected sensor readings.
+    faults : the k fitted faults.
+    sizes : ``(k,)`` their sizes.
+    own : ``(n,)`` of each record, its own unknowns.
+    noise : noise of the relations.
+    cost : minus the log likelihood, with the terms of the priors.
+    residuals : ``(m, N)`` of each record, zero where a sample is missing.
+    jacobians : ``(m, N, n + k)`` of each record, derivatives of ``outputs`` with respect to its own
+        unknowns and the sizes.
+    outputs : ``(m, N)`` of each record, expected sensor readings.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -80,18 +83,21 @@ def fit(
     first: np.ndarray | None = None,
     passes: int = 3,
 ) -> KinematicFit:
-    """Smoother fit: Gauss-Newton in the metric of the noise of outputs and inputs, its variances by
-    likelihood in between.
+    """Return the smoother fit: Gauss-Newton steps weighted by the noise of outputs and inputs, and
+    Newton steps on the noise variances, in turn.
 
-    ``begin`` gives starts for all that it has; ``first`` those of the faults.
+    Parameters
+    ----------
+    begin : fit of the same records that gives the starting values; None takes first samples.
+    first : ``(k,)`` starting sizes of the faults; None takes those of ``begin``, or zero.
+    passes : most repetitions of both kinds of steps.
     """
     unknowns = [unknowns_of(s) for s in signals]
-    own = [
-        np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
-        for r, s in enumerate(signals)
-    ]
-    sizes = np.zeros(len(faults))
-    if begin is not None:
+    if begin is None:
+        own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
+        sizes = np.zeros(len(faults))
+    else:
+        own = [np.array(values) for values in begin.own]
         sizes_by_fault = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
         sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
     if first is not None:
@@ -118,9 +124,9 @@ def fit(
         noise, cost = settled_noise(
             NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), first_levels),
             noise,
-            6 if begin is None and turn == 0 else 2,
+            _FIRST_NOISE_PASSES if begin is None and turn == 0 else _NOISE_PASSES,
         )
-        if turn and np.all(np.abs(noise.logs - before) < 0.05):
+        if turn and np.all(np.abs(noise.logs - before) < _NEGLIGIBLE_LOG_CHANGE):
             break
     cost += sum(0.5 * float(np.sum(prior * o**2)) for prior, o in zip(priors, own, strict=True))
     return KinematicFit(
@@ -136,16 +142,17 @@ def fit(
     )
 
 
-# Unknowns of each record, sizes of the faults, and outputs with slopes there.
-Reached = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
+# unknowns of each record, sizes of the faults, and the outputs there with their derivatives
+DescentPoint = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicDescent:
-    """Functions and settings for Gauss-Newton steps on records, for any kinematics.
+    """Functions and settings of Gauss-Newton steps, for any kinematics.
 
-    ``evaluate`` and ``linearised`` are those of the kinematics; ``shares`` of a step are tried in
-    turn until one gains, at most ``steps`` times, or until a step gained less than ``enough``.
+    ``evaluate`` and ``linearised`` are functions of the kinematics. ``priors (n,)`` of each record
+    are one over the prior variances of its unknowns. The ``shares`` of a step are tried in turn
+    until one gains. The descent ends after ``steps``, or after a gain of less than ``enough``.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -159,13 +166,13 @@ class KinematicDescent:
     enough: float = 0.0
 
 
-def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher]) -> Reached:
-    """Return the least-squares unknowns and sizes under a given noise, and the
-    linearisation there.
-    """
-    (own, sizes, lines), signals, priors = at, search.signals, search.priors
+def descended(
+    search: KinematicDescent, start: DescentPoint, whiteners: Sequence[Weigher]
+) -> DescentPoint:
+    """Return the least-squares point under the noise of the ``whiteners`` of the records."""
+    (own, sizes, lines), signals, priors = start, search.signals, search.priors
     largest = np.array([fault.largest for fault in search.faults])
-    here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+    cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(search.steps):
         information, gradient = normal_equations(signals, priors, own, lines, whiteners)
         step = bounded_inverse(information) @ gradient
@@ -173,23 +180,23 @@ def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher
             break
         for share in search.shares:
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial = [o + d for o, d in zip(own, moved, strict=False)]
-            size = np.clip(sizes + moved[-1], -largest, largest)
-            shown = [
-                search.evaluate(s, u, search.faults, o[None], size[None])[:, 0]
-                for s, u, o in zip(signals, search.unknowns, trial, strict=True)
+            trial_own = [o + change for o, change in zip(own, moved, strict=False)]
+            trial_sizes = np.clip(sizes + moved[-1], -largest, largest)
+            outputs = [
+                search.evaluate(s, u, search.faults, o[None], trial_sizes[None])[:, 0]
+                for s, u, o in zip(signals, search.unknowns, trial_own, strict=True)
             ]
-            there = misfit(signals, priors, trial, shown, whiteners)
-            if there < here:
+            trial_cost = misfit(signals, priors, trial_own, outputs, whiteners)
+            if trial_cost < cost:
                 break
         else:
             break
-        own, sizes, gained, here = trial, size, here - there, there
+        own, sizes, gain, cost = trial_own, trial_sizes, cost - trial_cost, trial_cost
         lines = [
             search.linearised(s, u, search.faults, o, sizes)
             for s, u, o in zip(signals, search.unknowns, own, strict=True)
         ]
-        if gained < search.enough:
+        if gain < search.enough:
             break
     return own, sizes, lines
 
@@ -201,34 +208,32 @@ def misfit(
     outputs: Sequence[np.ndarray],
     whiteners: Sequence[Weigher],
 ) -> float:
-    """Return half the sum of squares under given noise, priors included."""
+    """Return half the sum of squares of whitened residuals and priors; infinite on divergence."""
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
         residual = residual_of(s, y)
-        # A divergent reconstruction is no candidate, and its square overflows.
-        if not np.all(np.abs(residual) < 1e6):
+        # the square of a divergent reconstruction overflows
+        if not np.all(np.abs(residual) < _LARGEST_RESIDUAL):
             return float("inf")
-        total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2)) + 0.5 * float(
-            np.sum(prior * o**2)
-        )
+        total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2))
+        total += 0.5 * float(np.sum(prior * o**2))
     return total
 
 
 def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record whitened to unit variance.
+    """Return the residual ``(m, N)`` and Jacobian ``(m, N, c)`` of each record, whitened to unit
+    variance.
 
-    With instruments the jacobian is projected onto them; its product with the residual is still the
-    gradient.
+    With instruments only the Jacobian is projected onto them. The product of both is the gradient.
     """
-    out = []
+    pairs = []
     for s, residual, jacobian in zip(
         kinematic_fit.signals, kinematic_fit.residuals, kinematic_fit.jacobians, strict=True
     ):
         e = whitener(s, kinematic_fit.noise)(residual[:, :, None])[:, :, 0]
-        out.append(
-            (e, weigher(s, kinematic_fit.noise)(np.where(s.valid[:, :, None], jacobian, 0.0)))
-        )
-    return out
+        columns = np.where(s.valid[:, :, None], jacobian, 0.0)
+        pairs.append((e, weigher(s, kinematic_fit.noise)(columns)))
+    return pairs
 
 
 def least_misfit(
@@ -236,12 +241,13 @@ def least_misfit(
     whiteners: Sequence[Weigher],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """Return half the sum of squares that the unknowns of a fit leave under another noise, priors
-    included; to first order.
+    """Return the least misfit under another noise, to first order about a fit.
 
-    ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
-    ``priors`` : one over the variances of each record's own unknowns; None: of the longitudinal
-    kinematics.
+    Parameters
+    ----------
+    whiteners : `ident.compatibility.instruments.weigher` of that noise, one for each record.
+    priors : ``(n,)`` of each record, one over the prior variances of its unknowns; None takes those
+        of the longitudinal kinematics.
     """
     if priors is None:
         priors = [
@@ -252,29 +258,26 @@ def least_misfit(
     information, gradient = normal_equations(
         kinematic_fit.signals, priors, kinematic_fit.own, lines, whiteners
     )
-    here = misfit(
+    misfit_of_fit = misfit(
         kinematic_fit.signals, priors, kinematic_fit.own, kinematic_fit.outputs, whiteners
     )
-    return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
+    return misfit_of_fit - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
 
 def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
-    """Return the positions of the columns of each record's Jacobian in the vector of all unknowns:
-    own ones first, then the faults.
+    """Return for each record the positions of the columns of its Jacobian among all unknowns: the
+    unknowns of each record in turn, then the sizes of the faults.
     """
-    total, out, at = sum(len(own) for own in kinematic_fit.own), [], 0
+    total, columns, begin = sum(len(own) for own in kinematic_fit.own), [], 0
+    sizes = total + np.arange(len(kinematic_fit.faults))
     for own in kinematic_fit.own:
-        out.append(
-            np.concatenate(
-                [np.arange(at, at + len(own)), total + np.arange(len(kinematic_fit.faults))]
-            )
-        )
-        at += len(own)
-    return out
+        columns.append(np.concatenate([np.arange(begin, begin + len(own)), sizes]))
+        begin += len(own)
+    return columns
 
 
 def prior_information(kinematic_fit: KinematicFit) -> np.ndarray:
-    """Diagonal information of the priors on all unknowns."""
+    """Return the information of the priors of all unknowns, the diagonal ``(n,)``."""
     own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in kinematic_fit.signals]
     return np.concatenate([*map(np.array, own), np.zeros(len(kinematic_fit.faults))])
 
@@ -286,43 +289,46 @@ def normal_equations(
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns
-    of each record first.
+    """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, in the order
+    of `positions`.
     """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
     information = np.zeros((total + faults, total + faults))
-    gradient, at = np.zeros(total + faults), 0
+    gradient, begin = np.zeros(total + faults), 0
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
         columns = np.concatenate(
             [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
         )
         all_columns = white(columns).reshape(-1, columns.shape[2])
         product = all_columns.T @ all_columns
-        where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
-        information[np.ix_(where, where)] += product[1:, 1:]
-        gradient[where] += product[1:, 0]
-        gradient[at : at + len(o)] -= prior * o
-        information[np.arange(at, at + len(o)), np.arange(at, at + len(o))] += prior
-        at += len(o)
+        unknowns = np.concatenate([np.arange(begin, begin + len(o)), total + np.arange(faults)])
+        information[np.ix_(unknowns, unknowns)] += product[1:, 1:]
+        gradient[unknowns] += product[1:, 0]
+        gradient[begin : begin + len(o)] -= prior * o
+        information[np.arange(begin, begin + len(o)), np.arange(begin, begin + len(o))] += prior
+        begin += len(o)
     return information, gradient
 
 
 def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
-    """Measured less reconstructed ``(m, N)``, zero where a sample is missing."""
+    """Return measured minus reconstructed outputs ``(m, N)``, zero where a sample is missing."""
     measured = np.array([s.channels[name] for name in s.outputs])
     return np.where(s.valid, measured - y, 0.0)
 
 
 # ---- Output error and smoother compared
 
-MOST_PASSES = 4
+_SMALL_STEP = 0.1  # an output-error fit ends when a step is shorter, in sigmas
+# smallest variance of a difference of two estimates, over the larger one of their variances
+_LEAST_VARIANCE_SHARE = 0.2
+MOST_PASSES = 4  # most steps of an output-error fit
 
 
 @dataclass(frozen=True, eq=False)
 class Sigmas:
-    """Uncertainty of a smoother fit: covariance of all unknowns under its noise, and the factor of
-    each variance for coloured residuals.
+    """Covariance ``(n, n)`` of all unknowns under the noise of a smoother fit, and the ``widening
+    (n,)`` factors on the variances for coloured residuals.
     """
 
     covariance: np.ndarray
@@ -330,8 +336,8 @@ class Sigmas:
 
 
 def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
-    """Return the covariance of a fit, corrected for innovations that are not white
-    (``ident.statistics.residual_spectrum``).
+    """Return the uncertainty of a fit. Innovations that are not white widen it by
+    `ident.statistics.residual_spectrum`.
     """
     white, at = whitened(kinematic_fit), positions(kinematic_fit)
     information = np.diag(prior_information(kinematic_fit))
@@ -344,42 +350,35 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
         for (e, jacobian), where, s in zip(white, at, kinematic_fit.signals, strict=True)
     ]
     corrected = corrected_covariance(inverse, parts, np.ones(len(kinematic_fit.noise.outputs)))
-    own, wide = np.diag(inverse), np.diag(corrected)
-    return Sigmas(
-        inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0)
-    )
+    white_variance, variance = np.diag(inverse), np.diag(corrected)
+    known = white_variance > 0
+    widening = np.divide(variance, white_variance, out=np.ones_like(variance), where=known)
+    return Sigmas(inverse, np.maximum(widening, 1.0))
 
 
 def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of all unknowns by output error, begun at a smoother fit, and their
-    covariance with the inputs' noise accounted for.
+    """Return the values ``(n,)`` of all unknowns by output error, from the start of a smoother fit,
+    and their covariance ``(n, n)``.
 
-    Residuals are weighed by their own mean square, as if they were white; the covariance is that
-    which such weights give under the noise of outputs and inputs of the smoother fit.
+    The weights of the residuals are one over their mean squares, as for white residuals. The
+    covariance of the estimate with these weights includes the noise of the inputs, from the
+    smoother fit.
     """
-    own, sizes, at = (
-        [o.copy() for o in kinematic_fit.own],
-        kinematic_fit.sizes.copy(),
-        positions(kinematic_fit),
-    )
+    own, sizes, at = list(kinematic_fit.own), kinematic_fit.sizes, positions(kinematic_fit)
     prior = prior_information(kinematic_fit)
     unknowns = [unknowns_of(s) for s in kinematic_fit.signals]
     largest = np.array([fault.largest for fault in kinematic_fit.faults])
     total = len(prior) - len(sizes)
     lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
-    parts = [part_of_controls(s) for s in kinematic_fit.signals]
+    projections = [part_of_controls(s) for s in kinematic_fit.signals]
     for turn in range(MOST_PASSES):
         if turn:
             lines = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)
                 for s, u, o in zip(kinematic_fit.signals, unknowns, own, strict=True)
             ]
-        measured = [
-            np.array([s.channels[name] for name in s.outputs]) for s in kinematic_fit.signals
-        ]
         residuals = [
-            np.where(s.valid, z - y, 0.0)
-            for s, z, (y, _) in zip(kinematic_fit.signals, measured, lines, strict=True)
+            residual_of(s, y) for s, (y, _) in zip(kinematic_fit.signals, lines, strict=True)
         ]
         counts = np.sum([s.valid.sum(axis=1) for s in kinematic_fit.signals], axis=0)
         variance = np.maximum(
@@ -387,29 +386,27 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         )
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
-        for s, part, e, (_, slope), where in zip(
-            kinematic_fit.signals, parts, residuals, lines, at, strict=True
+        for s, project, e, (_, slope), where in zip(
+            kinematic_fit.signals, projections, residuals, lines, at, strict=True
         ):
-            J = part(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
+            J = project(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
             information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
             gradient[where] += np.einsum("mnc,mn->c", J, e)
         gradient[:total] -= prior[:total] * np.concatenate(own)
         inverse = bounded_inverse(information)
         step = inverse @ gradient
-        place = 0
-        for r in range(len(own)):
-            own[r] = own[r] + step[place : place + len(own[r])]
-            place += len(own[r])
-        sizes = np.clip(sizes + step[place:], -largest, largest)
-        if np.all(np.abs(step) <= 0.1 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
+        *own_steps, size_step = np.split(step, np.cumsum([len(o) for o in own]))
+        own = [o + own_step for o, own_step in zip(own, own_steps, strict=True)]
+        sizes = np.clip(sizes + size_step, -largest, largest)
+        if np.all(np.abs(step) <= _SMALL_STEP * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
             break
     spread = np.diag(prior)
     for s, J, where in zip(kinematic_fit.signals, columns, at, strict=True):
         spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, kinematic_fit.noise.white, J)
-        ahead = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
+        later = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
         walk = (
-            np.einsum("mi,mnc->inc", walk_gains(s, kinematic_fit.noise), ahead)
+            np.einsum("mi,mnc->inc", walk_gains(s, kinematic_fit.noise), later)
             * s.steps[None, :, None]
         )
         spread[np.ix_(where, where)] += np.einsum(
@@ -420,8 +417,8 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Return inverse spread inverse' as a product of a matrix with its transpose, so that rounding
-    makes no variance negative.
+    """Return inverse times spread times inverse, ``(n, n)``, computed as a matrix times its
+    transpose, so that rounding makes no variance negative.
     """
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
@@ -429,32 +426,38 @@ def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
     return np.asarray(half @ half.T)
 
 
-def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
-    """``one - other`` over its standard deviation where ``other`` is efficient: the variances
-    subtract (Hausman, Econometrica 46(6), 1978).
+def difference_in_sigmas(
+    value: float, variance: float, efficient_value: float, efficient_variance: float
+) -> float:
+    """Return the difference of an estimate and an efficient one, over its standard deviation.
+
+    The variance of the difference is that of the variances (Hausman, Econometrica 46(6), 1978).
     """
-    # If both variances are nearly equal, nonlinear terms exceed their difference.
-    variance = max(var_one - var_other, 0.2 * max(var_one, var_other))
-    return (one - other) / math.sqrt(variance) if variance > 0 else 0.0
+    # Where both variances are nearly equal, nonlinear terms exceed their difference.
+    least = _LEAST_VARIANCE_SHARE * max(variance, efficient_variance)
+    difference_variance = max(variance - efficient_variance, least)
+    if difference_variance <= 0:
+        return 0.0
+    return (value - efficient_value) / math.sqrt(difference_variance)
 
 
 # ---- Unobservable faults
 
 _LEAST_PART = 0.2  # smallest part of a fault in a named combination, relative to the largest
-_LEAST_PIVOT = 0.3
-_CONFUSABLE_CORRELATION = 0.95
+_LEAST_PIVOT = 0.3  # smallest pivot, relative to the largest entry of its row
+_CONFUSABLE_CORRELATION = 0.95  # faults whose signatures have a larger cosine are confusable
+# kinds of faults whose combinations may be unobservable
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
 def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the sentences for records fitted without a fault. Sizes are in units of common sizes
-    (``SensorFault.plausible``).
+    """Return sentences on faults that the records of a fit without faults do not determine.
 
-    A fault, or a combination of faults of one family (times, scales, biases and drifts), is
-    unobservable if its standard deviation exceeds one such unit; two faults are confusable if their
-    projected signatures have a cosine of 0.95.
+    A fault is unobservable if its standard deviation exceeds its plausible size
+    (`SensorFault.plausible`). So is a combination of faults of one family (times, scales, biases
+    and drifts). Two faults are confusable if the cosine of their projected signatures is large.
     """
     faults = faults_of(channels, drifts=True, biases=True)
     return unobservable_faults(fault_information(base, noise, faults), faults, channels)
@@ -463,35 +466,35 @@ def unobservable_sentences(
 def unobservable_faults(
     information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the sentences on combinations of ``faults`` that ``information (k, k)`` does not
-    determine, in units of plausible sizes.
+    """Return sentences on the ``faults`` and their combinations that ``information (k, k)``, in
+    units of plausible sizes, does not determine.
     """
-    silent = np.diag(information) < 1.0
-    out = []
+    unobservable = np.diag(information) < 1.0
+    sentences = []
     for channel in channels:
         kinds = [
             fault.kind
-            for fault, lost in zip(faults, silent, strict=True)
-            if fault.channel == channel and lost
+            for fault, unobserved in zip(faults, unobservable, strict=True)
+            if fault.channel == channel and unobserved
         ]
         if kinds:
             be = "is" if len(kinds) == 1 else "are"
-            out.append(f"{channel}: {_listed(kinds)} {be} not observable")
-    seen = np.flatnonzero(~silent)
+            sentences.append(f"{channel}: {_listed(kinds)} {be} not observable")
+    observable = np.flatnonzero(~unobservable)
     for family in FAMILIES:
-        members = [i for i in seen.tolist() if faults[i].kind in family]
+        members = [i for i in observable.tolist() if faults[i].kind in family]
         if len(members) > 1:
-            named = [faults[i] for i in members]
+            family_faults = [faults[i] for i in members]
             values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
-            out += [
-                _combination_sentence(row, named)
-                for row in _simple_rows(vectors[:, values < 1.0].T, named)
+            sentences += [
+                _combination_sentence(row, family_faults)
+                for row in _simple_rows(vectors[:, values < 1.0].T, family_faults)
             ]
     return (
-        *dict.fromkeys(out),
+        *dict.fromkeys(sentences),
         *(
             f"{_listed([f.name for f in group])} cannot be told apart"
-            for group in _alike(information, faults, seen.tolist())
+            for group in _alike(information, faults, observable.tolist())
         ),
     )
 
@@ -499,10 +502,10 @@ def unobservable_faults(
 def fault_information(
     base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
 ) -> np.ndarray:
-    """Return the information on the faults, each in units of its plausible size, when starts,
-    gravity's turn and jumps are free: ``(k, k)``.
+    """Return the information ``(k, k)`` on the faults, each in units of its plausible size. The
+    unknowns of each record but its biases are projected out.
 
-    A lag is linearised at its plausible size, since at zero it equals a delay.
+    The effect of a lag is that of its plausible size, since a small lag equals a delay.
     """
     k = len(faults)
     total = np.zeros((k, k))
@@ -515,10 +518,10 @@ def fault_information(
         for j, fault in enumerate(faults):
             columns[:, :, len(free) + j] *= fault.plausible
             if fault.kind == LAG:
-                last_fault = sizes.copy()
-                last_fault[j] = fault.plausible
+                lag_alone = sizes.copy()
+                lag_alone[j] = fault.plausible
                 columns[:, :, len(free) + j] = (
-                    evaluate(s, unknowns, faults, own[None], last_fault[None])[:, 0] - y
+                    evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
                 )
         white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
             -1, columns.shape[2]
@@ -532,16 +535,16 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """Return rows with few members that span the same space: Gauss-Jordan, with drifts expressed by
-    biases.
+    """Return combinations of few faults that span the same space as ``rows``: Gauss-Jordan, with
+    drifts as the first pivots.
     """
-    rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
+    rows, done = rows.copy(), np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:
-        left = np.flatnonzero(~done)
-        if not left.size:
+        remaining = np.flatnonzero(~done)
+        if not remaining.size:
             break
-        best = left[np.argmax(np.abs(rows[left, column]))]
+        best = remaining[np.argmax(np.abs(rows[remaining, column]))]
         if abs(rows[best, column]) < _LEAST_PIVOT * np.abs(rows[best]).max():
             continue
         rows[best] /= rows[best, column]
@@ -549,31 +552,33 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
             if other != best:
                 rows[other] -= rows[other, column] * rows[best]
         done[best] = True
-    for row in rows:
-        out.append(row / np.abs(row).max())
-    return out
+    return [row / np.abs(row).max() for row in rows]
 
 
 def _alike(
-    information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]
+    information: np.ndarray, faults: Sequence[SensorFault], observable: Sequence[int]
 ) -> list[list[SensorFault]]:
-    """Return groups of confusable faults; biases and drifts are described by their combinations."""
+    """Return groups of confusable faults. Biases and drifts are left out: their combinations are
+    named instead.
+    """
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []
-    while left:
-        group = [left.pop(0)]
-        for i in list(left):
+    remaining = [i for i in observable if faults[i].kind not in (BIAS, DRIFT)]
+    groups = []
+    while remaining:
+        group = [remaining.pop(0)]
+        for i in list(remaining):
             if all(
                 abs(information[i, j]) >= _CONFUSABLE_CORRELATION * size[i] * size[j] for j in group
             ):
                 group.append(i)
-                left.remove(i)
+                remaining.remove(i)
         if len(group) > 1:
-            out.append([faults[i] for i in group])
-    return out
+            groups.append([faults[i] for i in group])
+    return groups
 
 
 def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
+    """Return the sentence on an unobservable combination, ``row``, of the faults ``named``."""
     members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
     kinds = {fault.kind for fault, _ in members}
     lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)

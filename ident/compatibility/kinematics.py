@@ -6,10 +6,14 @@ Body axes, x forward, z down, wings level (Klein and Morelli, Aircraft System Id
 alpha_dot = q - (g/V) [nz cos(alpha) + (ax/g) sin(alpha) - cos(theta - alpha)],   theta_dot = q,
 V_dot = ax cos(alpha) - g nz sin(alpha) - g sin(theta - alpha).
 
-Without theta gravity's turn along the path is unknown and the first becomes, about the mean flight,
-alpha_dot = q - (g/V) (nz - n0) + (g/V) (c1 d - c2 d^2/2), d = integral of (g/V)(nz - n0): c1 =
--sin(gamma0), c2 = cos(gamma0) and n0 are free, c2 about 0.5: in records of linear equations gravity
-does not turn and c2 is zero. Without ax, nz is the load normal to the path.
+Without theta, the direction of gravity along the flight path is unknown. The first equation then
+becomes, about the mean flight,
+
+alpha_dot = q - (g/V) (nz - n0) + (g/V) (c1 d - c2 d^2/2)
+
+with d the integral of (g/V) (nz - n0), c1 = -sin(gamma0) and c2 = cos(gamma0). The constants n0, c1
+and c2 are fitted. The prior of c2 is about 0.5, since c2 is zero in records of linear equations,
+where gravity does not turn. Without ax, nz is taken as the load normal to the path.
 """
 
 from __future__ import annotations
@@ -25,12 +29,12 @@ from sim.maths import G0, linear_recurrence
 # ---- Sensor faults, by the names of their effects
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
-RIGHT = "arm-right"  # position of a sensor along the right wing, as ARM along the fuselage
-BELOW = "arm-below"  # position of a sensor downward
+RIGHT = "arm-right"  # arm to the right; ARM is the arm ahead
+BELOW = "arm-below"  # arm downward
 ARMS = (ARM, RIGHT, BELOW)
 VANES = ("alpha", "beta")
-BOOM = "boom"  # both vanes, on one boom
-PACKAGE = "accelerometers"  # all of them, on one base
+BOOM = "boom"  # both vanes on one boom
+PACKAGE = "accelerometers"  # all accelerometers on one base
 UNITS = {
     "alpha": "rad",
     "q": "rad/s",
@@ -51,7 +55,7 @@ UNITS = {
     "altitude": "m",
     "wind": "m/s",
 }
-_NOTABLE_BIASES = {  # smallest biases to be told, in the unit of the channel
+_NOTABLE_BIASES = {  # common biases, in the unit of the channel
     "alpha": 0.02,
     "q": 0.005,
     "nz": 0.05,
@@ -75,132 +79,144 @@ _NOTABLE_BIASES = {  # smallest biases to be told, in the unit of the channel
 
 @dataclass(frozen=True)
 class SensorFault:
-    """One fault of one channel; ``size`` zero is a correct sensor.
+    """One kind of fault of one channel. A correct sensor has a fault of size zero.
 
-    bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag:
-    s, the reading is late. drift: channel's unit/s from the record's begin. arm: m, the vane
-    (alpha, beta) or the accelerometer (nz, all others in six degrees of freedom) ahead of the
-    centre of gravity; arm-right, arm-below: m, to the right of it and below.
+    The sizes of the kinds are
+
+    - bias: added to the reading, in the unit of the channel
+    - scale: the reading is (1 + size) times the true value
+    - delay, lag: s, the reading is late
+    - drift: bias that grows from the begin of the record, unit of the channel per s
+    - arm, arm-right, arm-below: m, position of a vane or an accelerometer ahead of the centre of
+      gravity, to the right of it and below it
+
+    Attributes
+    ----------
+    channel : name of the channel, or ``BOOM`` or ``PACKAGE``.
+    kind : one of the kinds above.
+    chord : m; zero where it is not known.
     """
 
     channel: str
     kind: str
-    chord: float = field(default=0.0, compare=False)  # m, zero where it is not known
+    chord: float = field(default=0.0, compare=False)
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the sizes on aircraft; infinite if unknown.
+        """Standard deviation of the sizes among aircraft; infinite where it is unknown.
 
-        A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An
-        accelerometer is mounted within about half a chord of the centre of gravity: 1 m, or a
-        quarter of a chord, so that half a chord is two of these. A delay or lag, confusable with an
-        arm, has its common size.
+        Many vanes are on a boom, some metres ahead: the arm has 5 m, or three chords of a large
+        aircraft. An accelerometer is within about half a chord of the centre of gravity: its arm
+        has 1 m, or a quarter of a chord. A delay or lag may be confused with an arm and has its
+        plausible size.
         """
         if self.kind in (DELAY, LAG):
             return self.plausible
         if self.kind not in ARMS:
             return float("inf")
-        return (
-            max(5.0, 3.0 * self.chord)
-            if self.channel in (*VANES, BOOM)
-            else max(1.0, 0.25 * self.chord)
-        )
+        if self.channel in (*VANES, BOOM):
+            return max(5.0, 3.0 * self.chord)
+        return max(1.0, 0.25 * self.chord)
 
     def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
-        """Return the log likelihood lost by the prior ``spread``, for an estimate with its
-        variance.
+        """Return the loss of log likelihood by the prior, with its standard deviation ``spread``,
+        for an estimated size with its variance.
         """
         return np.asarray(0.5 * np.square(size) / (self.spread**2 + variance))
 
     @property
     def name(self) -> str:
-        """The effect's name; ``bias:CH`` for a bias, which is no effect."""
-        if self.kind in ARMS:
-            sensor = "vane-offset" if self.channel in (*VANES, BOOM) else "accelerometer-offset"
-            of = (
-                ""
-                if self.channel == PACKAGE or (self.channel, self.kind) == ("alpha", ARM)
-                else f":{self.channel}"
-            )
-            return f"{sensor}{self.kind.removeprefix(ARM)}{of}"
-        return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
+        """Name of the effect in the library; ``bias:CH`` for a bias, which is no effect."""
+        if self.kind == BIAS:
+            return f"bias:{self.channel}"
+        if self.kind not in ARMS:
+            return f"sensor-{self.kind}:{self.channel}"
+        sensor = "vane-offset" if self.channel in (*VANES, BOOM) else "accelerometer-offset"
+        needs_no_channel = self.channel == PACKAGE or (self.channel, self.kind) == ("alpha", ARM)
+        suffix = "" if needs_no_channel else f":{self.channel}"
+        return f"{sensor}{self.kind.removeprefix(ARM)}{suffix}"
 
     @property
     def unit(self) -> str:
-        """Unit of its size."""
-        own = {SCALE: "1", DELAY: "s", LAG: "s"} | dict.fromkeys(ARMS, "m")
-        return own.get(self.kind) or (
-            f"{UNITS[self.channel]}/s" if self.kind == DRIFT else UNITS[self.channel]
-        )
+        """Unit of the size."""
+        of_kind = {SCALE: "1", DELAY: "s", LAG: "s"} | dict.fromkeys(ARMS, "m")
+        if self.kind in of_kind:
+            return of_kind[self.kind]
+        return f"{UNITS[self.channel]}/s" if self.kind == DRIFT else UNITS[self.channel]
 
     @property
     def plausible(self) -> float:
-        """A common size: the unit of observability."""
-        own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
-        return own.get(self.kind) or (
-            0.05 * _NOTABLE_BIASES[self.channel]
-            if self.kind == DRIFT
-            else _NOTABLE_BIASES[self.channel]
-        )
+        """A common size. A fault is observable if its sigma is smaller."""
+        of_kind = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
+        if self.kind in of_kind:
+            return of_kind[self.kind]
+        bias = _NOTABLE_BIASES[self.channel]
+        return 0.05 * bias if self.kind == DRIFT else bias  # a drift reaches a bias in 20 s
 
     @property
     def smallest_finding(self) -> float:
-        """Smallest size that counts as a finding; smaller ones come from interpolation and airspeed
-        errors.
+        """Smallest size that counts as a finding. Errors of interpolation and of the airspeed cause
+        smaller ones.
         """
         return 0.1 * self.plausible
 
     @property
     def largest(self) -> float:
-        """The largest size that is searched, either sign."""
-        own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
-        return own.get(self.kind, 1e6)
+        """Bound of the size, with either sign."""
+        of_kind = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
+        return of_kind.get(self.kind, 1e6)
 
     @property
     def one_sided(self) -> bool:
-        """Whether only a positive size is possible: no delay is negative, no vane is behind."""
+        """Whether only a positive size is possible: no delay is negative, and no vane is behind the
+        centre of gravity.
+        """
         return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in (*VANES, BOOM))
 
     @property
     def rare(self) -> bool:
-        """Whether a more common fault has the same effect: an accelerometer ahead equals a lag of q
-        or r, one behind an arm of the vane.
+        """Whether a more common fault has the same effect. An accelerometer ahead of the centre of
+        gravity has the effect of a lag of q or r, and one behind it that of an arm of the vane.
         """
         return self.kind == ARM and self.channel in ("nz", "az", "ny", "ay")
 
     @property
     def offset(self) -> float:
-        """Added to the size for the effect's own parameter: 1 for a scale, which is a factor."""
+        """Difference of the parameter of the effect and the size: 1 for a scale, where the
+        parameter is the factor 1 + size.
+        """
         return 1.0 if self.kind == SCALE else 0.0
 
 
 def faults_of(
     channels: Sequence[str], *, drifts: bool, biases: bool = False, chord: float = 0.0
 ) -> tuple[SensorFault, ...]:
-    """Return all faults of these channels, in their order."""
+    """Return all faults of these channels, with drifts and biases where wanted. ``chord`` in m."""
     kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
-    out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
+    faults = [SensorFault(channel, kind) for channel in channels for kind in kinds]
     if {"alpha", "q"} <= set(channels):
-        out += [
+        faults += [
             SensorFault(channel, ARM, chord) for channel in ("alpha", "nz") if channel in channels
         ]
-    return tuple(out)
+    return tuple(faults)
 
 
 # ---- The kinematic relations, integrated over measured inputs
 
-# (channel, kind) -> sizes (P, 1); zero where nothing is fitted
+# function of channel and kind that returns the P sizes (P, 1), zero for what is not fitted
 Values = Callable[[str, str], np.ndarray]
-# alpha on the right-hand side has small factors: each sweep gains a factor of ten or more
+# sweeps that solve for alpha, which is on both sides of its relation; each sweep reduces the error
+# by a factor of ten or more
 _FIXED_POINT_SWEEPS = 5
+_SHORTEST_LAG = 1e-4  # s: a shorter lag acts to first order only
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
-    1)``.
+    """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
-    Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")`` = c1, ``("turn",
-    "2")`` = c2 - 0.5 and ``("jump", "nz")``.
+    ``value`` gives the sizes of the faults. It also gives ``("start", STATE)``, ``("turn", "1")`` =
+    c1, ``("turn", "2")`` = c2 - 0.5, and ``("jump", "nz")``: how much the integral of a jumping nz
+    is wrong, as a share of half a sample.
     """
     h = s.steps
     speed = s.speed
@@ -211,7 +227,7 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
         name: increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels
     }
     if "nz" in inputs and np.any(value("nz", ARM)):
-        # An accelerometer ahead feels the pitch acceleration too: nz + (arm/g0) q_dot.
+        # An accelerometer ahead also measures the pitch acceleration: nz + (arm/g0) q_dot.
         inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(samples(s, "q", value))
     states: dict[str, np.ndarray] = {}
     if "theta" in s.outputs or "theta" in s.channels:
@@ -224,25 +240,25 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
             alpha = _with_theta(s, value, inputs, over_speed, load, states["theta"], h)
         else:
             turn = summed(load)
-            bend = (
+            gravity = (
                 s.gravity
                 * over_speed
                 * h
                 * middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
             )
-            alpha = value("start", "alpha") + summed(inputs["q"] - load + bend)
+            alpha = value("start", "alpha") + summed(inputs["q"] - load + gravity)
         states["alpha"] = alpha
     if "airspeed" in s.outputs:
         a, climb = states["alpha"], states["theta"] - states["alpha"]
-        push = (
+        change = (
             middle(np.cos(a)) * inputs["ax"]
             - G0 * middle(np.sin(a)) * inputs["nz"]
             - s.gravity * h * middle(np.sin(climb))
         )
-        states["airspeed"] = value("start", "airspeed") + summed(push)
-    out = [_read(s, name, states[name], value, speed) for name in s.outputs]
-    width = max(row.shape[0] for row in out)
-    return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
+        states["airspeed"] = value("start", "airspeed") + summed(change)
+    readings = [_read(s, name, states[name], value, speed) for name in s.outputs]
+    width = max(row.shape[0] for row in readings)
+    return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
 
 def _with_theta(
@@ -254,6 +270,7 @@ def _with_theta(
     theta: np.ndarray,
     h: np.ndarray,
 ) -> np.ndarray:
+    """Return alpha ``(P, N)`` where theta is recorded, by fixed-point sweeps."""
     alpha = s.channels["alpha"][None]
     for _ in range(_FIXED_POINT_SWEEPS):
         gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
@@ -271,43 +288,43 @@ def _with_theta(
 
 
 def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
-    """Return the integral of the true signal over each interval from its faulty reading, cubic
-    between samples: ``(P, N - 1)``.
+    """Return the integral ``(P, N - 1)`` of the true signal over each interval, from its faulty
+    reading, which is taken as cubic between samples.
     """
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
-    # The trapezoid with the correction of its ends: cubic pieces, whose noise is the trapezoid's
-    # but for two samples.
-    whole = np.concatenate(
+    # The trapezoidal rule with end correction integrates cubic pieces. But for two samples, the
+    # noise of the integral is that of the trapezoidal rule.
+    integral = np.concatenate(
         [[0.0], np.cumsum(0.5 * h * (x[1:] + x[:-1]) - h**2 / 12.0 * np.diff(_slopes(x, t)))]
     )
-    read = np.diff(_shifted(t, whole, x, delay)) if np.any(delay) else np.diff(whole)[None]
+    change = np.diff(_shifted(t, integral, x, delay)) if np.any(delay) else np.diff(integral)[None]
     if np.any(lag):
-        read = read + lag * np.diff(
+        change = change + lag * np.diff(
             _shifted(t, x, _slopes(x, t), delay) if np.any(delay) else x[None]
         )
-    wrong = value(name, BIAS) + value(name, DRIFT) * (middle(t) - t[0])
-    return np.asarray((read - wrong * h) / (1.0 + value(name, SCALE)))
+    error = value(name, BIAS) + value(name, DRIFT) * (middle(t) - t[0])
+    return np.asarray((change - error * h) / (1.0 + value(name, SCALE)))
 
 
 def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
-    """Return the true signal at the samples from its faulty reading: ``(P, N)``."""
-    read, t = s.channels[name][None], s.time
+    """Return the true signal ``(P, N)`` at the samples, from its faulty reading."""
+    signal, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
     if np.any(lag):
-        read = read + lag * _slopes(read, t)
+        signal = signal + lag * _slopes(signal, t)
     if np.any(delay):
-        read = _shifted(t, read, _slopes(read, t), delay)
+        signal = _shifted(t, signal, _slopes(signal, t), delay)
     return np.asarray(
-        (read - value(name, BIAS) - value(name, DRIFT) * (t - t[0])) / (1.0 + value(name, SCALE))
+        (signal - value(name, BIAS) - value(name, DRIFT) * (t - t[0])) / (1.0 + value(name, SCALE))
     )
 
 
 def _read(
     s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
 ) -> np.ndarray:
-    """Return the reading of a state's sensor: arm (with the true pitch rate), then the faults of
-    ``shown``.
+    """Return the reading ``(P, N)`` of the sensor of a state: the arm acts first, with the true
+    pitch rate, then the faults of `shown`.
     """
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
@@ -316,8 +333,8 @@ def _read(
 
 
 def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
-    """Return the reading of a sensor of a signal ``(P, N)``: lag, delay, scale, bias and drift, in
-    this order.
+    """Return the reading ``(P, N)`` of a sensor of the true signal ``y (P, N)``: lag, delay, scale,
+    bias and drift act in this order.
     """
     t = s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -331,52 +348,50 @@ def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.nd
 
 
 def _lagged(y: np.ndarray, dy: np.ndarray, t: np.ndarray, lag: np.ndarray) -> np.ndarray:
-    """First-order lag of a signal that runs straight between samples, settled on its first slope; a
-    negative lag is a lead.
+    """Return a signal ``y (P, N)``, linear between samples, after first-order lags ``(P, 1)``, s.
+
+    It starts in the steady state of a ramp with the first slope ``dy``. A negative lag is a lead.
     """
     lag = np.broadcast_to(lag, (max(len(y), len(lag)), 1))
     y, dy = np.broadcast_to(y, (len(lag), y.shape[1])), np.broadcast_to(dy, (len(lag), y.shape[1]))
-    out = y - lag * dy
+    lagged = y - lag * dy
     h = np.diff(t)
-    for i in np.flatnonzero(lag[:, 0] > 1e-4):
+    for i in np.flatnonzero(lag[:, 0] > _SHORTEST_LAG):
         tau = float(lag[i, 0])
         decay = np.exp(-h / tau)
         v0, v1 = y[i, :-1], y[i, 1:]
-        out[i] = linear_recurrence(
-            decay, v1 - (v1 - v0) * (tau / h * (1.0 - decay)) - v0 * decay, out[i, 0]
+        lagged[i] = linear_recurrence(
+            decay, v1 - (v1 - v0) * (tau / h * (1.0 - decay)) - v0 * decay, lagged[i, 0]
         )
-    return out
+    return lagged
 
 
 def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """``y(t + by)`` for ``by (P, 1)`` by cubic pieces with slopes ``dy``, straight beyond the ends:
-    ``(P, N)``.
+    """Return y(t + by), ``(P, N)``, for times ``by (P, 1)``, s: cubic between samples with the
+    slopes ``dy``, and linear beyond the ends.
     """
-    if y.ndim == 1:  # one signal at few different shifts, most of them alike
-        each, which = np.unique(by[:, 0], return_inverse=True)
-        return np.concatenate([_moved(t, y[None], dy[None], float(shift)) for shift in each])[
-            which.reshape(-1)
-        ]
-    rows = max(len(y), len(by))
-    y, dy, by = (
-        np.broadcast_to(y, (rows, len(t))),
-        np.broadcast_to(dy, (rows, len(t))),
-        np.broadcast_to(by, (rows, 1))[:, 0],
-    )
-    out = np.empty((rows, len(t)))
+    if y.ndim == 1:  # a single signal: most of its shifts are equal
+        shifts, which = np.unique(by[:, 0], return_inverse=True)
+        rows = [_moved(t, y[None], dy[None], float(shift)) for shift in shifts]
+        return np.concatenate(rows)[which.reshape(-1)]
+    count = max(len(y), len(by))
+    y, dy = np.broadcast_to(y, (count, len(t))), np.broadcast_to(dy, (count, len(t)))
+    by = np.broadcast_to(by, (count, 1))[:, 0]
+    shifted = np.empty((count, len(t)))
     for shift in np.unique(by):
-        chosen = by == shift
-        out[chosen] = _moved(t, y[chosen], dy[chosen], float(shift))
-    return out
+        equal = by == shift
+        shifted[equal] = _moved(t, y[equal], dy[equal], float(shift))
+    return shifted
 
 
 def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarray:
-    """``y(t + by)`` of rows ``(P, N)``, all by the same time."""
+    """Return y(t + by) of rows ``y (P, N)`` as `_shifted` does, for one time ``by``, s."""
     at = t + by
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     h = t[k + 1] - t[k]
     u = np.clip((at - t[k]) / h, 0.0, 1.0)
-    # Weights of both values and both slopes, beyond an end only of the last slope there.
+    # Hermite weights of the values and slopes at both ends of an interval. Beyond the record only
+    # the value and the slope at its end count.
     w1 = u * u * (3.0 - 2.0 * u)
     m0 = h * u * (1.0 - u) ** 2 + np.where(at < t[0], at - t[0], 0.0)
     m1 = h * u * u * (u - 1.0) + np.where(at > t[-1], at - t[-1], 0.0)
@@ -384,37 +399,45 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
 
 
 def middle(x: np.ndarray) -> np.ndarray:
-    """Return the means of neighbouring samples along the last axis."""
+    """Return the means of successive samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
 def summed(increments: np.ndarray) -> np.ndarray:
-    """Return the samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
+    """Return the cumulative sum ``(P, N)``, with a first zero, of increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
-    out = np.zeros((len(increments), increments.shape[1] + 1))
-    np.cumsum(increments, axis=1, out=out[:, 1:])
-    return out
+    total = np.zeros((len(increments), increments.shape[1] + 1))
+    np.cumsum(increments, axis=1, out=total[:, 1:])
+    return total
 
 
 def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the slopes by parabolas through three neighbours, at the ends by straight lines."""
+    """Return the slopes of ``y`` at the samples, by parabolas through three successive samples, and
+    at the ends by straight lines.
+    """
     h = np.diff(t)
-    steep = np.diff(y, axis=-1) / h
-    inner = (steep[..., :-1] * h[1:] + steep[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
-    return np.concatenate([steep[..., :1], inner, steep[..., -1:]], axis=-1)
+    secants = np.diff(y, axis=-1) / h
+    inner = (secants[..., :-1] * h[1:] + secants[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
+    return np.concatenate([secants[..., :1], inner, secants[..., -1:]], axis=-1)
 
 
 # ---- Unknowns of each record
 
 Key = tuple[str, str]
-# relative uncertainty of an unrecorded airspeed; it acts like a scale of the load
+# relative sigma of an airspeed that is given and not recorded; its error acts like a scale of nz
 AIRSPEED_UNCERTAINTY = 0.015
+FIRST_SAMPLES = 5  # valid samples whose median is an initial state
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A quantity of one record that every fit leaves free: its key, the size of a step to
-    differentiate, and a prior sigma (infinite: none).
+    """An unknown of one record in every fit.
+
+    Attributes
+    ----------
+    key : the arguments of `Values` that give it.
+    step : step of its finite difference.
+    prior : sigma of its prior about zero; infinite without one.
     """
 
     key: Key
@@ -423,44 +446,47 @@ class Unknown:
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Starts of the states; biases that the relations need; without theta two numbers for gravity's
-    turn; without an airspeed how far the given one is off; where nz jumps with an input, by how
-    much its integral may be off.
+    """Return the unknowns of a record.
+
+    They are the initial states and the biases of the inputs. Without theta, c1 and c2 are unknown;
+    without a recorded airspeed, the error of the given one; and where nz jumps with a held input,
+    the error of its integral.
     """
-    out = [Unknown(("start", name), 1e-3) for name in s.outputs]
+    unknowns = [Unknown(("start", name), 1e-3) for name in s.outputs]
     if "theta" in s.outputs:
-        out.append(Unknown(("q", BIAS), 1e-4))
+        unknowns.append(Unknown(("q", BIAS), 1e-4))
     if "alpha" in s.outputs:
-        out.append(Unknown(("nz", BIAS), 1e-3))
+        unknowns.append(Unknown(("nz", BIAS), 1e-3))
         if "airspeed" not in s.channels:
-            out.append(Unknown(("nz", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
+            unknowns.append(Unknown(("nz", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
         if "theta" not in s.channels:
-            out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
+            unknowns += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
         if s.jumps.size:
-            out.append(Unknown(("jump", "nz"), 1e-2, 1.0))
+            unknowns.append(Unknown(("jump", "nz"), 1e-2, 1.0))
     if "airspeed" in s.outputs:
-        out.append(Unknown(("ax", BIAS), 1e-3))
-    return tuple(out)
+        unknowns.append(Unknown(("ax", BIAS), 1e-3))
+    return tuple(unknowns)
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """Return the first values: states as they are first measured, nz incremental or total,
-    whichever is nearer.
+    """Return the starting values of the unknowns, zero but for initial states and the bias of nz.
+
+    An initial state is the median of the first valid samples. The bias of nz is that of an
+    incremental load or of a total load, whichever is nearer.
     """
-    out = np.zeros(len(unknowns))
+    start = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):
         channel, kind = item.key
         if channel == "start":
-            row = s.outputs.index(kind)
-            out[i] = (
-                float(np.median(s.channels[kind][np.flatnonzero(s.valid[row])[:5]]))
-                if np.any(s.valid[row])
-                else 0.0
-            )
+            first = np.flatnonzero(s.valid[s.outputs.index(kind)])[:FIRST_SAMPLES]
+            start[i] = float(np.median(s.channels[kind][first])) if first.size else 0.0
         elif item.key == ("nz", BIAS):
             level = float(np.mean(s.channels["nz"]))
-            out[i] = level if "theta" not in s.channels else (0.0 if level > 0.5 else -1.0)
-    return out
+            if "theta" not in s.channels:
+                start[i] = level
+            else:
+                start[i] = 0.0 if level > 0.5 else -1.0
+    return start
 
 
 def evaluate(
@@ -470,7 +496,9 @@ def evaluate(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
+    """Return the outputs ``(m, P, N)`` for P sets of unknowns ``own (P, n)`` and ``sizes (P, k)``
+    of the faults.
+    """
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
@@ -480,7 +508,7 @@ def evaluate(
 
 
 def difference_step(fault: SensorFault) -> float:
-    """Return the step of a central difference; lags and delays need several samples."""
+    """Return the step of a central difference in the size of a fault."""
     return 0.004 if fault.kind in (DELAY, LAG) else 1e-3 * fault.plausible
 
 
@@ -491,8 +519,8 @@ def linearised(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)`` in one call: one-sided differences for
-    a record's own, central ones for faults.
+    """Return the outputs ``(m, N)`` and their derivatives ``(m, N, n + k)``: forward differences
+    for the unknowns of the record, central ones for the faults.
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])

@@ -19,8 +19,8 @@ from ident.compatibility.fitting import (
     smoother_sigmas,
     whitened,
 )
+from ident.compatibility.instruments import instrumented, weigher
 from ident.compatibility.kinematics import BIAS, SensorFault, linearised, unknowns_of
-from ident.compatibility.signals import instrumented, weigher
 from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 
@@ -31,10 +31,14 @@ from sim.maths import G0
 class CompatibilitySettings:
     """Settings of a check.
 
-    ``airspeed`` (m/s) is used if none is recorded; None omits the relation of alpha then.
-    ``gravity`` in m/s2. ``vane_arm`` (m) is the known arm; findings add to it. ``chord`` (m) scales
-    usual sensor positions; zero if unknown. ``false_alarm`` : share of sound sets of records with
-    any accepted fault. ``most`` : largest number of accepted faults.
+    Attributes
+    ----------
+    airspeed : m/s, used where none is recorded; without both, the relation of alpha is omitted.
+    gravity : m/s2.
+    vane_arm : known arm of the vane, m; an estimated arm is in addition to it.
+    chord : m, for the prior of sensor positions; zero where it is not known.
+    false_alarm : probability that any fault is accepted in records of correct sensors.
+    most : largest number of accepted faults.
     """
 
     airspeed: float | None = None
@@ -55,12 +59,16 @@ class FaultQuantity:
 
 @dataclass(frozen=True)
 class SensorEstimate:
-    """One fault alone, by both methods; the other sensors are assumed correct.
+    """Estimate of one fault by both methods.
 
-    ``difference``: output error less smoother, in standard deviations of that difference.
-    ``determined``: whether the standard deviation is below the size that is common in practice.
-    ``gain``: increase of the log likelihood under coloured residuals; ``p_value`` of that gain,
-    one-sided if only one sign is possible.
+    Attributes
+    ----------
+    name, channel, kind, unit : those of the fault.
+    output_error, smoother : estimates by the two methods.
+    difference : output error minus smoother, in standard deviations of the difference.
+    gain : increase of the log likelihood under coloured residuals.
+    p_value : of this gain, one-sided where only one sign is possible.
+    determined : whether the standard deviation is below a plausible size.
     """
 
     name: str
@@ -84,12 +92,17 @@ class SensorEstimate:
 class SensorFinding:
     """One fault tested under coloured residuals, in addition to the accepted ones.
 
-    ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's
-    own parameter: a scale is a factor. ``gain`` of the log likelihood. ``stands``: accepted, itself
-    or one of its ``group`` (names). ``replicates``: single records agree; True for one record.
-    ``lost``: log likelihood lost with it in place of the nearest accepted fault, zero for the best
-    of a group; None without an accepted fault or if it was refused. ``probabilities`` of the fault
-    and its group by name, from likelihoods and priors of sensor positions.
+    Attributes
+    ----------
+    value, std : parameter of the effect and its standard deviation; that of a scale is a factor.
+    gain : gain of log likelihood.
+    stands : whether the fault is accepted, or may be confused with an accepted one.
+    group : names of the faults that it may be confused with.
+    name : name of the effect.
+    replicates : whether single records agree on it; True for one record.
+    lost : loss of log likelihood in place of an accepted fault, zero for the best fault of a group;
+        None where it is not in the place of one.
+    probabilities : of the fault and its group by name, from likelihoods and priors.
     """
 
     channel: str
@@ -108,12 +121,17 @@ class SensorFinding:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """One record: by output, the measurement, its reconstruction from other channels, and the
-    residual. ``(N,)`` each, SI.
+    """Measured outputs of one record, and their reconstruction from other channels.
 
-    ``recorded`` is integrated from the measured inputs, ``integrated`` from them without the
-    accepted faults, ``smoothed`` also uses the output; ``used`` is False where a sample is missing
-    or set aside.
+    Attributes
+    ----------
+    record : name of the record.
+    time : ``(N,)``, s.
+    measured : output -> ``(N,)`` measurement, in SI units.
+    recorded : output -> reconstruction by integration of the measured inputs.
+    integrated : the same, corrected for the accepted faults.
+    smoothed : the same, by a smoother that also uses the output.
+    used : output -> False where a sample is missing or does not count.
     """
 
     record: str
@@ -127,10 +145,16 @@ class Reconstruction:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """A check of one record, or of several together (``records``: their names).
+    """Result of a check of one record, or of several together.
 
-    ``biases``: of one record only. ``noise_std`` by channel, unit of the channel: of the outputs,
-    and of the inputs by the walk of their integral.
+    Attributes
+    ----------
+    records : names of the records.
+    estimates : of all faults but biases.
+    biases : estimates of the biases, for one record only.
+    findings : accepted faults first.
+    noise_std : channel -> noise in its unit; that of an input is from the random walk of its
+        integral.
     """
 
     records: tuple[str, ...]
@@ -142,16 +166,17 @@ class CheckResult:
 
 @dataclass(frozen=True, eq=False)
 class Compatibility:
-    """The result of ``compatibility``.
+    """Result of ``compatibility``.
 
     Attributes
     ----------
-    channels : all that were looked at.
-    relations : by output, the channels that its relation joins.
-    joint : all records together, sensor faults in common; ``single``: each by itself, empty where
-        that was not asked.
-    cannot_tell : sentences, from the information of the records.
-    notes : what else there is to say.
+    channels : the channels that were checked.
+    relations : output -> channels of its relation.
+    joint : result of all records together, with common sensor faults.
+    single : result of each record alone; empty where it was not requested.
+    reconstructions : one for each record.
+    cannot_tell : sentences on faults that the records do not determine.
+    notes : sentences on changes of the channels and on missing relations.
     """
 
     channels: tuple[str, ...]
@@ -170,15 +195,22 @@ class Compatibility:
 
 # ---- Trial of one fault in addition to others
 
-LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
-CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
-LEAST_FAULT_SIGMAS = 3.0
+# a fault is fitted completely where its first-order gain of log likelihood is larger
+LEAST_PROJECTED_GAIN = 2.5
+CONTRADICTION_P_VALUE = 1e-3  # records contradict each other where the p-value is smaller
+LEAST_FAULT_SIGMAS = 3.0  # smallest weighted mean of single records, in sigmas
 
 
 @dataclass(frozen=True, eq=False)
 class FaultTrial:
-    """A fault fitted beside others: the fit, its variance (white and coloured residuals), gain and
-    p-value.
+    """A fault that was fitted in addition to others.
+
+    Attributes
+    ----------
+    fit : the fit with the fault, which is the last one.
+    size : estimated size.
+    white, variance : variance of the size for white and for coloured residuals.
+    gain, p_value : gain of log likelihood under coloured residuals, and its p-value.
     """
 
     fault: SensorFault
@@ -191,27 +223,30 @@ class FaultTrial:
 
     @property
     def determined(self) -> bool:
+        """Whether the standard deviation is below a plausible size."""
         return 0.0 < self.variance < self.fault.plausible**2
 
 
 def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
-    """Each fault added to those of ``base``: linearised, and fitted in full if it may matter."""
-    out = []
-    for fault, quick in zip(faults, one_step(base, faults), strict=True):
-        first = _trial(base, fault, quick)
-        worth = first.gain > LEAST_PROJECTED_GAIN or abs(first.size) > 0.5 * fault.plausible
-        out.append(
-            _trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first
-        )
-    return out
+    """Return the trial of each fault in addition to those of ``base``. It is linearised; a fault
+    with a notable gain or size is fitted completely.
+    """
+    trials = []
+    for fault, linearised_fit in zip(faults, one_step(base, faults), strict=True):
+        trial = _trial(base, fault, linearised_fit)
+        if trial.gain > LEAST_PROJECTED_GAIN or abs(trial.size) > 0.5 * fault.plausible:
+            trial = _trial(base, fault, fit(base.signals, (*base.faults, fault), base))
+        trials.append(trial)
+    return trials
 
 
 def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> FaultTrial:
+    """Return the trial of the last fault of a fit, against the fit ``base`` without it."""
     sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    # A likelihood includes gusts: with recorded controls, only the part of the residual that they
-    # explain counts.
+    # The likelihood includes the effect of gusts. With recorded controls, only the part of the
+    # residual that the controls explain counts.
     before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
         whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
@@ -229,31 +264,28 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:
-    """Return the probability of such a gain of log likelihood without the fault."""
+    """Return the probability of a larger gain of log likelihood without the fault."""
     from scipy.special import chdtrc
 
-    if fault.one_sided:
-        return (
-            0.5 * float(chdtrc(1.0, 2.0 * gain))
-            if size > 0
-            else 1.0 - 0.5 * float(chdtrc(1.0, 2.0 * gain))
-        )
-    return float(chdtrc(1.0, 2.0 * gain))
+    two_sided = float(chdtrc(1.0, 2.0 * gain))
+    if not fault.one_sided:
+        return two_sided
+    return 0.5 * two_sided if size > 0 else 1.0 - 0.5 * two_sided
 
 
 def estimate_of(trial: FaultTrial) -> SensorEstimate:
-    """Return a fault by both methods."""
+    """Return the estimate of a tried fault by both methods."""
     values, covariance = output_error(trial.fit)
     widening = trial.variance / trial.white if trial.white > 0 else 1.0
-    own = float(covariance[-1, -1]) * widening
-    difference = difference_in_sigmas(float(values[-1]), own, trial.size, trial.variance)
+    other_variance = float(covariance[-1, -1]) * widening
+    difference = difference_in_sigmas(float(values[-1]), other_variance, trial.size, trial.variance)
     fault = trial.fault
     return SensorEstimate(
         fault.name,
         fault.channel,
         fault.kind,
         fault.unit,
-        FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
+        FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(other_variance, 0.0))),
         FaultQuantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
         difference if trial.determined else 0.0,
         trial.gain,
@@ -263,43 +295,47 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
 
 
 def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
-    """Return the biases that are free in every fit of one record."""
+    """Return the estimates of the biases that are unknowns in every fit of one record."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
-    out = []
+    estimates = []
     for i, item in enumerate(unknowns_of(base.signals[0])):
         if item.key[1] != BIAS:
             continue
         fault = SensorFault(item.key[0], BIAS)
-        wide = float(sigmas.widening[i])
-        one, other = float(covariance[i, i]) * wide, float(sigmas.covariance[i, i]) * wide
+        widening = float(sigmas.widening[i])
+        other_variance, variance = (
+            float(covariance[i, i]) * widening,
+            float(sigmas.covariance[i, i]) * widening,
+        )
         value = float(base.own[0][i])
-        out.append(
+        estimates.append(
             SensorEstimate(
                 fault.name,
                 fault.channel,
                 BIAS,
                 fault.unit,
-                FaultQuantity(float(values[i]), math.sqrt(one)),
-                FaultQuantity(value, math.sqrt(other)),
-                difference_in_sigmas(float(values[i]), one, value, other),
+                FaultQuantity(float(values[i]), math.sqrt(other_variance)),
+                FaultQuantity(value, math.sqrt(variance)),
+                difference_in_sigmas(float(values[i]), other_variance, value, variance),
                 0.0,
                 1.0,
                 True,
             )
         )
-    return tuple(out)
+    return tuple(estimates)
 
 
 def with_more_faults(
     base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
 ) -> KinematicFit:
-    """Fit one record with the faults of all records."""
+    """Return the fit of one record with the faults of all records, from their ``sizes``."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
 def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Return whether the records agree on a fault one by one, beside the accepted ones, and
-    together require it with the common sign.
+    """Return whether the single records agree on a fault in addition to those of ``current``, and
+    their weighted mean has the sign of the trial and is significant. ``bases`` are the base fits of
+    each record.
     """
     from scipy.special import chdtrc
 
@@ -309,20 +345,23 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
         tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
-    v = np.array([t.size for t in alone if t.determined])
-    w = np.array([1.0 / t.variance for t in alone if t.determined])
-    if len(v) < 2:
+    sizes = np.array([t.size for t in alone if t.determined])
+    weights = np.array([1.0 / t.variance for t in alone if t.determined])
+    if len(sizes) < 2:
         return False
-    mean = float(np.sum(w * v) / np.sum(w))
-    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
+    mean = float(np.sum(weights * sizes) / np.sum(weights))
+    agree = (
+        float(chdtrc(len(sizes) - 1.0, float(np.sum(weights * (sizes - mean) ** 2))))
+        > CONTRADICTION_P_VALUE
+    )
     return agree and mean * math.copysign(1.0, trial.size) > LEAST_FAULT_SIGMAS / math.sqrt(
-        float(np.sum(w))
+        float(np.sum(weights))
     )
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """Return, for each fault, the linearised fit with it added to ``base``, with the noise of
-    ``base``.
+    """Return for each fault the linearised fit with it in addition to those of ``base``, under the
+    noise of ``base``.
     """
     white, at, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
@@ -360,6 +399,9 @@ def _with_step(
     information: np.ndarray,
     gradient: np.ndarray,
 ) -> KinematicFit:
+    """Return the linearised fit with fault ``j`` of `one_step`, from the normal equations without
+    it.
+    """
     n = len(gradient)
     whole, right = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
     whole[:n, :n] = information

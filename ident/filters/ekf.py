@@ -48,9 +48,9 @@ from sim.record import Record
 
 # ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
-SETTLED_SIGMAS = 0.01  # change in sigmas below which no further pass is needed
-OnePass = Callable[..., Estimate]
-_FEW_COLUMNS = 6  # states and parameters below which the Jacobian by columns is cheaper
+SETTLED_SIGMAS = 0.01  # passes end when no parameter changes by more, in sigmas
+OnePass = Callable[..., Estimate]  # function that runs one pass, as `filter_by_filterpy`
+_FEW_COLUMNS = 6  # with fewer states and parameters, a Jacobian column by column is faster
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,12 @@ class FilterSettings:
     step : integrator of the mean (``euler_step`` or ``rk4_step``).
     transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``,
         ``Exponential()``).
-    max_step : longest sub-step, s; F is formed anew in each. The sampling interval when infinite.
-    passes : at most how often the record is run through; each pass starts from the parameters that
-        the one before found, with the declared prior covariance, so that F is formed nearer to the
-        truth. It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain
-        filter.
+    max_step : longest sub-step, s; infinite takes the sampling interval. F is computed again in
+        each sub-step.
+    passes : most passes over the record; 1 is the plain filter. Each further pass starts from the
+        parameters of the one before, with the declared prior covariance, so that the linearisation
+        is nearer to the truth. Passes end when no parameter changes by more than a hundredth of its
+        sigma.
     """
 
     step: Step = rk4_step
@@ -86,38 +87,43 @@ def run_ekf(
 
     Parameters
     ----------
-    record : measured data; outputs that the System does not know are ignored.
-    system : compiled with ``online=True``; initial state, priors and noise from its declaration.
-    settings : integration; RK4 mean and three Taylor terms when None.
-    by : function that runs a pass; ``filter_by_filterpy`` when None. ``filter_batched`` of
-        ``ident.banks.bank`` is equal to rounding.
+    record : measured data; outputs that the System does not have are ignored.
+    system : model compiled with ``online=True``; its declaration has the initial state, the priors
+        and the noise.
+    settings : None takes the defaults, a Runge-Kutta mean and three Taylor terms.
+    by : function that runs a pass; None takes `filter_by_filterpy`. ``filter_batched`` of
+        ``ident.banks.bank`` gives the same to rounding.
 
     Returns
     -------
-    Estimate, its outcome ``DIVERGED`` or ``INDEFINITE`` when the filter broke down; values and
-    covariance are then those of the last sound sample.
+    Estimate. Where the filter broke down, its outcome is ``DIVERGED`` or ``INDEFINITE``, and values
+    and covariance are those of the last sample before.
 
     Raises
     ------
-    ModelError : no common output, an undeclared noise level or prior.
+    ModelError : where there is no common output, or a noise level or prior is not declared.
     """
     settings, one_pass = settings or FilterSettings(), by or filter_by_filterpy
     problem = filter_problem(record, system, settings.max_step)
     estimate = one_pass(problem, settings)
     n_x = len(system.states)
-    for done in range(1, settings.passes):
+    for iteration in range(2, settings.passes + 1):
         if estimate.outcome is not Outcome.CONVERGED:
             break
         start = np.concatenate([problem.start[:n_x], estimate.values])
-        again = one_pass(problem, settings, start)
-        moved = np.max(
-            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
-            initial=0.0,
+        before, estimate = (
+            estimate,
+            replace(one_pass(problem, settings, start), iterations=iteration),
         )
-        estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED_SIGMAS:
+        if change_in_sigmas(before, estimate) < SETTLED_SIGMAS:
             break
     return estimate
+
+
+def change_in_sigmas(before: Estimate, after: Estimate) -> float:
+    """Return the largest change of a parameter between two passes, in sigmas of the first."""
+    sigmas = np.maximum(before.std, np.finfo(float).tiny)
+    return float(np.max(np.abs(after.values - before.values) / sigmas, initial=0.0))
 
 
 def filter_by_table(
@@ -126,20 +132,19 @@ def filter_by_table(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate | None:
-    """Return one pass by the table of the equations, without filterpy; None where they have no
-    table, or the filter broke down.
+    """Return one pass by the table of the equations, without filterpy; None where the equations
+    have no table, or the filter broke down.
 
-    Arguments as for ``filter_by_filterpy``, which it equals to rounding.
+    Arguments and result are those of `filter_by_filterpy`, to rounding.
     """
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return None
     buffers = empty_history(problem)
     with np.errstate(all="ignore"):
-        sound = filter_one(
-            problem, equations, problem.start if start is None else start, about, buffers
-        )
-        return finished(problem, buffers, "ekf") if sound else None
+        first = problem.start if start is None else start
+        definite = filter_one(problem, equations, first, about, buffers)
+        return finished(problem, buffers, "ekf") if definite else None
 
 
 def filter_by_filterpy(
@@ -148,19 +153,19 @@ def filter_by_filterpy(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """Return one pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every
-    ``predict`` and every ``update`` is filterpy's.
+    """Return one pass over a record by the ``ExtendedKalmanFilter`` of filterpy.
 
     Parameters
     ----------
-    problem, settings : record and System brought together, and how to integrate.
-    start : ``(n,)`` mean before the first sample; the declared one when None.
-    about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own
-        estimate.
+    problem : record and System.
+    settings : integration and linearisation.
+    start : ``(n,)`` mean before the first sample; None takes the declared one.
+    about : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of the
+        filter.
 
     Returns
     -------
-    Estimate with its history; its outcome says how the filter broke down, if it did.
+    Estimate with its history. The outcome says whether and how the filter broke down.
     """
     return _filtered(problem, _linearised(problem, settings), start, about)
 
@@ -171,8 +176,8 @@ def filter_by_complex_step(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """Run ``filter_by_filterpy`` with matrices from complex steps also for bilinear equations: the
-    reference of the tables.
+    """Return the pass of `filter_by_filterpy` with Jacobians by complex steps and without tables of
+    bilinear equations. It is the reference for the tables.
     """
     return _filtered(problem, _by_complex_step(problem, settings), start, about)
 
@@ -183,7 +188,8 @@ def _filtered(
     start: np.ndarray | None,
     about: np.ndarray | None,
 ) -> Estimate:
-    # its import loads scipy.stats: only filters pay for that
+    """Return one pass with the given equations."""
+    # imported here, since it loads scipy.stats
     from filterpy.kalman import ExtendedKalmanFilter
 
     n, m = len(problem.names), len(problem.variance)
@@ -201,14 +207,14 @@ def _filtered(
                         _predict(ekf, equations, s, point)
                         Phi = ekf.F @ Phi
                 keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
-                trouble = _update(
+                failure = _update(
                     ekf, problem, equations, k, keeper, None if about is None else about[:, k]
                 )
-            # errors of scalar functions where arrays would become infinite
+            # scalar functions raise an error where arrays would become infinite
             except (ArithmeticError, ValueError):
-                trouble = Outcome.DIVERGED
-            if trouble is not None:
-                return keeper.estimate("ekf", trouble)
+                failure = Outcome.DIVERGED
+            if failure is not None:
+                return keeper.estimate("ekf", failure)
             keeper.filtered(k, ekf.x[:, 0], ekf.P)
     return keeper.estimate("ekf", Outcome.CONVERGED)
 
@@ -219,9 +225,10 @@ class _Linearised:
 
     Attributes
     ----------
-    move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
-        matrix and Q_k ``(n, n)``.
-    observe : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
+    move : function of a sub-step ``s`` and a point ``(n,)``. It returns the states ``(n_x,)`` after
+        the sub-step, the fundamental matrix ``(n, n)`` and Q_k ``(n, n)``.
+    observe : function of a sample ``k`` and a point ``(n,)``. It returns the outputs ``(m,)`` and
+        their Jacobian ``(m, n)``.
     """
 
     move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -229,22 +236,23 @@ class _Linearised:
 
 
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """Equations by their table if they are bilinear, else by complex steps."""
+    """Return the equations by their table where they are bilinear, else by complex steps."""
     equations = table_equations(problem, settings.step, settings.transition)
-    return (
-        _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
-    )
+    if equations is None:
+        return _by_complex_step(problem, settings)
+    return _by_table(problem, equations)
 
 
 def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised:
+    """Return the equations of a table in the form that filterpy needs."""
     n, n_x, m = len(problem.names), len(problem.system.states), len(problem.variance)
-    point, slopes, none, one = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
+    point, slopes, zero, identity = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
 
     def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point[:] = at
-        Phi = one.copy()
+        Phi = identity.copy()
         noise = equations.move(s, Phi[:n_x])
-        return point[:n_x].copy(), Phi, none if noise is None else noise
+        return point[:n_x].copy(), Phi, zero if noise is None else noise
 
     def observe(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         point[:] = at
@@ -256,6 +264,7 @@ def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised
 
 
 def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
+    """Return the equations with Jacobians by complex steps."""
     system, p, free = problem.system, problem.p, problem.free
     n, n_x = len(problem.names), len(problem.system.states)
     grid = problem.grid
@@ -285,8 +294,10 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
-    """Prediction over one sub-step with filterpy, the mean integrated in its ``predict_x``; ``point
-    (n,)`` to linearise at, which is moved over the sub-step as well.
+    """Predict over one sub-step with filterpy, with the mean integrated in its ``predict_x``.
+
+    ``point (n,)`` is the point of linearisation, which is moved over the sub-step too; None takes
+    the mean.
     """
     before = ekf.x[:, 0]
     moved, ekf.F, ekf.Q = equations.move(s, before if point is None else point)
@@ -295,9 +306,9 @@ def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None)
         mean = before.copy()
         mean[:n_x] = moved
     else:
-        away = before - point
+        deviation = before - point
         point[:n_x] = moved
-        mean = point + ekf.F @ away
+        mean = point + ekf.F @ deviation
 
     def predict_x(u: object = 0) -> None:
         ekf.x = mean.reshape(-1, 1)
@@ -315,8 +326,8 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """Update (Joseph's form) with filterpy, of channels that have a sample; returns how it
-    diverged, if so.
+    """Update (Joseph's form) by filterpy with the channels that have a sample; return how the
+    filter broke down, or None.
     """
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.observe(k, at)
@@ -337,20 +348,19 @@ def _update(
             log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)
         except np.linalg.LinAlgError:
             return breakdown(ekf.x, ekf.S) or Outcome.INDEFINITE
-    trouble = breakdown(ekf.x, ekf.P, keeper.transition(k), expected, nis)
-    if trouble is None:
+    failure = breakdown(ekf.x, ekf.P, keeper.transition(k), expected, nis)
+    if failure is None:
         keeper.outputs(k, expected)
         if rows.size:
             keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, H, log_likelihood, nis)
-    return trouble
+    return failure
 
 
 def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
-    return (
-        complex_step_jacobian(function, x)
-        if len(x) < _FEW_COLUMNS
-        else jacobian_in_one_call(function, x)
-    )
+    """Return the Jacobian of a function at ``x`` by complex steps."""
+    if len(x) < _FEW_COLUMNS:
+        return complex_step_jacobian(function, x)
+    return jacobian_in_one_call(function, x)
 
 
 # ---- Iterated extended Kalman filter
@@ -365,23 +375,23 @@ def run_iterated_ekf(
     first: System | None = None,
     by: OnePass = filter_by_filterpy,
 ) -> Estimate:
-    """Estimate states and free parameters by a filter linearised about its own smoothed trajectory,
-    iterated to convergence.
+    """Estimate states and free parameters by passes of a filter, each linearised about the smoothed
+    trajectory of the pass before, until they converge.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
-    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
+    iterations : most passes. They end when no parameter changes by more than a hundredth of its
         sigma.
-    first : the same system with another start and narrower priors, for the first pass alone: it
-        gives the first point to linearise at.
+    first : the same model with another start and narrower priors, for the first pass only. Its
+        trajectory is the first one to linearise about.
     by : function that runs a pass, as for ``run_ekf``.
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a
-    pass broke down, the estimate is that of the pass before it, with the outcome of the one that
-    broke down.
+    Estimate of the last pass; its outcome is ``MAX_ITERATIONS`` where the passes have not
+    converged. Where a pass broke down, the estimate is that of the pass before it, with the outcome
+    of the broken pass.
 
     Raises
     ------
@@ -393,32 +403,29 @@ def run_iterated_ekf(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
     return iterated_to_convergence(
-        first_pass, lambda done: by(problem, settings, about=done.mean), iterations
+        first_pass, lambda smoothed: by(problem, settings, about=smoothed.mean), iterations
     )
 
 
 def iterated_to_convergence(
     estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
 ) -> Estimate:
-    """Repeat passes about the last smoothed trajectory until no parameter changes by more than a
-    hundredth of its sigma.
+    """Repeat the pass ``further`` about the last smoothed trajectory until no parameter changes by
+    more than a hundredth of its sigma. ``estimate`` is that of the first pass.
     """
     if estimate.outcome is not Outcome.CONVERGED:
         return estimate
-    for done in range(2, iterations + 1):
+    for iteration in range(2, iterations + 1):
         assert estimate.history is not None
-        again = further(smooth(estimate.history))
-        if again.outcome is not Outcome.CONVERGED:
+        last = further(smooth(estimate.history))
+        if last.outcome is not Outcome.CONVERGED:
             message = (
-                f"pass {done} broke down {again.message}: values and sigmas are those of the pass "
-                "before it, which had not settled"
+                f"pass {iteration} broke down {last.message}: values and sigmas are those of the "
+                "pass before it, which had not settled"
             )
-            return replace(estimate, outcome=again.outcome, message=message)
-        moved = np.max(
-            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
-            initial=0.0,
-        )
-        estimate = replace(again, iterations=done)
-        if moved < SETTLED_SIGMAS:
+            return replace(estimate, outcome=last.outcome, message=message)
+        change = change_in_sigmas(estimate, last)
+        estimate = replace(last, iterations=iteration)
+        if change < SETTLED_SIGMAS:
             return estimate
     return replace(estimate, outcome=Outcome.MAX_ITERATIONS)

@@ -1,17 +1,19 @@
 """One pass of the extended Kalman filter over one record, with transition matrices and process
 noise.
 
-Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13, Q_k = integral
-over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
+The fundamental matrix is the Taylor series of exp(F T) or the matrix exponential. The process noise
+Q_k is the integral of Phi(tau) Q Phi(tau)^T over the step, in closed form. They are eq. 8 and 13 of
+the simulated-flight-data paper.
 
-The filter equals filterpy's in `ident.filters.ekf`, with Joseph's update in two products: with G =
-[H, -I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I
-- K H, K]. Results are written into the history, which is checked once at the end.
+The filter equals that by filterpy in `ident.filters.ekf`, with Joseph's update in two products. Let
+G = [H, -I, y], and let W have the blocks P and R on its diagonal. Then G W gives H P and S, and the
+new P is B W B^T with B = [I - K H, K]. The results are written into arrays, which are checked once
+at the end.
 
-For such small matrices a call costs more than its arithmetic. So one table, times w = (1, states,
-parameters, inputs), gives all terms that are linear in w: the
-Jacobian, the matrices whose products with w are the values, the factors of the Runge-Kutta step and
-of the fundamental matrix.
+For these small matrices a call takes longer than its arithmetic. Therefore one product of a table
+with w = (1, states, parameters, inputs) gives all terms that are linear in w: the Jacobian, the
+matrices whose products with w are the values, and the factors of the Runge-Kutta step and of the
+fundamental matrix.
 """
 
 from __future__ import annotations
@@ -34,13 +36,13 @@ RowTransition = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray | Non
 
 
 class Transition(Protocol):
-    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to
-    ``Phi``, ``Q_k``.
+    """Function of ``F (..., n, n)``, the spectral density ``(n,)`` and the step (s) that returns
+    ``Phi`` and ``Q_k``.
 
-    ``of_rows`` is for batches in which F ``(..., r, n)`` are the first r rows of a matrix, all
-    others zero. It returns a function of F and the step that gives the first r rows of ``Phi - I``
-    and of ``Q_k``, of the latter only the first r columns where those beyond are zero, None without
-    noise. Below them Phi is the identity and Q_k is diag(density) dt.
+    ``of_rows`` is for batches of matrices F whose rows below the first r are zero. It returns a
+    function of these rows ``(..., r, n)`` and the step, which gives the first r rows of ``Phi - I``
+    and of ``Q_k``. The rows of Q_k have only r columns where all further ones are zero, and Q_k is
+    None without noise. Below these rows Phi is the identity and Q_k is diag(density) dt.
     """
 
     def __call__(
@@ -51,7 +53,7 @@ class Transition(Protocol):
 
 @dataclass(frozen=True)
 class Taylor:
-    """Series with ``terms`` terms: 2 gives I + F T, 3 adds F^2 T^2 / 2, and so on."""
+    """Taylor series with ``terms`` terms: 2 gives I + F T, 3 adds F^2 T^2 / 2, and so on."""
 
     terms: int = 2
 
@@ -89,15 +91,16 @@ class Taylor:
 def noise_of_series(
     r: int, density: np.ndarray, terms: int
 ) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
-    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k
-    dt^k / k!, F zero below its first r rows.
+    """Return a function that computes the first r rows of Q_k for a Taylor series of Phi.
 
-    The returned function takes the same rows of the M_k ``(..., r, n)``, an array of their shape
-    and the step (s); it gives None without process noise.
+    The series is ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k dt^k / k!, and F is zero
+    below its first r rows. The function takes these rows ``(..., r, n)`` of the M_k, an array of
+    the same shape, and the step (s). It returns None without process noise.
     """
     driven = np.flatnonzero(density)
+    # parameters with a random walk are driven below the first r rows
     walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
-    # One driven entry, the usual case, is a slice, which is cheaper than an index array.
+    # There is usually one driven entry: a slice is faster than an index array.
     chosen = slice(driven[0], driven[0] + 1) if width == 1 else driven
     identity = np.eye(r, len(density))[:, driven]
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
@@ -124,8 +127,8 @@ def noise_of_series(
 
 @dataclass(frozen=True)
 class Exponential:
-    """Matrix exponential; the noise integral by Van Loan's block exponential (IEEE TAC 23(3),
-    1978).
+    """Matrix exponential, with the noise by Van Loan's block exponential (IEEE Trans. Automatic
+    Control 23(3), 1978).
     """
 
     def __call__(
@@ -157,22 +160,21 @@ class Exponential:
 
 
 def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
-    """Log density of an innovation ``y (m,)`` with covariance ``S (m, m)``, and its normalised
-    square.
+    """Return the log density of an innovation ``y (m,)`` with covariance ``S (m, m)``, and its
+    normalised square.
 
     Raises
     ------
-    numpy.linalg.LinAlgError : ``S`` is not positive definite.
+    numpy.linalg.LinAlgError : where ``S`` is not positive definite.
     """
     from scipy.linalg.lapack import dposv
 
-    root, weighed, trouble = dposv(S, y)
-    if trouble:
+    root, weighted, failed = dposv(S, y)
+    if failed:
         raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-    squared = float(y @ weighed.ravel())
-    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - sum(
-        map(math.log, root.diagonal().tolist())
-    ), squared
+    nis = float(y @ weighted.ravel())
+    half_log_determinant = sum(map(math.log, root.diagonal().tolist()))
+    return -0.5 * (nis + len(y) * math.log(2.0 * math.pi)) - half_log_determinant, nis
 
 
 # ---- One pass of the extended Kalman filter over one record
@@ -180,19 +182,19 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class FilterEquations:
-    """Equations of one filter at its point of linearisation (n states and free parameters, n_x
-    states, m outputs).
+    """Equations of one filter with n_x states, n states and free parameters, and m outputs.
 
     Attributes
     ----------
-    point : ``(n,)`` where they are linearised.
-    move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of
-        the fundamental matrix into its second argument and returns Q_k ``(n, n)``, None without
-        process noise.
-    observe : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument
-        and, where ``varying``, their slopes into ``G``.
-    G : ``(m, n + m + 1)``, the slopes, minus the unit matrix, and room for a column.
-    varying : whether the slopes of the outputs change.
+    point : ``(n,)`` the point of linearisation.
+    move : function of a sub-step ``s`` and an array. It moves the states of the point over the
+        sub-step, writes the state rows ``(n_x, n)`` of the fundamental matrix into the array, and
+        returns Q_k ``(n, n)``, or None without process noise.
+    observe : function of a sample ``k`` and an array. It writes the outputs ``(m,)`` at the point
+        into the array and, where ``varying``, their Jacobian into ``G``.
+    G : ``(m, n + m + 1)`` Jacobian of the outputs, minus the unit matrix, and a column for the
+        innovation.
+    varying : whether the Jacobian of the outputs changes.
     """
 
     point: np.ndarray
@@ -209,11 +211,18 @@ def filter_one(
     about: np.ndarray | None,
     buffers: FilterBuffers,
 ) -> bool:
-    """Filter a record from ``start (n,)`` and fill ``buffers``; ``about (n, N)``: trajectory to
-    linearise about.
+    """Filter a record and write the results into ``buffers``.
 
-    Returns False if the covariance of an innovation is not positive definite. Other results may be
-    infinite or NaN; the caller checks them.
+    Parameters
+    ----------
+    start : ``(n,)`` mean before the first sample.
+    about : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of the
+        filter.
+
+    Returns
+    -------
+    False where the covariance of an innovation is not positive definite. Other results may be
+    infinite or NaN: the caller checks them.
     """
     from scipy.linalg.lapack import dposv
 
@@ -227,8 +236,8 @@ def filter_one(
     noise = np.arange(n, n + m)
     W[noise, noise] = problem.variance
     W_P, G_turned, H, y, GW = W[:n, :n], G.T, G[:, :n], G[:, -1], np.empty_like(G)
-    # Whole matrices spare BLAS copies of parts: of the product that K G is part of, the rows below
-    # the first n are not used.
+    # Whole matrices are multiplied, since BLAS copies parts of matrices. K G is in the first n rows
+    # of a product whose other rows are not used.
     GW_turned, product, BW = GW.T, np.empty_like(W), np.empty((n, n + m + 1))
     unit = np.eye(n, n + m + 1)
     B = product[:n]
@@ -239,9 +248,9 @@ def filter_one(
     }
     z = np.where(problem.valid, problem.z, 0.0).T.copy()
     P = problem.covariance
-    before = zip(buffers.predicted_mean, buffers.predicted_covariance, strict=True)
-    after = zip(buffers.mean, buffers.covariance, strict=True)
-    samples = zip(before, after, buffers.S, buffers.outputs, z, strict=True)
+    predictions = zip(buffers.predicted_mean, buffers.predicted_covariance, strict=True)
+    updates = zip(buffers.mean, buffers.covariance, strict=True)
+    samples = zip(predictions, updates, buffers.S, buffers.outputs, z, strict=True)
     for k, ((x_before, P_before), (mean, P_after), S, expected, measured) in enumerate(samples):
         if k:
             predict(k, x, P, P_before)
@@ -254,15 +263,15 @@ def filter_one(
         if about is not None:
             expected += H @ (x - point)
         subtract(measured, expected, y)
-        absent = missing.get(k)
-        whole = None if absent is None else _leave_out_channels(absent, G, W)
+        missing_channels = missing.get(k)
+        full_G = None if missing_channels is None else _leave_out_channels(missing_channels, G, W)
         if varying:
             buffers.sensitivity[k] = H
         W_P[:] = P_before
         dot(G, W, GW)
         dot(GW, G_turned, S)
-        _, S_G, trouble = dposv(S, G)
-        if trouble:
+        _, S_G, failed = dposv(S, G)
+        if failed:
             return False
         dot(GW_turned, S_G, product)
         subtract(unit, B, B)
@@ -270,8 +279,8 @@ def filter_one(
         dot(BW, B_turned, P_after)
         subtract(x, B_last, mean)
         x[:], P = mean, P_after
-        if whole is not None:
-            G[:], W[noise, noise] = whole, problem.variance
+        if full_G is not None:
+            G[:], W[noise, noise] = full_G, problem.variance
     buffers.innovation[:] = np.where(problem.valid.T, z - buffers.outputs, 0.0)
     if not varying:
         buffers.sensitivity[:] = H * problem.valid.T[:, :, None]
@@ -279,13 +288,13 @@ def filter_one(
 
 
 def _leave_out_channels(absent: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Remove the channels ``absent`` from an update: zero slopes and innovation, one in S. Returns
-    the old ``G``.
+    """Remove the channels ``absent`` from an update, by a zero Jacobian and innovation and a one in
+    S; return ``G`` as it was.
     """
-    n, whole = len(W) - len(G) - 1, G.copy()
+    n, full_G = len(W) - len(G) - 1, G.copy()
     G[absent, :n] = G[absent, -1] = 0.0
     W[n + absent, n + absent] = 1.0
-    return whole
+    return full_G
 
 
 def _prediction(
@@ -294,33 +303,35 @@ def _prediction(
     about: np.ndarray | None,
     transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
-    """Function that moves mean and covariance over the sub-steps to sample k, and fills the
-    fundamental matrix.
+    """Return the function that moves mean and covariance over the sub-steps to sample k. It also
+    writes the fundamental matrix of the interval into ``transition (N, n, n)``.
     """
     move, point, n = equations.move, equations.point, len(problem.names)
     n_x, dot = len(problem.system.states), np.dot
     ends, half, further = problem.grid.sample.tolist(), np.empty((n, n)), np.eye(n)
-    moving, whole = list(transition[:, :n_x]), list(transition)
-    turned, rest = list(transition.transpose(0, 2, 1)), further[:n_x]
+    state_rows, matrices = list(transition[:, :n_x]), list(transition)
+    transposed, further_rows = list(transition.transpose(0, 2, 1)), further[:n_x]
 
     def predict(k: int, x: np.ndarray, P: np.ndarray, P_before: np.ndarray) -> None:
         if about is not None:
             point[:] = about[:, k - 1]
-        first = ends[k - 1]
-        for s in range(first, ends[k]):
+        first_step = ends[k - 1]
+        for s in range(first_step, ends[k]):
             rows, step, step_turned = (
-                (moving[k], whole[k], turned[k]) if s == first else (rest, further, further.T)
+                (state_rows[k], matrices[k], transposed[k])
+                if s == first_step
+                else (further_rows, further, further.T)
             )
-            away = None if about is None else x - point
+            deviation = None if about is None else x - point
             noise = move(s, rows)
-            if away is not None:
-                x[:] = point + step @ away
+            if deviation is not None:
+                x[:] = point + step @ deviation
             dot(step, P, half)
             dot(half, step_turned, P_before)
             if noise is not None:
                 np.add(P_before, noise, P_before)
-            if s != first:
-                whole[k][:] = further @ whole[k]
+            if s != first_step:
+                matrices[k][:] = further @ matrices[k]
             P = P_before
 
     return predict
@@ -336,8 +347,8 @@ _TERMS = {Taylor(2): 2, Taylor(3): 3}
 def table_equations(
     problem: FilterProblem, step: Step, transition: Transition
 ) -> FilterEquations | None:
-    """Equations from the table; None if they are not bilinear, an input changes within a step, or
-    there is no closed form for integrator or transition.
+    """Return the equations by their table; None where they are not bilinear, an input changes
+    within a step, or the integrator or the transition has no closed form here.
     """
     if step not in _ORDERS or transition not in _TERMS or not constant_within_steps(problem.drive):
         return None
@@ -355,21 +366,21 @@ def table_equations(
 def _motion(
     f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
 ) -> Callable[[int, np.ndarray], np.ndarray | None]:
-    """``FilterEquations.move``: moves the states in ``w`` and fills the state rows of the
-    fundamental matrix.
+    """Return ``FilterEquations.move``, which moves the states in ``w`` by an integrator of order
+    ``steps``, with ``terms`` Taylor terms of the fundamental matrix.
     """
     width, n, n_x = len(w), f.n, len(problem.system.states)
     coefficients = f.table.reshape(width, n_x, n + width)
     slopes, halves, A = coefficients[:, :, :n], coefficients[:, :, n:], coefficients[:, :, :n_x]
-    none, one = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
-    one[0] = np.eye(n_x)
-    # Each block with its terms with and without the factor of the step. The last but one, times F
-    # above I, gives Phi.
-    half = (0.5 * A, one) if terms > 2 else (none, one)
+    zero, identity = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
+    identity[0] = np.eye(n_x)
+    # Each block is a pair: the terms with the factor of the step, and those without. The last block
+    # but one, times F above I, gives Phi.
+    half = (0.5 * A, identity) if terms > 2 else (zero, identity)
     blocks = [
         ([[halves]], [[0.0 * halves]]),
-        *_stages(A, none, one, steps),
-        ([[half[0], none]], [[half[1], one]]),
+        *_stages(A, zero, identity, steps),
+        ([[half[0], zero]], [[half[1], identity]]),
         ([[slopes]], [[0.0 * slopes]]),
     ]
     per_step, constant = (
@@ -413,21 +424,26 @@ def _motion(
 
 
 def _stages(
-    A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
+    A: np.ndarray, zero: np.ndarray, identity: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Return the matrices that lead in steps from f to (I + A/2 (I + A/3 (I + A/4))) f; none for a
-    single step.
+    """Return the matrices whose products lead from f to (I + A/2 (I + A/3 (I + A/4))) f, for an
+    integrator of order 4; none for order 1.
     """
     if steps == 1:
         return []
     inner = [
-        ([[A / k, none], [none, none]], [[none, one], [none, one]]) for k in range(steps - 1, 2, -1)
+        ([[A / k, zero], [zero, zero]], [[zero, identity], [zero, identity]])
+        for k in range(steps - 1, 2, -1)
     ]
-    return [([[A / steps], [none]], [[one], [one]]), *inner, ([[0.5 * A, none]], [[none, one]])]
+    return [
+        ([[A / steps], [zero]], [[identity], [identity]]),
+        *inner,
+        ([[0.5 * A, zero]], [[zero, identity]]),
+    ]
 
 
 def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Function that writes the inputs of a step into the end of ``w``, after one and ``n``
+    """Return the function that writes the inputs of a step into ``w``, after its first 1 + ``n``
     entries.
     """
     inputs = w[1 + n :]
@@ -436,25 +452,25 @@ def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable
     if len(inputs) == 1:
         values, last = np.asarray(rows[0]).tolist(), len(w) - 1
 
-        def one(s: int) -> None:
+        def write_one(s: int) -> None:
             w[last] = values[s]
 
-        return one
+        return write_one
     u = np.stack(list(rows), axis=1)
 
-    def several(s: int) -> None:
+    def write_all(s: int) -> None:
         inputs[:] = u[s]
 
-    return several
+    return write_all
 
 
 def _noise(
     problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int
 ) -> Noise | None:
-    """Q_k of the last step, None without process noise: sum over i, j of M_i Q M_j^T dt / (i + j +
-    1), M_i the terms of Phi.
+    """Return the function that computes Q_k of the last step; None without process noise.
 
-    ``half (n_x, n_x)``: I + A/2; ``slopes (n_x, n)``: F; both times the step.
+    Q_k is the sum over i, j of M_i Q M_j^T dt / (i + j + 1), with M_i the terms of Phi. ``half
+    (n_x, n_x)`` is I + A/2 and ``slopes (n_x, n)`` is F, with A and F times the step.
     """
     driven, order = np.flatnonzero(problem.density), np.arange(terms)
     if not driven.size:
@@ -477,15 +493,18 @@ def _noise(
 def _outputs(
     h: Bilinear, w: np.ndarray, problem: FilterProblem
 ) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
-    """``observe``, ``G`` and ``varying`` of ``FilterEquations``."""
+    """Return ``observe``, ``G`` and ``varying`` of `FilterEquations`."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
-    beside = np.zeros((width, m, m + 1))
-    beside[0, :, :m] = -np.eye(m)
-    blocks = [np.concatenate([coefficients[:, :, :n], beside], axis=2), coefficients[:, :, n:]]
+    constant_columns = np.zeros((width, m, m + 1))
+    constant_columns[0, :, :m] = -np.eye(m)
+    blocks = [
+        np.concatenate([coefficients[:, :, :n], constant_columns], axis=2),
+        coefficients[:, :, n:],
+    ]
     table = np.concatenate([block.reshape(width, -1) for block in blocks], axis=1)
-    product, cut = table[0].copy(), m * (n + m + 1)
-    G, of_values = product[:cut].reshape(m, -1), product[cut:].reshape(m, width)
+    product, size = table[0].copy(), m * (n + m + 1)
+    G, of_values = product[:size].reshape(m, -1), product[size:].reshape(m, width)
     varying, dot = bool(np.any(table[1:])), np.dot
     write_inputs = (
         _input_writer(w, n, [row[problem.grid.sample] for row in problem.drive.begin])

@@ -51,12 +51,12 @@ class FilterProblem:
 
 
 def filter_problem(record: Record, system: System, max_step: float) -> FilterProblem:
-    """Check that a filter can run, and return its problem.
+    """Return the problem of a filter.
 
     Raises
     ------
-    ModelError : no free parameter has data (no output in common), an unknown noise level, a free
-        parameter or state without a prior standard deviation, an effect that cannot run on line.
+    ModelError : where record and System have no output in common, a noise level is not declared, a
+        free parameter or state has no prior standard deviation, or an effect cannot run on line.
     """
     present = [name for name in system.output_names if name in record.output_names]
     if not present:
@@ -112,16 +112,19 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:
-    """Return all parameters, the free ones replaced by ``values``, as a System takes them."""
-    out: list = list(p)
+    """Return all parameters ``p`` with those at the positions ``free`` replaced by ``values``."""
+    parameters: list = list(p)
     for index, value in zip(free, values, strict=True):
-        out[index] = value
-    return out
+        parameters[index] = value
+    return parameters
 
 
 def prior_std(system: System, name: str, *, state: bool) -> float:
-    """Return the prior standard deviation of a state or free parameter, 0 for a fixed state;
-    ModelError if none is declared.
+    """Return the prior standard deviation of a state or free parameter; 0 for a fixed state.
+
+    Raises
+    ------
+    ModelError : where none is declared.
     """
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
@@ -137,19 +140,19 @@ def prior_std(system: System, name: str, *, state: bool) -> float:
 
 
 def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, float]) -> ParameterSet:
-    """Give each free parameter a prior standard deviation: its engineering value, or else a quarter
-    of its starting value.
+    """Return the parameters with prior standard deviations of all free ones: an engineering value,
+    or else a quarter of the starting value.
 
-    The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by
-    engineering judgement.
+    This is the rule of NASA TM-101722: P0 = (x0/4)^2, and a bound by engineering judgement for
+    states that start at or near zero.
 
     Parameters
     ----------
-    engineering : standard deviations by name; entries for parameters that are not free are ignored.
+    engineering : parameter -> standard deviation; those of fixed parameters are ignored.
 
     Raises
     ------
-    ModelError : a free parameter that starts at zero without an engineering value.
+    ModelError : where a free parameter starts at zero and has no engineering value.
     """
     priors = {}
     for item in parameters:
@@ -173,11 +176,11 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 def breakdown(
     mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
 ) -> Outcome | None:
-    """Return how a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further
-    numbers are finite.
+    """Return how a filter broke down, or None: ``DIVERGED`` where a number in mean ``(n,)``,
+    covariance ``(n, n)`` or ``further`` is not finite, ``INDEFINITE`` where a variance is negative.
     """
     numbers = (mean, covariance, *further)
-    # Sums of squares are the cheaper bound, and a NaN fails either comparison.
+    # The sum of squares is computed faster than the largest size. A NaN fails both comparisons.
     if not sum(np.vdot(v, v) for v in numbers) < LARGEST_NUMBER and not all(
         np.abs(v).max(initial=0.0) < LARGEST_NUMBER for v in numbers
     ):
@@ -186,10 +189,10 @@ def breakdown(
 
 
 class HistoryKeeper:
-    """Collects predictions, innovations and updates of one pass of any filter.
+    """History of one pass of a filter, written sample by sample.
 
-    After a divergence the remaining samples keep the last finite values, so that a history has only
-    finite numbers.
+    Where the filter broke down, the last finite values stand at all later samples, so that a
+    history has finite numbers only.
     """
 
     def __init__(self, problem: FilterProblem) -> None:
@@ -227,7 +230,7 @@ class HistoryKeeper:
         return self._transition[k]
 
     def outputs(self, k: int, y: np.ndarray) -> None:
-        """Store all outputs ``(m,)`` predicted at sample ``k``, also of channels without a
+        """Store the predicted outputs ``y (m,)`` at sample ``k``, with those of channels without a
         sample.
         """
         self._outputs[:, k] = y
@@ -242,15 +245,15 @@ class HistoryKeeper:
         log_likelihood: float,
         nis: float,
     ) -> None:
-        """Store the innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output
-        sensitivity ``H`` of the gain.
+        """Store the innovation ``y`` of the channels ``rows``, its covariance ``S`` and the output
+        Jacobian ``H``.
         """
         self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
         self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
 
     def filtered(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """Store the result of the update at sample ``k``, which was finite."""
+        """Store the mean and covariance after the update at sample ``k``; they are finite."""
         self._mean[:, k], self._covariance[k], self._last = mean, covariance, k
 
     def estimate(self, method: str, outcome: Outcome) -> Estimate:
@@ -296,11 +299,16 @@ class HistoryKeeper:
 
 
 class FilterBuffers(NamedTuple):
-    """Arrays that a pass fills, the sample first.
+    """Results of one pass, with the samples as the first axis.
 
-    Means ``(N, n)`` and covariances ``(N, n, n)`` before and after each update, the transition to
-    it, innovations ``(N, m)`` with ``S (N, m, m)``, sensitivities ``(N, m, n)`` and predicted
-    outputs ``(N, m)``.
+    Attributes
+    ----------
+    mean, covariance : ``(N, n)`` and ``(N, n, n)`` after each update.
+    predicted_mean, predicted_covariance : ``(N, n)`` and ``(N, n, n)`` before each update.
+    transition : ``(N, n, n)`` from the sample before.
+    innovation, S : ``(N, m)`` and its covariance ``(N, m, m)``.
+    sensitivity : ``(N, m, n)`` Jacobian of the outputs.
+    outputs : ``(N, m)`` predicted outputs.
     """
 
     mean: np.ndarray
@@ -315,7 +323,7 @@ class FilterBuffers(NamedTuple):
 
 
 def empty_history(problem: FilterProblem) -> FilterBuffers:
-    """Return the arrays of a pass; transitions are the identity."""
+    """Return the arrays for a pass: transitions are the identity, all others are not yet set."""
     n, (m, N) = len(problem.names), problem.valid.shape
     covariance_shape, mean_shape, output_shape = (N, n, n), (N, n), (N, m)
     transition = np.array(np.broadcast_to(np.eye(n), covariance_shape), order="C")
@@ -332,23 +340,22 @@ def empty_history(problem: FilterProblem) -> FilterBuffers:
 
 
 def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:
-    """Estimate of a completed pass; None if a number is not finite or a variance negative
-    (``breakdown``).
+    """Return the estimate of a complete pass; None where a number is not finite or a variance is
+    negative.
     """
     variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
-    if (
-        not all(
-            each.max(initial=0.0) < LARGEST_NUMBER and each.min(initial=0.0) > -LARGEST_NUMBER
-            for each in buffers
-        )
-        or variance.min(initial=0.0) < 0.0
-    ):
+    finite = all(
+        array.max(initial=0.0) < LARGEST_NUMBER and array.min(initial=0.0) > -LARGEST_NUMBER
+        for array in buffers
+    )
+    if not finite or variance.min(initial=0.0) < 0.0:
         return None
     try:
         root = np.linalg.cholesky(buffers.S)
     except np.linalg.LinAlgError:
         return None
-    # A missing channel has zero in y and one in S, which adds nothing.
+    # A missing channel has a zero innovation and a one in S, which change neither nis nor the
+    # determinant.
     nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
     if not np.all(nis < LARGEST_NUMBER):
         return None

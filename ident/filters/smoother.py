@@ -1,15 +1,15 @@
 """Fixed-interval smoother, and parameter covariance corrected for coloured innovations.
 
-The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson and Frazier
-(Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973): the
-same numbers without inverting the predicted covariance, which is singular where a state is known
-exactly, and nearly so for parameters without process noise.
+The smoother is that of Rauch, Tung and Striebel (AIAA Journal 3(8), 1965) in the form of Bryson and
+Frazier (Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J. Control 18(1),
+1973). This form does not invert the predicted covariance, which is singular where a state is known
+exactly, and nearly singular for parameters without process noise.
 
-A filter's covariance holds for white measurement noise. Coloured noise is correlated between
-samples, so that the record has less information than the filter assumes. The correction is that of
-whole-record fits (`ident.statistics.residual_spectrum`): the information is kept, and the scatter
-of the gradient is formed with the spectra of the residuals. These are the residuals of the filter
-that knows the smoothed initial state exactly; without process noise those of output error.
+The covariance of a filter holds for white measurement noise. Coloured noise is correlated between
+samples, so that the record has less information. The correction is that of whole-record fits
+(`ident.statistics.residual_spectrum`): the information matrix stays, and the covariance of the
+gradient has the spectra of the residuals. These are the residuals of a filter that starts from the
+smoothed initial state with zero covariance. Without process noise they are those of output error.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from ident.statistics.residual_spectrum import corrected_covariance
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SmoothedHistory:
-    """States and free parameters given the whole record (N samples, n names).
+    """Estimates of the n states and free parameters at each of N samples, from the whole record.
 
     Attributes
     ----------
-    time : ``(N,)`` s.
-    names : as in the filter's history.
-    mean, std : ``(n, N)``.
+    time : ``(N,)``, s.
+    names : names of the states, then of the free parameters.
+    mean, std : ``(n, N)`` estimates and their standard deviations.
     covariance : ``(N, n, n)``.
     """
 
@@ -48,13 +48,13 @@ class SmoothedHistory:
 
 
 def smooth(history: FilterHistory) -> SmoothedHistory:
-    """Run back over a filter's history, of an extended or an unscented filter.
+    """Return the smoothed history of an extended or unscented filter.
 
-    With r and W zero after the last sample, back over sample k, K = P_pred H^T S^-1 (nothing where
-    no sample was used): r <- H^T S^-1 y + (I - K H)^T r, W <- H^T S^-1 H + (I - K H)^T W (I - K H),
-    then r <- G^T r, W <- G^T W G with the history's ``transition``; at each sample x_s = x + P r,
-    P_s = P - P W P. A smoothed variance never exceeds the filter's. Should W leave the range of
-    numbers, the samples before keep the filter's values.
+    The recursion runs backwards, with r and W zero after the last sample. At sample k, with K =
+    P_pred H^T S^-1, it sets r <- H^T S^-1 y + (I - K H)^T r and W <- H^T S^-1 H + (I - K H)^T W (I
+    - K H), then r <- G^T r and W <- G^T W G with the ``transition`` G. The smoothed values are x_s
+    = x + P r and P_s = P - P W P. A smoothed variance is at most that of the filter. Where W is not
+    finite, the earlier samples keep the values of the filter.
     """
     N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
@@ -76,12 +76,12 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 
 
 def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
-    """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W
-    <- D + M^T W M, with c, D and M of each sample.
+    """Return r ``(N - 1, n)`` and W ``(N - 1, n, n)`` at every sample but the last: r <- c + M^T r
+    and W <- D + M^T W M, with c, D and M of each sample.
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
-    # A missing channel has zeros in H and one in S, which is neutral.
+    # A missing channel has zeros in H and a one in S, which change nothing.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     gain_to_state = G.transpose(0, 2, 1) @ weighted
@@ -101,8 +101,8 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """``P (N, n, n)`` with rows and columns scaled where a variance exceeds the limit ``(N, n)`` or
-    is negative.
+    """Return ``P (N, n, n)`` with rows and columns scaled so that each variance is at most
+    ``largest (N, n)``; those of a negative variance become zero.
     """
     own = np.diagonal(P, axis1=1, axis2=2)
     factor = np.sqrt(
@@ -113,24 +113,23 @@ def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
 
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
-# smallest significant autocorrelation, in standard deviations 1/sqrt(N) of white noise
+# smallest significant autocorrelation, in standard deviations 1/sqrt(N) of that of white noise
 _SIGNIFICANT_SIGMAS = 4.0
-# smallest process noise, relative to a covariance; smaller differences are rounding
+# smallest process noise, relative to the covariance: a smaller difference is rounding
 _ROUNDING_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredInnovations:
-    """Corrections of a filter's standard deviations for coloured innovations.
+    """Correction of the covariance of a filter for coloured innovations.
 
     Attributes
     ----------
-    names : the ``s`` parameters that the filter estimates.
-    covariance : ``(s, s)`` of the parameters, corrected.
-    factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
-    lag_one : autocorrelation of the whitened residuals one sample apart, by output that was
-        measured.
-    significant : whether the autocorrelation of some output is more than white noise shows.
+    names : names of the s estimated parameters.
+    covariance : ``(s, s)`` corrected covariance.
+    factor : ``(s,)`` corrected standard deviations over those for white noise, at least 1.
+    lag_one : measured output -> autocorrelation of its whitened residuals at lag one.
+    significant : whether the autocorrelation of an output is larger than that of white noise.
     """
 
     names: tuple[str, ...]
@@ -141,16 +140,11 @@ class ColouredInnovations:
 
 
 def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
-    """Correct the parameter covariance of a filter for coloured innovations.
+    """Return the correction of the parameter covariance for coloured innovations; None where the
+    filter broke down or the correction is not finite.
 
-    Parameters
-    ----------
-    estimate : of an extended or unscented filter, with its history; its parameters are no random
-        walks.
-
-    Returns
-    -------
-    The correction; None where the filter broke down or its numbers allow none.
+    ``estimate`` is that of an extended or unscented filter with its history. Its parameters have no
+    random walk.
     """
     history = estimate.history
     if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
@@ -186,11 +180,8 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     white = np.diagonal(inverse)[at] * scale**2
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
-    rows = [
-        each
-        for each in zip(estimate.output_names, residual, history.valid, strict=True)
-        if each[2].any()
-    ]
+    outputs = zip(estimate.output_names, residual, history.valid, strict=True)
+    rows = [(name, row, known) for name, row, known in outputs if known.any()]
     lag_one = {name: _lag_one(row, known) for name, row, known in rows}
     significant = any(
         abs(lag_one[name]) > _SIGNIFICANT_SIGMAS / np.sqrt(np.count_nonzero(known))
@@ -206,23 +197,21 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """Return the estimate with its covariance corrected for coloured innovations, if there is a
-    correction.
+    """Return the estimate with its covariance corrected for coloured innovations; unchanged where
+    there is no correction.
     """
-    result = coloured_innovations(estimate)
-    return (
-        estimate
-        if result is None or result.names != estimate.names
-        else replace(estimate, covariance=result.covariance)
-    )
+    correction = coloured_innovations(estimate)
+    if correction is None or correction.names != estimate.names:
+        return estimate
+    return replace(estimate, covariance=correction.covariance)
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and
-    parameters, scaled to unit variance.
+    """Return the residuals ``(m, N)`` and their derivatives ``(m, N, n)``, whitened to unit
+    variance, of a filter that starts from the smoothed initial state and parameters.
 
-    As for a linear filter, the history gives the same filter from another start, whose covariance
-    is that of the process noise alone.
+    The linearisation in the history gives this filter. Its covariance is that of the process noise
+    alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)
@@ -247,7 +236,9 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Q_k ``(N, n, n)`` that each prediction added to the covariance; None if that is rounding."""
+    """Return Q_k ``(N, n, n)`` that each prediction adds to the covariance; None if all of it is
+    rounding.
+    """
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
@@ -261,9 +252,8 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
 
 
 def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
-    neighbours_known, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
-    return (
-        float(np.sum(row[1:][neighbours_known] * row[:-1][neighbours_known]) / power)
-        if power > 0.0
-        else 0.0
-    )
+    """Return the autocorrelation at lag one of a row ``(N,)`` with the valid samples ``known``."""
+    pairs, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+    if not power > 0.0:
+        return 0.0
+    return float(np.sum(row[1:][pairs] * row[:-1][pairs]) / power)

@@ -1,18 +1,18 @@
 """Unscented Kalman filter for states and parameters, and its iterated form.
 
-filterpy computes the update and the weights. Three additions make it robust. A unique square root
-that also exists for singular covariances (a state known exactly has no variance). All sigma points
-in one call of the System instead of one call each. Missing channels dropped row by row.
+filterpy computes the update and the weights. The square root is one that is unique and also exists
+for singular covariances: a state that is known exactly has no variance. All sigma points go through
+the System in one call. Channels without a sample are left out of the update.
 
 The points are sqrt(n) sigmas from the mean (alpha = 1, kappa = 0). The central one has the weight
-beta = 2 in the covariance, for part of the fourth moments of a Gaussian. Without negative weights
-the predicted covariance is semi-definite, and no digits cancel (alpha = 0.001 loses six).
+beta = 2 in the covariance, for a part of the fourth moments of a Gaussian. No weight is negative,
+so that the predicted covariance is semi-definite and no digits cancel (alpha = 0.001 loses six).
 
-Posterior linearisation (Garcia-Fernandez, Svensson and Sarkka, "Iterated Posterior Linearization
-Smoother", IEEE Transactions on Automatic Control 62(4), 2017). The points of the plain filter cover
-the prior. If it is wide, products of unknowns are strongly nonlinear there, and the estimate is
-biased. The points of the iterated filter cover the posterior of the whole record. The prior keeps
-its mean and weight, so no datum counts twice.
+The iterated filter is the posterior linearisation of Garcia-Fernandez, Svensson and Sarkka
+("Iterated Posterior Linearization Smoother", IEEE Transactions on Automatic Control 62(4), 2017).
+The points of the plain filter cover the prior. Where the prior is wide, products of unknowns are
+strongly nonlinear over it, and the estimate is biased. The points of the iterated filter cover the
+posterior of the whole record. The prior keeps its mean and weight, so that no sample counts twice.
 """
 
 from __future__ import annotations
@@ -23,7 +23,12 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, iterated_to_convergence
+from ident.filters.ekf import (
+    SETTLED_SIGMAS,
+    FilterSettings,
+    change_in_sigmas,
+    iterated_to_convergence,
+)
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
@@ -34,8 +39,9 @@ from sim.record import Record
 # ---- Unscented Kalman filter for states and parameters, on filterpy's UnscentedKalmanFilter
 
 ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
-BETA = 2.0  # prior weight of the mean's kurtosis, 2 for a Gaussian
+BETA = 2.0  # further weight of the central point in the covariance, 2 for a Gaussian
 KAPPA = 0.0  # secondary scaling
+# eigenvalues of a correlation matrix below this share of the largest one are rounding
 ROUNDING_EIGENVALUE_SHARE = 1e-14
 
 
@@ -51,10 +57,10 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     Returns
     -------
     Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G
-    of the interval: with P the covariance after the update before and C the cross-covariance of
-    that state with the predicted one, C = P G^T in each sub-step; ``history.sensitivity`` H
-    likewise from the cross-covariance with the outputs, P H^T. With these the fixed-interval
-    smoother applies to both filters.
+    of the interval. In each sub-step C = P G^T, with P the covariance before and C the
+    cross-covariance of the states before and after. ``history.sensitivity`` is the statistical
+    linearisation H of the outputs: their cross-covariance with the state is P H^T. With these the
+    fixed-interval smoother applies to both filters.
 
     Raises
     ------
@@ -64,57 +70,53 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     problem = filter_problem(record, system, settings.max_step)
     estimate = filter_by_points(problem, settings)
     n_x = len(system.states)
-    for done in range(1, settings.passes):
+    for iteration in range(2, settings.passes + 1):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        again = filter_by_points(
-            problem, settings, np.concatenate([problem.start[:n_x], estimate.values])
+        start = np.concatenate([problem.start[:n_x], estimate.values])
+        before, estimate = (
+            estimate,
+            replace(filter_by_points(problem, settings, start), iterations=iteration),
         )
-        moved = np.max(
-            np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny),
-            initial=0.0,
-        )
-        estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED_SIGMAS:
+        if change_in_sigmas(before, estimate) < SETTLED_SIGMAS:
             break
     return estimate
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
-    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for entries
-    without variance.
+    """Return ``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``. Its columns are
+    zero for entries without variance.
 
     U is the symmetric root of the correlation matrix times the standard deviations. This root is
-    unique and continuous in P. Eigenvectors of equal eigenvalues (an uncorrelated P) depend on
-    rounding, and points along them would too.
+    unique and continuous in P. Points along eigenvectors would not be: those of equal eigenvalues
+    depend on rounding.
     """
     return roots(P)[0]
 
 
 def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
-    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance.
+    """Return the statistical linearisation ``L (rows, n)``: ``P L^T`` is the cross-covariance.
 
-    ``half_differences (n, rows)``: half the differences of the images of the paired points ``x +-
-    U_i``, ``U = square_root(P)``. Dividing by the root instead of P keeps the digits of a nearly
-    singular P.
+    ``half_differences (n, rows)`` are half the differences of the images of the paired points ``x
+    +- U_i`` with ``U = square_root(P)``. Division by the root and not by P keeps the digits of a
+    nearly singular P.
     """
     return (roots(P)[1] @ half_differences).T
 
 
 def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``square_root(P)`` and its inverse ``(n, n)``, the latter zero for entries without
-    variance.
+    """Return ``square_root(P)`` and its inverse, ``(n, n)`` each. The inverse is zero for entries
+    without variance.
     """
     values, vectors, scale, inverse = _decomposed(P)
     reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
-    return (vectors * np.sqrt(values)) @ vectors.T * scale, inverse[:, None] * (
-        (vectors * reciprocal) @ vectors.T
-    )
+    root = (vectors * np.sqrt(values)) @ vectors.T * scale
+    return root, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the eigenvalues (zero for rounding) and vectors of the correlation matrix, standard
-    deviations and their inverses (zero for zero).
+    """Return the eigenvalues and eigenvectors of the correlation matrix, the standard deviations
+    and their inverses. Eigenvalues that are rounding, and inverses of zero, are zero.
     """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -130,7 +132,7 @@ def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def filter_by_points(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None
 ) -> Estimate:
-    """Return one pass of the filter over a prepared problem, from ``start (n,)`` when given."""
+    """Return one pass of the filter from the mean ``start (n,)``; None takes the declared one."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
@@ -150,23 +152,14 @@ def filter_by_points(
                 if k:
                     for s in range(grid.sample[k - 1], grid.sample[k]):
                         u = tuple([float(row[s]) for row in stage] for stage in drive.stages)
-                        G = (
-                            _predict(
-                                ukf,
-                                problem,
-                                settings,
-                                float(grid.edges[s]),
-                                u,
-                                float(grid.steps[s]),
-                            )
-                            @ G
-                        )
+                        t, dt = float(grid.edges[s]), float(grid.steps[s])
+                        G = _predict(ukf, problem, settings, t, u, dt) @ G
                 keeper.predicted(k, ukf.x, ukf.P, G)
-                trouble = _update(ukf, problem, k, keeper)
+                failure = _update(ukf, problem, k, keeper)
             except (ArithmeticError, ValueError):
-                trouble = Outcome.DIVERGED
-            if trouble is not None:
-                return keeper.estimate("ukf", trouble)
+                failure = Outcome.DIVERGED
+            if failure is not None:
+                return keeper.estimate("ukf", failure)
             keeper.filtered(k, ukf.x, ukf.P)
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
@@ -174,8 +167,8 @@ def filter_by_points(
 def _predict(
     ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float
 ) -> np.ndarray:
-    """Move the sigma points over one sub-step; returns the statistical linearisation of the
-    step.
+    """Move the sigma points over one sub-step, and return its statistical linearisation
+    ``(n, n)``.
     """
     from filterpy.kalman import unscented_transform
 
@@ -202,7 +195,9 @@ def _predict(
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
-    """Update by filterpy with the channels that have a sample; returns how it diverged, if so."""
+    """Update by filterpy with the channels that have a sample; return how the filter broke down, or
+    None.
+    """
     n_x, at = len(problem.system.states), problem.grid.sample[k]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     columns = list(ukf.sigmas_f.T)
@@ -225,18 +220,18 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
             log_likelihood, nis = log_gaussian(ukf.y, ukf.S)
         except np.linalg.LinAlgError:
             return breakdown(ukf.x, ukf.S) or Outcome.INDEFINITE
-    trouble = breakdown(ukf.x, ukf.P, keeper.transition(k), expected, nis)
-    if trouble is None:
+    failure = breakdown(ukf.x, ukf.P, keeper.transition(k), expected, nis)
+    if failure is None:
         keeper.outputs(k, expected)
         if rows.size:
             H = slopes(len(before) * before, _central_differences(outputs[rows].T))
             keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
-    return trouble
+    return failure
 
 
 def _central_differences(rows: np.ndarray) -> np.ndarray:
-    """Return half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points,
-    which are one root of ``n P`` away from the mean.
+    """Return half the differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points.
+    The points are a root of ``n P`` away from the mean.
     """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
@@ -244,7 +239,7 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # ---- Iterated unscented filter
 
-# half the digits: the rest of a difference of covariances may be rounding
+# relative rounding error of a difference of covariances, which may lose half the digits
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 # weight of the central point in a covariance, beta of the scaled points
 CENTRAL_COVARIANCE_WEIGHT = 2.0
@@ -257,22 +252,22 @@ def run_iterated_ukf(
     iterations: int = 15,
     first: System | None = None,
 ) -> Estimate:
-    """Estimate states and free parameters by an unscented filter linearised about its own smoothed
-    result, iterated to convergence.
+    """Estimate states and free parameters by passes of an unscented filter, each linearised about
+    the smoothed result of the pass before, until they converge.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
-    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
+    iterations : most passes. They end when no parameter changes by more than a hundredth of its
         sigma.
-    first : the same system with narrower priors, for the first pass alone, whose points reach over
-        the prior.
+    first : the same model with narrower priors, for the first pass only, whose points cover the
+        prior.
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a
-    pass broke down, the estimate is that of the pass before it, with the outcome of the one that
-    broke down.
+    Estimate of the last pass; its outcome is ``MAX_ITERATIONS`` where the passes have not
+    converged. Where a pass broke down, the estimate is that of the pass before it, with the outcome
+    of the broken pass.
 
     Raises
     ------
@@ -284,14 +279,18 @@ def run_iterated_ukf(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
     return iterated_to_convergence(
-        first_pass, lambda done: _pass_about(problem, settings, done), iterations
+        first_pass, lambda smoothed: _pass_about(problem, settings, smoothed), iterations
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Sigma points ``(2n + 1, n)`` of a mean and a covariance, the mean first, and the matrix that
-    turns half differences of their images into slopes.
+    """Sigma points of a mean and a covariance.
+
+    Attributes
+    ----------
+    points : ``(2n + 1, n)``, the mean first.
+    back : ``(n, n)`` matrix that turns half the differences of images of paired points into slopes.
     """
 
     points: np.ndarray
@@ -303,11 +302,11 @@ class _Cloud:
 
 
 def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
-    """Return the points about sample ``k`` of a smoothed result, out to its covariance.
+    """Return the points for the mean and covariance of sample ``k`` of a smoothed result.
 
-    Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
-    standard deviations and directions without variance get ``ROUNDING`` of one: without distinct
-    points, slopes along these directions would be unknown.
+    Slopes need distinct points along every direction. Where a smoothed variance is rounding,
+    ``reach (n,)`` is the standard deviation. A direction without variance gets the share
+    ``ROUNDING`` of the largest one.
     """
     mean, P = about.mean[:, k], about.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
@@ -322,7 +321,9 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
 def _pass_about(
     problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
 ) -> Estimate:
-    """Return one pass of the Kalman filter with the functions linearised over ``about``."""
+    """Return one pass of the Kalman filter, linearised statistically over the smoothed result
+    ``about``.
+    """
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
@@ -338,11 +339,11 @@ def _pass_about(
                     x, P = moved + G @ (x - cloud.mean), _symmetric(G @ P @ G.T + noise)
                     cloud = _cloud(about, k, reach)
                 keeper.predicted(k, x, P, G)
-                x, P, trouble = _updated(problem, keeper, k, x, P, cloud)
+                x, P, failure = _updated(problem, keeper, k, x, P, cloud)
             except (ArithmeticError, ValueError):
-                trouble = Outcome.DIVERGED
-            if trouble is not None:
-                return keeper.estimate("ukf", trouble)
+                failure = Outcome.DIVERGED
+            if failure is not None:
+                return keeper.estimate("ukf", failure)
             keeper.filtered(k, x, P)
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
@@ -350,8 +351,8 @@ def _pass_about(
 def _moved(
     problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, first: int, last: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Prediction from one sample to the next, sub-steps ``first`` to ``last``: mean, slopes, and
-    covariance of noise and curvature.
+    """Return the prediction over the sub-steps ``first`` to ``last``: the mean ``(n,)``, the slopes
+    ``(n, n)``, and the covariance ``(n, n)`` of process noise and linearisation error.
     """
     system, n_x, points = problem.system, len(problem.system.states), cloud.points
     noise = np.zeros_like(cloud.back)

@@ -1,9 +1,10 @@
 """Frequency responses of records: composite over window lengths, several inputs, feedback; default
 choices.
 
-Composite of several windows: Tischler and Remple, "Aircraft and Rotorcraft System Identification",
-2nd edition, AIAA 2012, chapter 10. Conditioned responses and partial coherence: the same, chapter
-9. Random errors: Bendat and Piersol, "Random Data", 4th edition, Wiley 2010, chapters 6, 7 and 9.
+The composite of several windows is that of Tischler and Remple, "Aircraft and Rotorcraft System
+Identification", 2nd edition, AIAA 2012, chapter 10, and conditioned responses and partial coherence
+are those of chapter 9. Random errors follow Bendat and Piersol, "Random Data", 4th edition, Wiley
+2010, chapters 6, 7 and 9.
 """
 
 from __future__ import annotations
@@ -28,21 +29,17 @@ from sim.errors import RecordError
 
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
 
-_CONFIDENCE = 0.95  # probability that a band or circle holds the response
-# limits of a usable response: coherence and random error of the magnitude (Tischler and Remple)
-LEAST_COHERENCE = 0.6
-RANDOM_ERROR = 0.2
-# mean distance of an input's power from a usable frequency, times the window's length
-LARGEST_POWER_OFFSET = 0.6
-WINDOW_DERIVATIVES = 2  # orders of derivatives of the window in the regression
-MAIN_LOBE_HALF_WIDTH = 2.0  # of a Hann window's spectrum, times the length of the window
-# periods in a window that alone has enough averages for its derivatives
-FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
-_LEAST_NOISE_DEGREES = 4.0  # real degrees of freedom that must be left for the noise
-# power of the random error by which a window counts, Tischler and Remple's
-_RANDOM_ERROR_POWER = 4.0
-_MOST_REGRESSORS_AT_ONCE = 400_000  # regressors that are worked on at a time
-_SMOOTHED_NEIGHBOURS = 5  # neighbours over which weights and coherence are smoothed
+_CONFIDENCE = 0.95  # probability that a band or circle contains the response
+LEAST_COHERENCE = 0.6  # of a usable response (Tischler and Remple)
+RANDOM_ERROR = 0.2  # largest one of a usable magnitude (Tischler and Remple)
+LARGEST_POWER_OFFSET = 0.6  # mean distance of power from a usable frequency, times window length
+WINDOW_DERIVATIVES = 2  # highest derivative of the window in the regression
+MAIN_LOBE_HALF_WIDTH = 2.0  # half-width of the main lobe of a Hann window, times its length
+FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0  # in a window that is used alone, with derivatives
+_LEAST_NOISE_DEGREES = 4.0  # fewest real degrees of freedom of the noise estimate
+_RANDOM_ERROR_POWER = 4.0  # a window has the weight error^-4 (Tischler and Remple)
+_MOST_REGRESSORS_AT_ONCE = 400_000  # regressors that are processed together
+_SMOOTHED_NEIGHBOURS = 5  # frequencies over which weights and coherence are smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +48,9 @@ class EvenSignals:
 
     Attributes
     ----------
-    step : s.
+    step : sampling interval, s.
     inputs, outputs : ``(q, N)`` and ``(m, N)``.
-    references : ``(q, N)`` or ``(0, N)``, excitations that are free of noise.
+    references : ``(q, N)`` excitations without noise, or ``(0, N)`` without references.
     """
 
     step: float
@@ -63,7 +60,7 @@ class EvenSignals:
 
     @property
     def stacked(self) -> np.ndarray:
-        """All signals, outputs first, without their straight lines."""
+        """All signals, detrended: outputs, inputs, then references."""
         rows = [self.outputs, self.inputs]
         rows += [self.references] if len(self.references) else []
         return detrended(np.concatenate(rows))
@@ -71,15 +68,15 @@ class EvenSignals:
 
 @dataclass(frozen=True)
 class Spectra:
-    """How spectra are estimated.
+    """Settings of spectral estimates.
 
     Attributes
     ----------
-    windows : s, lengths of the Hann windows, the longest first.
-    tapers : sine tapers of each whole record instead; 0 for windows.
-    derivatives : number of derivatives of the window in the regression, which remove bias by the
-        window.
-    least_coherence : of the usable band.
+    windows : lengths of the Hann windows, s, the longest first.
+    tapers : number of sine tapers of each whole record in place of windows; 0 takes windows.
+    derivatives : number of derivatives of the window in the regression, which reduce the bias by
+        the window.
+    least_coherence : smallest coherence of the usable band.
     """
 
     windows: tuple[float, ...] = ()
@@ -94,24 +91,22 @@ class FrequencyResponses:
 
     Attributes
     ----------
-    frequency : Hz, ``(F,)``.
-    response : complex ``(m, q, F)``, each input's with the other inputs held.
-    std : ``(m, q, F)``, standard deviation of the real and of the imaginary part; at least the
-        magnitude where the references do not move an input of a joint estimate.
-    degrees : ``(m, F)``, real degrees of freedom of the noise estimate behind ``std``.
-    coherence : ``(m, F)``, multiple coherence of an output with all inputs; of a joint input-output
-        estimate with the references.
-    partial_coherence : ``(m, q, F)``; with one input the ordinary coherence.
-    input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
-        estimate of each input with the references.
+    frequency : ``(F,)``, Hz.
+    response : complex ``(m, q, F)``, to each input with the other inputs constant.
+    std : ``(m, q, F)`` standard deviation of the real and of the imaginary part; if joint, at least
+        the magnitude where the references do not move an input.
+    degrees : ``(m, F)`` real degrees of freedom of the noise estimate in ``std``.
+    coherence : ``(m, F)`` multiple coherence with all inputs; if joint, with the references.
+    partial_coherence : ``(m, q, F)``; with one input it is the ordinary coherence.
+    input_coherence : ``(q, F)`` of each input with the others; if joint, with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages.
-    lengths : ``(m, F)``, s, weighted geometric mean of the windows' lengths, by which the errors of
-        neighbours are correlated.
-    spectra : how it was estimated.
+    averages : ``(m, F)`` number of independent averages.
+    lengths : ``(m, F)`` weighted geometric mean of the window lengths, s. Errors of frequencies
+        closer than about one over it are correlated.
+    spectra : settings of the estimate.
     joint : whether it is a joint input-output estimate.
-    leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its
-        transforms hold comes from beyond their main lobe. Empty with sine tapers.
+    leaked : bool ``(q, F)``, True where the transform of an input (in a joint estimate, of its
+        reference) comes from power outside the main lobe. Empty with sine tapers.
     """
 
     frequency: np.ndarray
@@ -130,89 +125,82 @@ class FrequencyResponses:
 
     @property
     def random_error(self) -> np.ndarray:
-        """Normalised random error of the magnitude, ``(m, q, F)``: standard deviation over size."""
+        """Normalised random error ``(m, q, F)``: standard deviation over magnitude."""
         return np.asarray(self.std / np.maximum(np.abs(self.response), np.finfo(float).tiny))
 
     def half_width(self, level: float = 0.95) -> np.ndarray:
-        """Half width ``(m, q, F)`` of the band of the magnitude, by Student's distribution."""
+        """Return the half-width ``(m, q, F)`` of the band of magnitude, by Student's quantile."""
         from scipy.stats import t
 
         return np.asarray(t.ppf(0.5 * (1.0 + level), self.degrees)[:, None, :] * self.std)
 
     def radius(self) -> np.ndarray:
-        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with
-        probability 0.95, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
+        """Return the radius ``(m, q, F)`` of the circle in the complex plane that contains the
+        response with probability 0.95, by the F distribution (Bendat and Piersol, section 6.2.4).
+        """
         from scipy.stats import f
 
-        return np.asarray(
-            np.sqrt(2.0 * f.ppf(_CONFIDENCE, 2.0, self.degrees))[:, None, :] * self.std
-        )
+        quantile = f.ppf(_CONFIDENCE, 2.0, self.degrees)
+        return np.asarray(np.sqrt(2.0 * quantile)[:, None, :] * self.std)
 
     def phase_half_width(self) -> np.ndarray:
-        """Half width ``(m, q, F)`` of the 95 % band of the phase, rad; pi if it is undetermined."""
+        """Return the half-width ``(m, q, F)`` of the 95 % band of the phase, rad; at most pi."""
         size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
         share = self.half_width(_CONFIDENCE) / size
         return np.where(share < 1.0, np.arcsin(np.minimum(share, 1.0)), math.pi)
 
     def phase(self) -> np.ndarray:
-        """Phases ``(m, q, F)``, rad, without jumps, continued both ways from each usable band."""
-        return np.array(
-            [
-                [
-                    _unwrapped_from_band(each, present)
-                    for each, present in zip(row, usable, strict=True)
-                ]
-                for row, usable in zip(self.response, self.usable, strict=True)
-            ]
-        )
+        """Return the phases ``(m, q, F)``, rad, unwrapped both ways from each usable band."""
+        phases = np.empty(self.response.shape)
+        for place in np.ndindex(*self.response.shape[:2]):
+            phases[place] = _unwrapped_from_band(self.response[place], self.usable[place])
+        return phases
 
     def bands(self) -> list[list[tuple[float, float] | None]]:
-        """Lowest and highest usable frequency, Hz, of each output and input; None where none is."""
-        return [[_band_ends(self.frequency, each) for each in row] for row in self.usable]
+        """Return the lowest and highest usable frequency, Hz, by output and input; None without."""
+        return [[_band_ends(self.frequency, band) for band in bands] for bands in self.usable]
 
 
 def estimate_responses(
     records: Sequence[EvenSignals], frequency: np.ndarray, spectra: Spectra
 ) -> FrequencyResponses:
-    """Estimate the responses of all outputs to all inputs from the records together.
+    """Return the responses of all outputs to all inputs, from all records together.
 
-    Without references by least squares, which is right where no output acts back on an input. With
-    references by the joint input-output method: each input and each output is related to the
-    references, which are instruments of the regression.
+    Without references the estimate is that of least squares, which is correct where no output is
+    fed back to an input. With references it is the joint input-output method: inputs and outputs
+    are related to the references, which are the instruments of the regression.
 
     Raises
     ------
-    RecordError : records too short for every window, a frequency too low for every window, steps
-        that differ, another number of references than of inputs.
+    RecordError : where all windows are longer than the records, a frequency is too low for all
+        windows, steps differ, or the numbers of references and inputs differ.
     """
     step, first = records[0].step, records[0]
     m, q = len(first.outputs), len(first.inputs)
-    if any(abs(each.step / step - 1.0) > 1e-6 for each in records):
+    if any(abs(record.step / step - 1.0) > 1e-6 for record in records):
         raise RecordError("rates differ", where="frequency response", remedy="resample the records")
     joint = len(first.references) > 0
     if joint and len(first.references) != q:
         what = f"{len(first.references)} references for {q} inputs"
         raise RecordError(what, where="reference", remedy="name one reference for each input")
-    segments = _segments([each.stacked for each in records], step, frequency, spectra)
+    segments = _segments([record.stacked for record in records], step, frequency, spectra)
     return responses_of_segments(segments, frequency, spectra, m, q, joint)
 
 
 def responses_of_segments(
     segments: Segments, frequency: np.ndarray, spectra: Spectra, m: int, q: int, joint: bool
 ) -> FrequencyResponses:
-    """Estimate the responses from transforms of ``m`` outputs, ``q`` inputs and, where ``joint``,
+    """Return the responses from transforms of ``m`` outputs, ``q`` inputs and, where ``joint``,
     ``q`` references, in this order.
 
     Raises
     ------
-    RecordError : a frequency too low for every window.
+    RecordError : where a frequency is too low for all windows.
     """
     z, instrument_rows = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
-        lowest = LEAST_PERIODS_IN_LONGEST_WINDOW / max(
-            segments.lengths[n] for n in segments.windows
-        )
+        lowest = lowest_frequency([segments.lengths[n] for n in segments.windows])
         what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
         remedy = f"begin the band at {lowest:.4g} Hz or higher"
         raise RecordError(what, where="frequency response", remedy=remedy)
@@ -225,29 +213,37 @@ def responses_of_segments(
         response, std, degrees = _pooled(
             segments, output, z, instrument_rows, weights, spectra.derivatives
         )
-        around = np.concatenate(
+        signals = np.concatenate(
             [segments.transforms[instrument_rows, 0], segments.transforms[[output], 0]]
         )
-        multiple, partial = coherences(spectral_matrix(around, weights))
-        of_inputs = _input_coherence(segments, z, instrument_rows, weights, joint=joint)
+        multiple, partial = coherences(spectral_matrix(signals, weights))
+        input_coherence = _input_coherence(segments, z, instrument_rows, weights, joint=joint)
         windows = np.array(segments.lengths)[segments.windows]
-        # The geometric mean lies between the harmonic mean, which would be right for windows of one
-        # length, and the arithmetic mean, by which neighbours would seem too independent.
+        # The geometric mean is between the harmonic one, which holds for windows of one length, and
+        # the arithmetic one, which makes neighbours too independent.
         lengths = np.exp(np.log(windows) @ weights / weights.sum(axis=0))
         power_offset = _power_offset(segments, instrument_rows, weights)
-        power_offset = power_offset if not spectra.tapers else np.zeros_like(power_offset)
+        if spectra.tapers:
+            power_offset = np.zeros_like(power_offset)
         parts.append(
-            (response, std, degrees, multiple, partial, of_inputs, averages, lengths, power_offset)
+            (
+                response,
+                std,
+                degrees,
+                multiple,
+                partial,
+                input_coherence,
+                averages,
+                lengths,
+                power_offset,
+            )
         )
-    response, std, degrees, multiple, partial, of_inputs, averages, lengths, power_offset = (
+    response, std, degrees, multiple, partial, input_coherence, averages, lengths, power_offset = (
         np.stack([part[n] for part in parts]) for n in range(9)
     )
     if joint:
-        std = np.where(
-            _instrument_is_significant(of_inputs[0], averages),
-            std,
-            np.maximum(std, np.abs(response)),
-        )
+        significant = _instrument_is_significant(input_coherence[0], averages)
+        std = np.where(significant, std, np.maximum(std, np.abs(response)))
     result = FrequencyResponses(
         frequency,
         response,
@@ -255,21 +251,21 @@ def responses_of_segments(
         degrees,
         multiple,
         partial,
-        of_inputs[0],
+        input_coherence[0],
         np.zeros(response.shape, dtype=bool),
         averages,
         lengths,
         spectra,
         joint,
     )
-    leaked = (
-        _leaked(segments, instrument_rows, usable_rows) if not spectra.tapers else result.leaked
-    )
+    leaked = result.leaked
+    if not spectra.tapers:
+        leaked = _leaked(segments, instrument_rows, usable_rows)
     return replace(result, usable=_usable(result, power_offset), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
-    """Signals ``(S, N)`` without the straight lines that fit them best."""
+    """Return signals ``(S, N)`` minus the straight lines that fit them best."""
     count = signals.shape[1]
     line = np.linspace(-1.0, 1.0, count)
     level = signals.mean(axis=1, keepdims=True)
@@ -280,10 +276,11 @@ def detrended(signals: np.ndarray) -> np.ndarray:
 def _segments(
     records: list[np.ndarray], step: float, frequency: np.ndarray, spectra: Spectra
 ) -> Segments:
+    """Return the transforms of all signals under the windows or tapers of the settings."""
     if spectra.tapers:
         return sine_segments(records, step, spectra.tapers, frequency, spectra.derivatives)
-    longest = max(each.shape[1] for each in records) * step
-    lengths = [each for each in spectra.windows if each <= longest * (1.0 + 1e-9)]
+    longest = max(signals.shape[1] for signals in records) * step
+    lengths = [length for length in spectra.windows if length <= longest * (1.0 + 1e-9)]
     if not lengths:
         what = f"no window is as short as the longest record, {longest:.4g} s"
         raise RecordError(what, where="windows", remedy="give shorter windows or a longer record")
@@ -293,14 +290,13 @@ def _segments(
 def _weights(
     segments: Segments, output: int, inputs: slice, usable: np.ndarray, relaxed: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights ``(R, F)`` of the segments, each window's by its random error, and the averages.
+    """Return the weights ``(R, F)`` of R segments and the numbers of averages ``(F,)``.
 
-    A window counts as (least error / its error)^4, shared among its segments. Where that leaves too
-    few degrees of freedom for derivatives of the windows, those that have enough by themselves
-    count alone: a long window without derivatives is biased, and no scatter shows it.
-
-    ``usable``, ``relaxed`` : bool ``(R, F)``, rows that may count, usually and alone; None where no
-    derivatives are taken along.
+    A window has the weight (least error / its error)^4, shared among its segments. This may leave
+    too few degrees of freedom for derivatives of the windows. A long window without derivatives is
+    biased, and its scatter does not show this. Then only the windows that have enough degrees of
+    freedom alone get weight: first the ``usable`` segments, bool ``(R, F)``, then the ``relaxed``
+    ones. These are None where the regression has no derivatives.
     """
     errors, enough = _window_errors(segments, output, inputs, usable)
     weights = _by_error(segments, errors, usable)
@@ -313,7 +309,7 @@ def _weights(
     weights = np.where(
         alone, _by_error(segments, np.where(enough, errors, np.inf), usable), weights
     )
-    # Where none of the usual windows has enough, the longest of the relaxed ones that has.
+    # Where no usable window has enough, the longest relaxed window that has enough is taken.
     errors, enough = _window_errors(segments, output, inputs, relaxed)
     longest = enough & (np.cumsum(enough, axis=0) == 1)
     errors, alone = np.where(longest, errors, np.inf), short & ~alone & enough.any(axis=0)
@@ -324,8 +320,9 @@ def _weights(
 def _window_errors(
     segments: Segments, output: int, inputs: slice, usable: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Squared random errors ``(W, F)`` by each window length alone, smoothed over frequency, and
-    whether it leaves degrees of freedom beside the derivatives, bool."""
+    """Return the squared random errors ``(W, F)`` with each of W window lengths alone, smoothed
+    over frequency, and whether this leaves enough degrees of freedom with derivatives, bool.
+    """
     x, y = segments.transforms[inputs, 0], segments.transforms[[output], 0]
     q = x.shape[0]
     errors = np.full((len(segments.lengths), usable.shape[1]), np.inf)
@@ -349,12 +346,12 @@ def _window_errors(
 def _leaves_noise_degrees(
     averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES
 ) -> np.ndarray:
-    """Return whether so many averages leave degrees of freedom beside the derivatives, bool."""
+    """Return whether a number of averages leaves enough degrees of freedom with derivatives."""
     return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _LEAST_NOISE_DEGREES)
 
 
 def _by_error(segments: Segments, errors: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Weights ``(R, F)`` of the segments by the squared errors ``(W, F)`` of their windows."""
+    """Return the weights ``(R, F)`` of segments by the squared errors ``(W, F)`` of windows."""
     least = np.min(errors, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _RANDOM_ERROR_POWER), 0.0)
@@ -366,17 +363,17 @@ def _by_error(segments: Segments, errors: np.ndarray, usable: np.ndarray) -> np.
 
 
 def _smoothed(errors: np.ndarray) -> np.ndarray:
-    """Squared errors ``(W, F)``, geometric means over neighbouring frequencies of one window."""
-    out = errors.copy()
-    for row, each in enumerate(errors):
-        finite = np.isfinite(each)
+    """Return the geometric means of squared errors ``(W, F)`` over neighbouring frequencies."""
+    smoothed = errors.copy()
+    for row, error in enumerate(errors):
+        finite = np.isfinite(error)
         if not finite.any():
             continue
-        logs = np.where(finite, np.log(np.maximum(np.where(finite, each, 1.0), 1e-300)), 0.0)
-        kernel = np.ones(min(_SMOOTHED_NEIGHBOURS, each.size))
+        logs = np.where(finite, np.log(np.maximum(np.where(finite, error, 1.0), 1e-300)), 0.0)
+        kernel = np.ones(min(_SMOOTHED_NEIGHBOURS, error.size))
         sums, count = np.convolve(logs, kernel, "same"), np.convolve(finite, kernel, "same")
-        out[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
-    return out
+        smoothed[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
+    return smoothed
 
 
 def _pooled(
@@ -387,22 +384,23 @@ def _pooled(
     weights: np.ndarray,
     derivatives: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Response and deviation ``(q, F)`` and degrees ``(F,)`` by regression with as many derivatives
-    of the window as leave degrees of freedom."""
+    """Return response and standard deviation, ``(q, F)`` each, and degrees of freedom ``(F,)``, by
+    regression with as many derivatives of the window as leave enough degrees of freedom.
+    """
     y = segments.transforms[output, 0]
     q, count = inputs.stop - inputs.start, y.shape[1]
     averages = effective_averages(weights, segments.overlap)
     response, std = np.zeros((q, count), dtype=complex), np.zeros((q, count))
-    degrees, open_ = np.zeros(count), np.ones(count, dtype=bool)
+    degrees, remaining = np.zeros(count), np.ones(count, dtype=bool)
     for order in range(derivatives, -1, -1):
         terms = order + 1
-        here = open_ & (_leaves_noise_degrees(averages, q, order) | (order == 0))
-        if not here.any():
+        at_order = remaining & (_leaves_noise_degrees(averages, q, order) | (order == 0))
+        if not at_order.any():
             continue
         rows = np.arange(q) * terms
-        together = max(1, _MOST_REGRESSORS_AT_ONCE // (len(y) * q * terms))
-        places = np.flatnonzero(here)
-        for at in (places[n : n + together] for n in range(0, places.size, together)):
+        batch = max(1, _MOST_REGRESSORS_AT_ONCE // (len(y) * q * terms))
+        places = np.flatnonzero(at_order)
+        for at in (places[n : n + batch] for n in range(0, places.size, batch)):
             z, instruments = (
                 segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
                 for each in (inputs, instrument_rows)
@@ -411,29 +409,29 @@ def _pooled(
             response[:, at] = result.coefficients[:, rows].T
             std[:, at] = np.sqrt(np.einsum("fkk->fk", result.covariance).real[:, rows]).T
             degrees[at] = result.degrees
-        open_ &= ~here
+        remaining &= ~at_order
     return response, std, degrees
 
 
 def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray:
-    """Return bool ``(q, F)``: whether the root mean square distance of an input's power from a
-    frequency exceeds the half width of the main lobe. The transforms under the window's derivative
-    are 2 pi distance times as large.
+    """Return bool ``(q, F)``: whether the rms distance of the power of an input from a frequency
+    exceeds the half-width of the main lobe. The derivative of the window multiplies the transform
+    of a sine by 2 pi times its distance.
     """
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
         return np.zeros((0, 0), dtype=bool)
     length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
-    power, away = (
+    power, moment = (
         np.sum(usable * np.abs(factor * rows[:, order]) ** 2, axis=1)
         for order, factor in enumerate((np.ones_like(length), length))
     )
-    return np.asarray(away > MAIN_LOBE_HALF_WIDTH**2 * power)
+    return np.asarray(moment > MAIN_LOBE_HALF_WIDTH**2 * power)
 
 
 def _power_offset(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
-    """Mean distance ``(q, F)`` of an input's power from a frequency, in units of one over the
-    length of the window; zero without derivatives."""
+    """Return the mean distance ``(q, F)`` of the power of inputs from a frequency, times the window
+    length; zero without derivatives."""
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
         return np.zeros((rows.shape[0], rows.shape[3]))
@@ -446,24 +444,24 @@ def _power_offset(segments: Segments, inputs: slice, weights: np.ndarray) -> np.
 def _input_coherence(
     segments: Segments, inputs: slice, references: slice, weights: np.ndarray, *, joint: bool
 ) -> np.ndarray:
-    """Coherence ``(q, F)`` of each input with the other inputs, or with the references."""
+    """Return the coherence ``(q, F)`` of each input with the others, or with the references."""
     x = segments.transforms[inputs, 0]
     rows = []
-    for one in range(len(x)):
-        others = segments.transforms[references, 0] if joint else np.delete(x, one, axis=0)
+    for i in range(len(x)):
+        others = segments.transforms[references, 0] if joint else np.delete(x, i, axis=0)
         if not len(others):
             rows.append(np.zeros(weights.shape[1]))
             continue
-        rows.append(coherences(spectral_matrix(np.concatenate([others, x[[one]]]), weights))[0])
+        rows.append(coherences(spectral_matrix(np.concatenate([others, x[[i]]]), weights))[0])
     return np.array(rows)
 
 
 def _instrument_is_significant(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
-    """Return whether each input's coherence ``(q, F)`` with the q references is significant with 95
-    %, bool ``(m, q, F)``.
+    """Return whether the ``coherence (q, F)`` of each input with the q references is significant at
+    the 5 % level, bool ``(m, q, F)``.
 
-    Elsewhere the joint estimate tends to the negative inverse of the feedback with little scatter,
-    and its confidence region is unbounded (Anderson and Rubin, 1949).
+    Where it is not, the joint estimate tends to the negative inverse of the feedback with little
+    scatter, and its confidence region is unbounded (Anderson and Rubin, 1949).
     """
     from scipy.stats import beta
 
@@ -473,48 +471,50 @@ def _instrument_is_significant(coherence: np.ndarray, averages: np.ndarray) -> n
 
 
 def _usable(responses: FrequencyResponses, power_offset: np.ndarray) -> np.ndarray:
-    """Return the longest run of frequencies, in octaves, whose coherence and random error reach
-    their limits and whose input has power on both sides.
+    """Return the usable band, bool ``(m, q, F)``: the longest run of frequencies, in octaves, with
+    enough coherence, a small random error, and power of the input on both sides.
 
-    All are medians over neighbours. A joint estimate wants the coherence of output and of input
-    with the references. ``power_offset`` : mean distance ``(m, q, F)`` of the input's power; where
-    a sweep ends within a window it lies on one side, and neither coherence nor scatter shows the
-    error.
+    Each quantity is a median over neighbours. A joint estimate needs coherence of output and input
+    with the references. ``power_offset (m, q, F)`` is the mean distance of the power of an input: a
+    sweep may end within a window, and neither coherence nor scatter shows this error.
     """
     from scipy.ndimage import median_filter
 
-    out = np.zeros(responses.response.shape, dtype=bool)
-    log = np.log(responses.frequency)
-    for output, row in enumerate(responses.partial_coherence):
-        for one, partial in enumerate(row):
+    usable = np.zeros(responses.response.shape, dtype=bool)
+    log_frequency = np.log(responses.frequency)
+    for output, partials in enumerate(responses.partial_coherence):
+        for i, partial in enumerate(partials):
             if responses.joint:
-                partial = np.minimum(responses.coherence[output], responses.input_coherence[one])
+                partial = np.minimum(responses.coherence[output], responses.input_coherence[i])
             size = min(_SMOOTHED_NEIGHBOURS, partial.size)
-            coherent, error, away = (
+            coherent, error, offset = (
                 median_filter(each, size=size, mode="nearest")
                 for each in (
                     partial,
-                    responses.random_error[output, one],
-                    power_offset[output, one],
+                    responses.random_error[output, i],
+                    power_offset[output, i],
                 )
             )
             good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
-            out[output, one] = longest_run(good & (np.abs(away) <= LARGEST_POWER_OFFSET), log)
-    return out
+            usable[output, i] = longest_run(
+                good & (np.abs(offset) <= LARGEST_POWER_OFFSET), log_frequency
+            )
+    return usable
 
 
 def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """Return the longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
-    out = np.zeros(good.size, dtype=bool)
+    """Return the longest run of ``good (F,)``, bool; ``log (F,)`` is the log of frequency."""
+    longest = np.zeros(good.size, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
     if runs:
         first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
-        out[first : last + 1] = True
-    return out
+        longest[first : last + 1] = True
+    return longest
 
 
 def _unwrapped_from_band(response: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Return the phases ``(F,)`` of a response, unwrapped from the begin of its usable band."""
     phase = np.angle(response)
     start = int(np.flatnonzero(usable)[0]) if usable.any() else 0
     ahead, behind = np.unwrap(phase[start:]), np.unwrap(phase[: start + 1][::-1])[::-1]
@@ -522,19 +522,20 @@ def _unwrapped_from_band(response: np.ndarray, usable: np.ndarray) -> np.ndarray
 
 
 def _band_ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | None:
+    """Return the lowest and highest usable frequency, Hz; None without any."""
     present = np.flatnonzero(usable)
     return (float(frequency[present[0]]), float(frequency[present[-1]])) if present.size else None
 
 
-# ---- What an estimate needs and a record suggests: band, frequencies, rate, window lengths
+# ---- Default settings from the records: band, frequencies, rate, window lengths
 
 FEWEST_SAMPLES_PER_PERIOD = 5.0  # at the highest frequency, after decimation
-BAND_POWER_SHARE = 0.99  # share of the inputs' power in the default band
+BAND_POWER_SHARE = 0.99  # share of the power of an input below the end of the default band
 FREQUENCIES_PER_DECADE = 40
-_FEWEST_FREQUENCIES = 12  # frequencies of a narrow band
-WINDOW_COUNT = 4  # lengths, each half of the one before
-_USUAL_WINDOW_SHARE = 0.25  # usual longest window, as a share of the longest record
-_LARGEST_WINDOW_SHARE = 0.5  # limit of the longest window, as a share of the longest record
+_FEWEST_FREQUENCIES = 12  # fewest frequencies of a band
+WINDOW_COUNT = 4  # number of window lengths, each half of the one before
+_USUAL_WINDOW_SHARE = 0.25  # length of the longest window, over that of the longest record
+_LARGEST_WINDOW_SHARE = 0.5  # the same where a low frequency needs a longer window
 # periods of the lowest frequency in the longest window, where the record is long enough
 _PERIODS_IN_LONGEST_WINDOW = 2.5
 
@@ -542,8 +543,8 @@ _PERIODS_IN_LONGEST_WINDOW = 2.5
 def window_lengths(durations: Sequence[float], low: float | None = None) -> tuple[float, ...]:
     """Return the lengths of windows, s, each half of the one before.
 
-    The longest is a quarter of the longest record. Where that does not hold 2.5 periods of the
-    lowest frequency ``low``, Hz, it is longer, at most half of the record.
+    The longest window is a quarter of the longest record. It is longer, up to half of the record,
+    where it would not hold 2.5 periods of the lowest frequency ``low``, Hz.
     """
     whole = max(durations)
     longest = _USUAL_WINDOW_SHARE * whole
@@ -553,8 +554,8 @@ def window_lengths(durations: Sequence[float], low: float | None = None) -> tupl
 
 
 def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
-    """Return the band, Hz, from ``low`` to the frequency below which the inputs have 99 % of their
-    power, at most a fifth of the rate; of several inputs the one that reaches highest counts.
+    """Return the band, Hz, from ``low`` to the frequency below which every input has 99 % of its
+    power, and at most to a fifth of the sampling rate.
     """
     step = records[0].step
     size = max(each.inputs.shape[1] for each in records)
@@ -581,9 +582,9 @@ def lowest_frequency(windows: Sequence[float]) -> float:
 
 
 def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
-    """The records with every n-th sample after a zero-phase filter, the same for all signals, so
-    that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
-    out."""
+    """Return the records with every n-th sample, and n. It keeps at least five samples in a period
+    of the frequency ``high``, Hz. All signals pass the same zero-phase filter before.
+    """
     step = records[0].step
     factor = math.floor(1.0 / (FEWEST_SAMPLES_PER_PERIOD * high * step) * (1.0 + 1e-9))
     if factor < 2:

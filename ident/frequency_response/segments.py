@@ -3,25 +3,26 @@ and the multitaper estimate of a response.
 
 y_r = sum over k of z_rk b_k + e_r,   r a segment, E[e_r conj(e_s)] = S c_rs
 
-with c the inner products of the windows. The estimate is b = (L* A z)^-1 L* A y; the instruments L
-are z itself (least squares) or the transforms of a signal that the noise does not reach
-(instrumental variables; Soderstrom and Stoica, "Instrumental Variable Methods for System
-Identification", Springer 1983). Its covariance is S (L* A z)^-1 L* A c A L (z* A L)^-1.
+with c the inner products of the windows. With the weights A, the estimate is b = (L* A z)^-1 L* A y
+and its covariance S (L* A z)^-1 L* A c A L (z* A L)^-1. The instruments L are z itself in least
+squares. With instrumental variables, they are transforms of a signal without the noise (Soderstrom
+and Stoica, "Instrumental Variable Methods for System Identification", Springer 1983).
 
-A segment is a stretch of a record under one window. Its transform is kept together with the
-transforms under the first and second derivative of the window. These describe what the window does
-to a response that changes with frequency: with ``y(t) = integral of h(s) x(t - s)`` and the Taylor
-series of ``w(t) = w((t - s) + s)``,
+A segment is a part of a record under one window. Transforms under the first and second derivative
+of the window are kept too. They describe the effect of the window on a response that changes with
+frequency: with ``y(t) = integral of h(s) x(t - s)`` and the Taylor series of ``w(t) = w((t - s) +
+s)``,
 
     Y_w = H X_w + H_1 X_w' + H_2 X_w'' + ...,   H_n = integral of s^n / n! h(s) exp(-i omega s).
 
-Hann windows are Welch's segments ("The Use of Fast Fourier Transform for the Estimation of Power
-Spectra", IEEE Trans. Audio Electroacoustics 15(2), 1967). Sine tapers: Riedel and Sidorenko,
-"Minimum Bias Multiple Taper Spectral Estimation", IEEE Trans. Signal Processing 43(1), 1995.
+Segments under Hann windows are those of Welch ("The Use of Fast Fourier Transform for the
+Estimation of Power Spectra", IEEE Trans. Audio Electroacoustics 15(2), 1967). Sine tapers are those
+of Riedel and Sidorenko ("Minimum Bias Multiple Taper Spectral Estimation", IEEE Trans. Signal
+Processing 43(1), 1995).
 
-The multitaper estimate and a low-order model fitted to it check the delay and damping that a filter
-found, as NASA TM-101722 did: no filter, no state, no process noise, only ratios of spectra. Gain
-and phase are weighed as MIL-F-8785C matches equivalent systems.
+The multitaper estimate, and a low-order model fitted to it, check the delay and damping that a
+filter has estimated, as in NASA TM-101722. They need ratios of spectra only: no states and no
+process noise. Gain and phase have the weights of MIL-F-8785C for equivalent systems.
 """
 
 from __future__ import annotations
@@ -46,14 +47,14 @@ _SMALLEST = np.finfo(float).tiny
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Complex coefficients of one output, from ``regress``.
+    """Regression of one output on K signals at F frequencies.
 
     Attributes
     ----------
     coefficients : complex ``(F, K)``.
-    covariance : ``(F, K, K)``, of the real and of the imaginary part of each: half of E[|error|^2].
-    noise : ``(F,)``, the noise spectrum S.
-    degrees : ``(F,)``, real degrees of freedom of it.
+    covariance : ``(F, K, K)`` of the real parts, and of the imaginary parts: half of E[|error|^2].
+    noise : ``(F,)`` noise spectrum S.
+    degrees : ``(F,)`` real degrees of freedom of the noise spectrum.
     """
 
     coefficients: np.ndarray
@@ -69,14 +70,15 @@ def regress(
     overlap: csr_array,
     instruments: np.ndarray | None = None,
 ) -> Regression:
-    """Regress the segments of an output on those of the inputs.
+    """Return the regression of the segments of an output on those of K signals.
 
     Parameters
     ----------
-    output : complex ``(R, F)``.
-    regressors, instruments : complex ``(K, R, F)``.
+    output : complex ``(R, F)`` transforms of R segments.
+    regressors : complex ``(K, R, F)``.
     weights : ``(R, F)``, not negative.
-    overlap : ``(R, R)``.
+    overlap : ``(R, R)`` inner products of the windows.
+    instruments : complex ``(K, R, F)``; None takes the regressors.
     """
     z = np.moveaxis(regressors, 2, 0)  # (F, K, R)
     left = z if instruments is None else np.moveaxis(instruments, 2, 0)
@@ -91,7 +93,7 @@ def regress(
     errors = output.T - np.einsum("fkr,fk->fr", z, coefficients)
     correlated = _times(gain, overlap)
     spread = correlated @ np.conj(np.swapaxes(gain, 1, 2))
-    # E of the weighted squares of e = (1 - z gain) noise, over S.
+    # expected weighted squares of the errors (1 - z gain) times noise, over S
     fitted = np.conj(z) * weights.T[:, None, :]
     power = fitted @ np.swapaxes(z, 1, 2)
     crossed = np.einsum("fkr,fkr->f", correlated, np.conj(fitted)).real
@@ -106,9 +108,9 @@ def regress(
 
 
 def effective_averages(weights: np.ndarray, overlap: csr_array) -> np.ndarray:
-    """Number of independent segments whose mean has the variance of the weighted one, ``(F,)``.
-
-    Welch's formula for segments that overlap, for any weights and window lengths.
+    """Return the number of averages ``(F,)``: that of independent segments whose mean has the
+    variance of the weighted mean. It is Welch's formula for overlapping segments, for any weights
+    and window lengths.
     """
     total = weights.T @ overlap.diagonal()
     squares = np.einsum("rf,rf->f", weights, overlap.multiply(overlap) @ weights)
@@ -116,24 +118,26 @@ def effective_averages(weights: np.ndarray, overlap: csr_array) -> np.ndarray:
 
 
 def _times(rows: np.ndarray, overlap: csr_array) -> np.ndarray:
-    """``rows @ overlap`` of ``(F, K, R)``; the overlap is real and symmetric."""
+    """Return ``rows (F, K, R)`` times the overlap, which is real and symmetric."""
     flat = rows.reshape(-1, rows.shape[2]).T
     return np.asarray((overlap @ flat).T.reshape(rows.shape))
 
 
 def spectral_matrix(signals: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted mean spectral matrices ``(F, S, S)`` of signals ``(S, R, F)``: E[x_i conj(x_j)]."""
+    """Return the weighted mean spectral matrices E[x_i conj(x_j)], ``(F, S, S)``, of ``signals (S,
+    R, F)``.
+    """
     x = np.moveaxis(signals, 2, 0)
     share = weights / np.maximum(weights.sum(axis=0), _SMALLEST)
     return np.asarray((x * share.T[:, None, :]) @ np.conj(np.swapaxes(x, 1, 2)))
 
 
 def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Multiple coherence ``(F,)`` of the last signal with the others, and partial ones ``(S-1,
-    F)``.
+    """Return the multiple coherence ``(F,)`` of the last signal with the others, and the partial
+    coherences ``(S - 1, F)``.
 
-    Bendat and Piersol, "Random Data", 4th edition, chapter 7: by the inverse P of the spectral
-    matrix, 1 - 1/(S_yy P_yy) and |P_iy|^2/(P_ii P_yy).
+    With the inverse P of the spectral matrix, they are 1 - 1/(S_yy P_yy) and |P_iy|^2/(P_ii P_yy)
+    (Bendat and Piersol, "Random Data", 4th edition, chapter 7).
     """
     scale = np.sqrt(np.maximum(np.einsum("fss->fs", matrix).real, _SMALLEST))
     scaled = matrix / (scale[:, :, None] * scale[:, None, :])
@@ -147,27 +151,27 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(multiple, 0.0, 1.0), np.clip(partial.T, 0.0, 1.0)
 
 
-# ---- Windowed Fourier transforms of records at any frequencies, one row a segment
+# ---- Windowed Fourier transforms of records at any frequencies, one row for each segment
 
-STEPS_PER_WINDOW = 4  # a window is four steps long: successive windows share three quarters
-# periods that a window must hold: its main lobe then stays clear of zero frequency
+STEPS_PER_WINDOW = 4  # length of a window in steps: successive windows overlap by three quarters
+# fewest periods in the longest window: its main lobe then does not reach zero frequency
 LEAST_PERIODS_IN_LONGEST_WINDOW = 2.0
-LEAST_PERIODS_IN_SHORTER_WINDOW = 6.0  # periods, where a longer window is there
-_SAMPLES_PER_WINDOW_STEP = 8  # samples of a window in a step, for inner products of windows
+LEAST_PERIODS_IN_SHORTER_WINDOW = 6.0  # fewest periods in any other window
+_SAMPLES_PER_WINDOW_STEP = 8  # samples in a step that give the inner products of windows
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Transforms of several signals, a row for each segment.
+    """Transforms of S signals in R segments.
 
     Attributes
     ----------
-    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency; the
+    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency. The
         phase counts from the first sample of the record. The windows have unit energy.
-    windows : ``(R,)``, number of the window length of each row.
-    lengths : s, the window lengths.
-    overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in
-        two rows.
+    windows : ``(R,)`` number of the window length of each segment.
+    lengths : the window lengths, s.
+    overlap : sparse ``(R, R)`` inner products of the windows: the correlation of white noise in two
+        segments.
     """
 
     transforms: np.ndarray
@@ -178,10 +182,11 @@ class Segments:
     def usable(
         self, frequency: np.ndarray, shorter: float = LEAST_PERIODS_IN_SHORTER_WINDOW
     ) -> np.ndarray:
-        """Return whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
+        """Return whether the window of a segment is long enough for a ``frequency (F,)``, Hz: bool
+        ``(R, F)``.
 
-        The longest window is used down to ``LEAST_PERIODS_IN_LONGEST_WINDOW`` periods, shorter ones
-        down to ``shorter`` periods, where the bias left by the derivatives is small.
+        The longest window must hold ``LEAST_PERIODS_IN_LONGEST_WINDOW`` periods. Any other one must
+        hold ``shorter`` periods, so that the bias of a regression with derivatives is small.
         """
         lengths = np.array(self.lengths)[self.windows]
         least = np.where(
@@ -201,11 +206,11 @@ def hann_segments(
 
     Parameters
     ----------
-    records : each ``(S, N)``: the same signals in the same order.
-    step : s, between samples.
-    lengths : s, of the windows; a record that is shorter than one has no segment of it.
-    frequency : Hz, ``(F,)``.
-    derivatives : of the window, up to 2.
+    records : ``(S, N)`` signals of each record, in the same order.
+    step : sampling interval, s.
+    lengths : of the windows, s. A record has no segments of a longer window.
+    frequency : ``(F,)``, Hz.
+    derivatives : number of derivatives of the window, up to 2.
     """
     blocks, windows, starts, owners = [], [], [], []
     for number, length in enumerate(lengths):
@@ -232,8 +237,8 @@ def sine_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Return the transforms of whole records under orthogonal sine tapers, arguments as in
-    ``hann_segments``.
+    """Return the transforms of whole records under orthogonal sine tapers. The arguments are those
+    of `hann_segments`, with a number of ``tapers`` in place of windows.
     """
     blocks = []
     for signals in records:
@@ -259,7 +264,9 @@ def sine_segments(
 
 
 def _transformed(rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Sums of ``rows[..., n] exp(turns n)``, by blocks whose exponentials are made once."""
+    """Return the sums over n of ``rows[..., n] exp(turns n)``, ``(..., F)``, by blocks with the
+    same exponentials.
+    """
     count = rows.shape[-1]
     size = max(1, math.isqrt(count))
     whole = -(-count // size)
@@ -279,10 +286,11 @@ def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
 def _hann_rows(
     signals: np.ndarray, step: float, hop: int, count: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, count, F)`` under Hann windows of ``STEPS_PER_WINDOW * hop`` samples.
+    """Return the transforms ``(S, D, count, F)`` under Hann windows of ``STEPS_PER_WINDOW * hop``
+    samples.
 
-    A Hann window is a constant and one cosine, so each transform is a sum of three transforms
-    without a window, each the sum of those of four blocks that do not overlap.
+    A Hann window is a constant minus a cosine. Each transform is therefore a sum of three
+    transforms without a window, and each of these is the sum of the transforms of four blocks.
     """
     shift = 1.0 / (STEPS_PER_WINDOW * hop * step)
     blocks = signals[:, : hop * (count + STEPS_PER_WINDOW - 1)].reshape(len(signals), -1, hop)
@@ -298,16 +306,16 @@ def _hann_rows(
 def hann_of_blocks(
     parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Return the transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks;
-    times count from the first sample of each window.
+    """Return the transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks, with
+    times from the first sample of each window.
 
     Parameters
     ----------
-    parts : complex ``(3, S, B, F)``, transforms of the blocks from their own first samples, at the
-        frequencies, and at those lower and higher by one over the window's length.
-    step : s.
+    parts : complex ``(3, S, B, F)`` transforms of B blocks, with times from their first samples: at
+        the frequencies, and at those lower and higher by one over the window length.
+    step : sampling interval, s.
     hop : samples of a block.
-    derivatives : of the window, up to 2.
+    derivatives : number of derivatives of the window, up to 2.
     """
     size = STEPS_PER_WINDOW * hop
     length, count = size * step, parts.shape[2] - STEPS_PER_WINDOW + 1
@@ -340,9 +348,10 @@ def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) ->
 
 
 def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
-    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s.
+    """Return the inner products ``(R, R)`` of Hann windows of unit energy, from their starts and
+    lengths, ``spans (R, 2)``, s, and the record of each, ``owner (R,)``.
 
-    Do not change the result: windows at the same places share one array.
+    Do not change the result in place: it is cached.
     """
     spans, owner = np.ascontiguousarray(spans, float), np.ascontiguousarray(owner, np.int64)
     return _overlap(spans.tobytes(), owner.tobytes())
@@ -350,6 +359,7 @@ def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
 
 @lru_cache(4)
 def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
+    """Return the inner products of `overlap_of`, from its arguments as bytes."""
     spans = np.frombuffer(span_bytes).reshape(-1, 2)
     owner = np.frombuffer(owner_bytes, np.int64)
     start, length = spans[:, 0], spans[:, 1]
@@ -362,7 +372,7 @@ def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
     edges = np.flatnonzero(np.any(np.diff(np.column_stack([owner, length]), axis=0), axis=1)) + 1
     groups = list(zip([0, *edges.tolist()], [*edges.tolist(), len(spans)], strict=True))
     for row in range(len(spans)):
-        # The shorter window's samples meet every longer or equal window.
+        # Samples of each window are compared with all windows that are as long or longer.
         near = []
         for first, last in groups:
             if owner[first] != owner[row] or length[first] < length[row]:
@@ -385,13 +395,14 @@ def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
 
-LOWEST_OMEGA = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
-HIGHEST_OMEGA = 14.0  # rad/s, highest such frequency
+# lowest and highest frequency, rad/s, of a response with short period, lag and delay
+LOWEST_OMEGA, HIGHEST_OMEGA = 0.35, 14.0
 _DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
 # square root of the weight 0.01745 of an error of 1 deg, per rad
 _PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
-_PADDING_FACTOR = 4
-_LONGEST_ALIGNED_LAG = 1.0  # s, the longest lag by which an output is aligned with the input
+_PADDING_FACTOR = 4  # length of a padded transform over that of the record
+_LONGEST_ALIGNED_LAG = 1.0  # longest lag by which an output is aligned with the input, s
+_LARGEST_COHERENCE = 0.99  # a larger coherence has no more weight in a fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,12 +411,12 @@ class SingleInputResponse:
 
     Attributes
     ----------
-    omega : ``(n,)`` rad/s.
-    outputs : names of the m rows.
-    response : complex ``(m, n)``, output per input as it acts between samples (the hold is taken
-        out).
-    coherence : ``(m, n)``, 0 to 1: share of the output that follows the input linearly.
-    bandwidth : half width of the smoothing, rad/s; neighbours closer than twice this are not
+    omega : ``(n,)`` frequencies, rad/s.
+    outputs : names of the m outputs.
+    response : complex ``(m, n)`` to the input as it acts between samples: the effect of the hold is
+        removed.
+    coherence : ``(m, n)`` ordinary coherence, 0 to 1.
+    bandwidth : half-width of the smoothing, rad/s. Frequencies closer than twice this are not
         independent.
     """
 
@@ -421,23 +432,23 @@ def estimate_response(
 ) -> SingleInputResponse:
     """Estimate the response of all outputs to ``stick`` from cross spectra, averaged over tapers.
 
-    Averaging over the bandwidth of the tapers flattens a response whose phase changes quickly with
-    frequency; a low-order fit reads that as damping. So each output is first aligned with the input
-    by its lag, which is restored afterwards. The remaining bias falls with fewer tapers and longer
-    records.
+    The average over the bandwidth of the tapers makes a response smaller where its phase changes
+    quickly with frequency, which a low-order fit takes for damping. Each output is therefore
+    aligned with the input by its lag, which is restored afterwards. The remaining bias is smaller
+    with fewer tapers and longer records.
 
     Parameters
     ----------
-    record : evenly sampled, without missing samples; means are removed.
-    low, high : range of frequencies kept, rad/s.
-    tapers : more give less scatter and a coherence that means more, and smear over (tapers + 1) pi
-        / duration.
+    record : evenly sampled record without missing samples; means are removed.
+    low, high : lowest and highest frequency, rad/s.
+    tapers : number of tapers. More tapers give less scatter and a more reliable coherence, and a
+        larger bandwidth, (tapers + 1) pi / duration.
 
     Raises
     ------
-    RecordError : uneven sampling, missing samples, an input without motion, no frequency in the
-        range.
-    ModelError : fewer than two tapers (the coherence of one is always 1).
+    RecordError : where the sampling is uneven, a sample is missing, the input does not move, or no
+        frequency is in the range.
+    ModelError : where there are fewer than two tapers: the coherence of one taper is always 1.
     """
     if tapers < 2:
         raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")
@@ -489,8 +500,8 @@ def estimate_response(
 
 
 def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
-    """Lag of the output behind the input in samples, at most ``latest``: the largest absolute
-    cross-correlation.
+    """Return the lag of the output ``y`` behind the input ``u`` in samples, at most ``latest``, by
+    the largest absolute cross-correlation.
     """
     sums = [abs(float(u[: len(u) - k] @ y[k:])) for k in range(min(latest, len(u) - 1) + 1)]
     return int(np.argmax(sums))
@@ -500,8 +511,11 @@ def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
 class ResponseFit:
     """A model fitted to a frequency response.
 
-    ``values``: parameters by name. ``mismatch``: weighted mean of (error in dB)^2 + 0.01745 (error
-    in deg)^2. ``converged``: whether the search ended at a minimum.
+    Attributes
+    ----------
+    values : parameter -> estimate.
+    mismatch : weighted mean of (error in dB)^2 + 0.01745 (error in deg)^2.
+    converged : whether the search ended at a minimum.
     """
 
     values: Mapping[str, float]
@@ -534,18 +548,19 @@ def model_response(
 
 
 def fit_response(response: SingleInputResponse, system: System, free: Sequence[str]) -> ResponseFit:
-    """Fit a model's named parameters to an estimated response, starting from the System's values.
+    """Return the fit of the parameters ``free`` to an estimated response, from the values of the
+    System.
 
-    Each frequency w counts by its coherence c as c / (1 - c), limited at c = 0.99, the inverse
-    variance of gain and phase, and as 1/w, which gives each octave the same weight, as the usual
-    matching at logarithmically spaced frequencies does. The fit uses all outputs that the response
-    and the System have in common.
+    The weight of a frequency w with coherence c is c / (1 - c) / w, with c at most 0.99. The first
+    factor is the inverse variance of gain and phase. The second one gives each octave the same
+    weight, as in the usual match at logarithmically spaced frequencies. The fit uses all outputs
+    that the response and the System have in common.
     """
     from scipy.optimize import least_squares
 
     names = tuple(name for name in response.outputs if name in system.output_names)
     rows = [response.outputs.index(name) for name in names]
-    c = np.minimum(response.coherence[rows], 0.99)
+    c = np.minimum(response.coherence[rows], _LARGEST_COHERENCE)
     power = c / (1.0 - c) / response.omega
     weight = np.sqrt(power / power.mean())
     start = system.parameters.values(free)

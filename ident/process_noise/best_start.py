@@ -1,9 +1,10 @@
 """Filter-error fits: one fit from a given start, and the search for a start that gives a valid
 maximum.
 
-The likelihood of a filter-error fit is unbounded: as a sensor's noise level tends to zero, the
-filter follows that sensor alone, with arbitrary derivatives and tiny sigmas. A start near the truth
-gives the valid local maximum. Each result is therefore tested for degeneracy.
+The likelihood of a filter-error fit is unbounded: as the noise level of a sensor tends to zero, the
+filter follows that sensor alone, with arbitrary derivatives and tiny sigmas. Such a fit is
+degenerate. The valid maximum is a local one, which a start near the truth leads to. Each fit is
+therefore tested for degeneracy.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from sim.errors import FlightidError
 
 # ---- One fit with process noise from a given start
 
-_STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
+_THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])  # weights of consecutive samples
 _FEWEST_DIFFERENCES = 20  # fewest third differences that give a noise level
-_LEAST_INTENSITY_SHARE = 1e-3  # smallest intensity, relative to its start
-COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
+_LEAST_WHITE_SHARE = 0.02  # smallest starting noise, relative to the rms residual
+_LEAST_INTENSITY_SHARE = 1e-3  # lower bound of a noise intensity, relative to its start
+COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of an output-error fit that only gives a start
 
 
 def fit_with_process_noise(
@@ -39,15 +41,16 @@ def fit_with_process_noise(
     levels: Mapping[str, float] | None = None,
     least: Mapping[str, float] | None = None,
 ) -> Fit | None:
-    """Fit a layout's unknowns and the noise levels together; None where no finite cost was found.
+    """Return the fit of the unknowns of a layout together with the noise levels; None where no cost
+    is finite.
 
     Parameters
     ----------
-    layout : of a System with process noise.
-    guesses : starting trajectories.
-    levels : measurement noise by output, and ``process_noise_scale`` if wanted, from a fit of
-        nearly the same model. None takes them, and starting values, from an output-error fit.
-    least : smallest measurement noise by output. It is needed where process noise can explain
+    layout : layout of a System with process noise.
+    guesses : starting trajectory of each record; None takes the measured channels.
+    levels : output -> measurement noise, and ``process_noise_scale`` -> scale of declared process
+        noise, at the start. None takes them, and starting values, from an output-error fit.
+    least : output -> smallest measurement noise. It is needed where the process noise can explain
         all noise of a sensor.
     """
     layout = _with_positive_intensities(layout)
@@ -55,12 +58,12 @@ def fit_with_process_noise(
         coarse = replace(
             layout.settings, tolerance=max(COARSE_TOLERANCE, layout.settings.tolerance)
         )
-        first = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
-        if first is None:
+        coarse_fit = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
+        if coarse_fit is None:
             return None
-        start, guesses = first.theta.copy(), [line.states for line in first.lines]
-        noise = noise_start(first)
-        factor = _intensity_factor(first, noise)
+        start, guesses = coarse_fit.theta.copy(), [line.states for line in coarse_fit.lines]
+        noise = noise_start(coarse_fit)
+        factor = _intensity_factor(coarse_fit, noise)
         for position, value in _intensities(layout).items():
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
         layout = replace(layout, start=start)
@@ -68,47 +71,40 @@ def fit_with_process_noise(
             **dict(zip(layout.system.output_names, noise.tolist(), strict=True)),
             SCALE: factor,
         }
-    floor = np.array([(least or {}).get(name, 0.0) for name in layout.system.output_names])
-    levels = {
-        **levels,
-        **{
-            name: max(levels.get(name, 1.0), std)
-            for name, std in (least or {}).items()
-            if name in layout.system.output_names
-        },
-    }
-    present = [
-        name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used
-    ]
-    noise_model = process_noise(
-        layout.system,
-        {**dict.fromkeys(layout.system.output_names, 1.0), **levels},
-        present,
-        scale=levels.get(SCALE, 1.0),
+    names = layout.system.output_names
+    floor = {name: (least or {}).get(name, 0.0) for name in names}
+    std = {name: max(levels.get(name, 1.0), floor[name]) for name in names}
+    present = [name for name, used in zip(names, layout.used, strict=True) if used]
+    noise_model = process_noise(layout.system, std, present, scale=levels.get(SCALE, 1.0))
+    noise_model = replace(
+        noise_model, quick=layout.settings.quick, least=np.array(list(floor.values()))
     )
-    return fit_whole_records(
-        FitProblem(layout, replace(noise_model, quick=layout.settings.quick, least=floor)), guesses
-    )
+    return fit_whole_records(FitProblem(layout, noise_model), guesses)
 
 
 def _intensities(layout: FitLayout) -> dict[int, float]:
-    """Return the noise intensities, each the only source of a state's noise: position in theta ->
-    starting value.
+    """Return position in theta -> starting value, for the parameters that are noise intensities.
+
+    A parameter is one where its lower bound is zero and the process noise vanishes at this bound.
     """
-    found = {}
+    intensities = {}
     for r in range(len(layout.problems)):
         p, _ = layout.split(layout.start, r)
-        for q, index in enumerate(layout.order):
-            position = int(layout.columns(r)[q])
+        columns = layout.columns(r)
+        for position, index in zip(
+            columns[: len(layout.order)].tolist(), layout.order, strict=True
+        ):
             if layout.low[position] == 0.0 < p[index] and not np.any(
                 np.array(layout.system.noise([*p[:index], 0.0, *p[index + 1 :]])[0]) > 0
             ):
-                found[position] = float(p[index])
-    return found
+                intensities[position] = float(p[index])
+    return intensities
 
 
 def _with_positive_intensities(layout: FitLayout) -> FitLayout:
-    """Return the layout with noise intensities bounded above zero, where the likelihood is flat."""
+    """Return the layout with lower bounds of the noise intensities above zero, since the likelihood
+    is flat at zero.
+    """
     low = layout.low.copy()
     for position, value in _intensities(layout).items():
         low[position] = _LEAST_INTENSITY_SHARE * value
@@ -116,98 +112,101 @@ def _with_positive_intensities(layout: FitLayout) -> FitLayout:
 
 
 def _intensity_factor(fit: Fit, noise: np.ndarray) -> float:
-    """Return the factor on the starting intensity that makes the process noise match the residuals
-    beyond the measurement noise ``(m,)``.
+    """Return the factor on the starting noise intensities that makes the process noise as large as
+    the residuals without their measurement noise, ``noise (m,)``.
     """
     layout = fit.layout
-    expected, beyond = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
+    expected, excess = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
     for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
         motion = discretised_noise(
             problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0)
         )
-        # Without measurements the filter propagates the covariance of the process noise.
-        spread = whitener(
+        # Without valid samples the filter predicts the covariance of the process noise.
+        covariance = whitener(
             motion, 1e12 * noise**2, np.zeros((len(problem.grid.nodes), len(noise)), dtype=bool)
         ).predicted
         expected += np.mean(
-            np.einsum("tij,tjk,tik->ti", motion.H, spread, motion.H, optimize=True), axis=0
+            np.einsum("tij,tjk,tik->ti", motion.H, covariance, motion.H, optimize=True), axis=0
         ) / len(layout.problems)
     at = np.flatnonzero(layout.used & (expected > 0))
-    ratio = float(np.sqrt(np.median(beyond[at] / expected[at]))) if at.size else 1.0
+    ratio = float(np.sqrt(np.median(excess[at] / expected[at]))) if at.size else 1.0
     return float(np.clip(ratio, 0.01, 100.0)) if np.isfinite(ratio) else 1.0
 
 
 def noise_start(fit: Fit) -> np.ndarray:
-    """Return the measurement noise ``(m,)`` from the residuals of an output-error fit, whose slow
-    part is process noise.
+    """Return the measurement noise ``(m,)`` from the residuals of an output-error fit.
 
-    It is the scatter of third differences of consecutive samples, which suppress slow motion, and
-    at most the residual's.
+    The slow part of the residuals is process noise. Third differences of consecutive samples
+    suppress it; their scatter gives the noise. It is at most that of the residuals.
     """
     std = np.sqrt(fit.variance)
-    shown = third_differences(fit.residuals, [problem.valid for problem in fit.layout.problems])
-    return np.clip(np.where(np.isfinite(shown), shown, std), 0.02 * std, std)
+    white = third_differences(fit.residuals, [problem.valid for problem in fit.layout.problems])
+    return np.clip(np.where(np.isfinite(white), white, std), _LEAST_WHITE_SHARE * std, std)
 
 
 def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
     """Return the level ``(m,)`` of white noise from third differences of ``rows (m, N)`` of each
-    record; infinite with too few ``valid`` samples in a row.
+    record; infinite where too few successive samples are valid. ``valid`` has shapes ``(m, N)``.
     """
-    out = np.full(len(rows[0]), np.inf)
-    for i in range(len(out)):
-        found = []
-        for row, known in zip(rows, valid, strict=True):
-            whole = np.convolve(~known[i], np.ones(len(_STENCIL)), mode="valid") < 0.5
-            found.append(np.convolve(row[i], _STENCIL[::-1], mode="valid")[whole])
-        scatter = np.concatenate(found)
-        if scatter.size >= _FEWEST_DIFFERENCES:
-            out[i] = np.sqrt(np.mean(scatter**2) / np.sum(_STENCIL**2))
-    return out
+    noise = np.full(len(rows[0]), np.inf)
+    for i in range(len(noise)):
+        of_records = []
+        for row, mask in zip(rows, valid, strict=True):
+            missing = np.convolve(~mask[i], np.ones(len(_THIRD_DIFFERENCE)), mode="valid")
+            differences = np.convolve(row[i], _THIRD_DIFFERENCE[::-1], mode="valid")
+            of_records.append(differences[missing < 0.5])
+        differences = np.concatenate(of_records)
+        if differences.size >= _FEWEST_DIFFERENCES:
+            noise[i] = np.sqrt(np.mean(differences**2) / np.sum(_THIRD_DIFFERENCE**2))
+    return noise
 
 
 # ---- Starts of a fit with process noise, and tests for degenerate fits
 
-AT_ITS_LIMIT = 2.0  # a noise level within this factor of its lowest or highest value has run to it
-# smallest plausible sigma, as a share of the one that all samples give a fully visible parameter
+AT_ITS_LIMIT = 2.0  # a noise level within this factor of one of its bounds is at its limit
+# smallest plausible sigma, relative to that of a factor on the whole motion of all outputs
 IMPLAUSIBLE_SIGMA_SHARE = 1e-3
-# random changes about the fit: their number, and the relative size for parameters
-_CHANGES, _RELATIVE_CHANGE = 100, 0.3
-# share of an output's change below which it depends on the others: far above rounding
+_CHANGES = 100  # random changes of states, inputs and parameters that show dependent outputs
+_RELATIVE_CHANGE = 0.3  # standard deviation of a changed parameter, relative to its value
+# an output depends on the others where less than this share of its change is its own; rounding is
+# far smaller
 _DEPENDENT_OUTPUT_SHARE = 1e-6
-_NEGLIGIBLE_GAIN = 1e-4  # smallest gain of log likelihood by a step
-# Least damping for unstable motion: in gusts fits converge in ten to thirty steps with it, hardly
-# with 1e-7; in still air the default is better.
+# a fit of unstable motion ends where a step gains less log likelihood
+_NEGLIGIBLE_GAIN = 1e-4
+# least damping for unstable motion: with it, fits in gusts converge in ten to thirty steps, and
+# with 1e-7 they hardly do; the default is better in still air
 _UNSTABLE_LEAST_DAMPING = 1e-10
-StartOfFit = tuple[FitLayout, Mapping[str, float] | None]
+StartOfFit = tuple[FitLayout, Mapping[str, float] | None]  # layout with its start, noise levels
 
 
 def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
     """Return the filter-error fit of a layout; None where no start has a finite cost.
 
-    ``calm`` is the same model without the noise effect (None: the layout's own). Equation error and
-    output error of it give further starts, used if the motion is unstable at the declared values or
-    the fit from them does not converge or is degenerate. The first converged, valid fit is
-    returned; else the best, compared by valid, converged, likelihood.
+    ``calm`` is the same model without the noise effect; None takes the model of the layout. Its
+    equation error and output error give further starts. They are used where the motion is unstable
+    at the declared values, or the fit from these does not converge or is degenerate. The first
+    converged and valid fit is returned. If there is none, valid fits come before degenerate ones,
+    then converged ones before others, and then the likelihood decides.
     """
-    tried: list[Fit] = []
-    plain = without_process_noise.quiet(layout)
-    for start_layout, levels in _starts(layout, calm or layout.system, plain=plain):
+    fits: list[Fit] = []
+    stable = without_process_noise.quiet(layout)
+    for start_layout, levels in _starts(layout, calm or layout.system, stable=stable):
         fit = fit_with_process_noise(start_layout, levels=levels)
         if fit is None:
             continue
-        tried.append(fit)
+        fits.append(fit)
         if fit.outcome is Outcome.CONVERGED and not degenerate(fit):
             break
     return min(
-        tried,
+        fits,
         key=lambda fit: (degenerate(fit), fit.outcome is not Outcome.CONVERGED, fit.cost),
         default=None,
     )
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether the noise level of a measured output ran to its limit, or to the rounding of
-    its samples, although the record has measurement noise.
+    """Return whether the noise level of an output is at its limit, or at the rounding of its
+    samples, although the record has measurement noise.
     """
     return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
 
@@ -216,28 +215,23 @@ def without_measurement_noise(fit: Fit) -> bool:
     """Return whether the record has hardly any measurement noise: all outputs are fitted almost
     exactly, and there are more of them than sources of process noise.
 
-    With any derivatives a filter can follow as many outputs exactly as there are sources of process
-    noise. A further output is fitted exactly by the right derivatives only, unless it repeats
-    others (``_distinct_outputs``). Noise levels and sigmas are then upper bounds.
+    With wrong derivatives, a filter can follow as many outputs exactly as there are sources of
+    process noise. A further output is fitted exactly by the right derivatives only, unless it
+    depends on others (`_distinct_outputs`). Noise levels and sigmas are then upper bounds.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
-    own, low, _ = _levels_and_limits(fit)
-    quiet = QUIET_NOISE_SHARE * np.array(
+    levels, low, _ = _levels_and_limits(fit)
+    negligible = QUIET_NOISE_SHARE * np.array(
         [_rms_about_mean(fit.layout, i) for i in noise_model.estimated]
     )
-    sources = max(
-        int(
-            np.count_nonzero(
-                np.array(fit.layout.system.noise(fit.layout.split(fit.theta, r)[0].tolist())[0]) > 0
-            )
-        )
-        for r in range(len(fit.layout.problems))
-    )
-    return (
-        bool(np.all(own <= np.maximum(AT_ITS_LIMIT * low, quiet)))
-        and _distinct_outputs(fit) > sources
-    )
+    sources = 0
+    for r in range(len(fit.layout.problems)):
+        p, _ = fit.layout.split(fit.theta, r)
+        density = np.array(fit.layout.system.noise(p.tolist())[0])
+        sources = max(sources, int(np.count_nonzero(density > 0)))
+    exact = bool(np.all(levels <= np.maximum(AT_ITS_LIMIT * low, negligible)))
+    return exact and _distinct_outputs(fit) > sources
 
 
 def _distinct_outputs(fit: Fit) -> int:
@@ -253,7 +247,7 @@ def _distinct_outputs(fit: Fit) -> int:
     at = [system.parameters.index(name) for name in layout.shared if not name.startswith("bias_")]
     x, record = fit.lines[0].states, layout.problems[0].record
     u = np.array([record[name].values for name in system.input_names])
-    u = u.reshape(len(system.input_names), len(record))  # also where there is none
+    u = u.reshape(len(system.input_names), len(record))  # also for a system without inputs
     x_size, u_size = np.std(x, axis=1), np.std(u, axis=1)
     with np.errstate(all="ignore"):
         for _ in range(_CHANGES):
@@ -269,96 +263,91 @@ def _distinct_outputs(fit: Fit) -> int:
     values = values[np.all(np.isfinite(values), axis=1)]
     if len(values) < 2:
         return 0
-    away = values - np.mean(values, axis=0)
-    size = np.linalg.norm(away, axis=0)
-    return int(
-        np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_DEPENDENT_OUTPUT_SHARE)
-    )
+    changes = values - np.mean(values, axis=0)
+    size = np.linalg.norm(changes, axis=0)
+    scaled = changes / np.where(size > 0.0, size, 1.0)
+    return int(np.linalg.matrix_rank(scaled, tol=_DEPENDENT_OUTPUT_SHARE))
 
 
 def _rms_about_mean(layout: FitLayout, output: int) -> float:
-    """Return the root mean square of an output's samples about the mean of each record."""
+    """Return the rms of the samples of an output about the mean of each record."""
     rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
-    away = np.concatenate([row - np.mean(row) for row in rows if row.size])
-    return float(np.sqrt(np.mean(away**2))) if away.size else 0.0
+    deviations = np.concatenate([row - np.mean(row) for row in rows if row.size])
+    return float(np.sqrt(np.mean(deviations**2))) if deviations.size else 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
-    """Return the outputs whose noise level ran to its limit or to the rounding of their samples."""
+    """Return the outputs whose noise level is at its limit, or at the rounding of their samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
-    own, low, high = _levels_and_limits(fit)
-    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= high)
-    return tuple(
-        noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone
-    )
+    levels, low, high = _levels_and_limits(fit)
+    at_limit = (levels <= AT_ITS_LIMIT * low) | (levels * AT_ITS_LIMIT >= high)
+    outputs = [noise_model.outputs[i] for i in noise_model.estimated]
+    return tuple(name for name, limited in zip(outputs, at_limit, strict=True) if limited)
 
 
 def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the estimated noise levels with the lowest and highest value of each, ``(k,)``."""
+    """Return the estimated noise levels, and the lowest and highest value of each: ``(k,)``
+    each.
+    """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
-    own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
+    levels = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
     low = np.maximum(
         noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)])
     )
-    return own, low, noise_model.high[:count]
+    return levels, low, noise_model.high[:count]
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
-    """Return the shared parameters whose sigma ``(s,)`` is impossibly small for the length and
-    noise of the records.
+    """Return the shared parameters whose sigma is impossibly small for the length and noise of the
+    records. ``std`` are the sigmas ``(s,)``.
 
-    One sample with a motion of r sigmas of its noise determines a factor on the motion to 1/r; all
-    samples together to 1/sqrt(sum r^2). The noise is that of the third differences of the
+    A sample whose motion is r times its noise determines a factor on the motion to 1/r, and all
+    samples determine it to 1/sqrt(sum r^2). The noise is that of the third differences of the
     measurements.
     """
     layout = fit.layout
-    shown = third_differences(
+    noise = third_differences(
         [problem.z for problem in layout.problems], [problem.valid for problem in layout.problems]
     )
-    told = 0.0
+    information = 0.0
     for i in np.flatnonzero(layout.used):
-        rows = np.concatenate([problem.z[i, problem.valid[i]] for problem in layout.problems])
-        told += float(np.sum((rows - np.mean(rows)) ** 2)) / max(float(shown[i]) ** 2, 1e-300)
-    least = IMPLAUSIBLE_SIGMA_SHARE / np.sqrt(max(told, 1.0))
+        samples = np.concatenate([problem.z[i, problem.valid[i]] for problem in layout.problems])
+        motion = float(np.sum((samples - np.mean(samples)) ** 2))
+        information += motion / max(float(noise[i]) ** 2, 1e-300)
+    least = IMPLAUSIBLE_SIGMA_SHARE / np.sqrt(max(information, 1.0))
+    values = fit.theta[: len(layout.shared)]
     return [
         name
-        for name, value, sigma in zip(
-            layout.shared, fit.theta[: len(layout.shared)], std, strict=True
-        )
+        for name, value, sigma in zip(layout.shared, values, std, strict=True)
         if sigma < least * abs(value)
     ]
 
 
-def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[StartOfFit]:
-    """Yield starting layouts and noise levels. For unstable motion, derivatives are exact and the
-    declared values come last.
+def _starts(layout: FitLayout, calm: System, *, stable: bool) -> Iterator[StartOfFit]:
+    """Yield starting layouts and noise levels. A stable motion starts from the declared values, an
+    unstable one from them last.
     """
-    if plain:
+    records = [problem.record for problem in layout.problems]
+    if stable:
         yield layout, None
+        if layout.prior is None:
+            yield from _from_regression(layout, records, calm)
+        return
     if layout.prior is None:
-        records = [problem.record for problem in layout.problems]
-        for exact in (
-            (layout,)
-            if plain
-            else (
-                _for_unstable_motion(layout, _UNSTABLE_LEAST_DAMPING),
-                _for_unstable_motion(layout, layout.settings.least_damping),
-            )
-        ):
-            if not plain:
-                # In gusts these starts converge in ten steps, those of equation error hardly.
-                yield from _from_output_error(exact, records, calm)
+        for least_damping in (_UNSTABLE_LEAST_DAMPING, layout.settings.least_damping):
+            exact = _for_unstable_motion(layout, least_damping)
+            # In gusts these starts converge in ten steps; those of equation error hardly converge.
+            yield from _from_output_error(exact, records, calm)
             yield from _from_regression(exact, records, calm)
-    if not plain:
-        yield layout, None
+    yield layout, None
 
 
 def _for_unstable_motion(layout: FitLayout, least_damping: float) -> FitLayout:
-    """Return the layout with exact derivatives that ends once the cost settles: the initial state
-    of an unstable motion (growth e^15) never settles within its sigmas.
+    """Return the layout with exact derivatives, whose fit ends when a step gains nothing. The
+    initial state of a motion that grows by e^15 cannot be resolved to a share of its sigma.
     """
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     settings = layout.settings
@@ -372,20 +361,22 @@ def _for_unstable_motion(layout: FitLayout, least_damping: float) -> FitLayout:
 
 
 def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iterator[StartOfFit]:
+    """Yield the start from equation error; nothing where it fails."""
     try:
-        found = run_equation_error(records, calm)
+        estimate = run_equation_error(records, calm)
     except FlightidError:
         return
     if (
-        found.outcome is Outcome.CONVERGED
-        and np.all(np.isfinite(found.values))
-        and np.all(found.noise_std > 0.0)
+        estimate.outcome is Outcome.CONVERGED
+        and np.all(np.isfinite(estimate.values))
+        and np.all(estimate.noise_std > 0.0)
     ):
-        levels = dict(zip(found.output_names, found.noise_std.tolist(), strict=True))
-        yield _started_at(layout, found.as_dict()), {**levels, SCALE: 1.0}
+        levels = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
+        yield _started_at(layout, estimate.as_dict()), {**levels, SCALE: 1.0}
 
 
 def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> Iterator[StartOfFit]:
+    """Yield the start from the output-error fit; nothing where it has no finite cost."""
     masks = [problem.valid for problem in layout.problems]
     fit = without_process_noise.fit_from_best_start(
         lay_out(records, calm, layout.settings, local=layout.local, masks=masks)
@@ -399,10 +390,7 @@ def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> It
 
 
 def _started_at(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
-    start = np.array(
-        [
-            values.get(name, old)
-            for name, old in zip(layout.names, layout.start.tolist(), strict=True)
-        ]
-    )
+    """Return the layout with the starting values of some unknowns replaced, within the bounds."""
+    declared = zip(layout.names, layout.start.tolist(), strict=True)
+    start = np.array([values.get(name, value) for name, value in declared])
     return replace(layout, start=np.clip(start, layout.low, layout.high))

@@ -1,8 +1,8 @@
 """Filter-error fit: maximum likelihood with process noise, over one or several whole records.
 
-Maine and Iliff, NASA RP-1168 (1985); Jategaonkar, Flight Vehicle System Identification, ch. 5.
-Measurement noise levels, the parameters of the process noise (turbulence's intensity and length)
-and those of the vehicle are estimated together.
+It estimates the parameters of the vehicle, the levels of the measurement noise, and the parameters
+of the process noise (intensity and scale length of turbulence) together. See Maine and Iliff, NASA
+RP-1168 (1985), and Jategaonkar, Flight Vehicle System Identification, ch. 5.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ from ident.whole_record.output_error import (
     failed_estimate,
     fit_covariance,
     in_pieces,
+    pieces_message,
     put_together,
     quiet,
-    said_of_pieces,
-    started_at,
-    started_unstable,
+    with_starting_values,
+    with_unstable_start,
 )
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 
 METHOD = "filter-error"
-_LJUNG_BOX_LAGS = 25  # lags of the autocorrelation that the whiteness test sums
+_LJUNG_BOX_LAGS = 25  # lags of the autocorrelation in the whiteness test
 __all__ = [
     "filter_error_estimate",
     "fit_filter_error",
@@ -77,25 +77,25 @@ def fit_filter_error(
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
-    system : not compiled on line; white noise acts on a state, by a noise effect or as declared.
-        Free parameters of a noise effect are estimated; declared process noise gets one factor
-        on its standard deviation.
-    calm : the same model without the noise effect; equation error of it gives a second start.
-    local : further parameters of which each record has its own; they are not returned.
+    system : model in its form for whole records. White noise acts on a state: by a noise effect,
+        whose free parameters are estimated, or as declared process noise, whose standard deviation
+        gets one estimated factor.
+    calm : the same model without the noise effect; its equation error gives a second start.
+    local : names of further parameters of which each record has its own value.
 
     Returns
     -------
     Estimate of the shared free parameters and, for declared process noise, of
-    ``process_noise_scale``. ``noise_std`` are the estimated levels of the measurement noise;
-    ``log_likelihood`` compares with that of an output-error fit of the same data. ``fitted`` is
-    predicted one step ahead: measured minus fitted are the innovations. Outcomes as of
-    ``fit_output_error``; ``DEGENERATE`` where the noise of an output has run to its limit, or a
-    sigma is smaller than the record can give.
+    ``process_noise_scale``. ``noise_std`` are the estimated levels of the measurement noise.
+    ``log_likelihood`` may be compared with that of an output-error fit of the same data.
+    ``fitted`` are one-step predictions, so that measured minus fitted are the innovations. The
+    outcomes are those of `fit_output_error`; ``DEGENERATE`` also where the noise level of an output
+    has run to its limit, or a sigma is smaller than the record can give.
 
     Raises
     ------
-    ModelError : nothing forces a state, a record without any of the outputs, or nothing to
-    estimate.
+    ModelError : where no white noise acts on a state, a record has none of the outputs, or nothing
+        is free.
     """
     settings = settings or FitSettings()
     if not has_process_noise(system):
@@ -104,35 +104,30 @@ def fit_filter_error(
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
-    found, fit = _estimate_and_fit(records, system, settings, calm or system, local)
-    # A fit that ends unstable from a stable start used settings for stable motion, and may have
-    # stopped early.
+    first, fit = _estimate_and_fit(records, system, settings, calm or system, local)
+    # The settings of a stable start may stop a fit too early that ends at an unstable motion.
     if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
-        return found
-    unstable = started_unstable(records, calm or system, settings, local)
+        return first
+    unstable = with_unstable_start(records, calm or system, settings, local)
     if unstable is None:
-        return found
-    values = dict(
-        zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True)
+        return first
+    values = zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True)
+    started = with_starting_values(
+        system, {name: value for name, value in values if name in system.parameters}
     )
-    mine = started_at(
-        system, {name: value for name, value in values.items() if name in system.parameters}
-    )
-    again, fit = _estimate_and_fit(records, mine, settings, unstable, local)
-    return (
-        again
-        if fit is not None and fit.outcome is Outcome.CONVERGED and _may_replace(again, found)
-        else found
-    )
+    second, fit = _estimate_and_fit(records, started, settings, unstable, local)
+    if fit is not None and fit.outcome is Outcome.CONVERGED and _may_replace(second, first):
+        return second
+    return first
 
 
-def _may_replace(again: Estimate, found: Estimate) -> bool:
-    """Return whether a second estimate of the same records may replace the first: its outcome is
-    better, or equal with at least the likelihood.
+def _may_replace(second: Estimate, first: Estimate) -> bool:
+    """Return whether a second estimate of the same records may replace the first: the first has not
+    converged, or both have and the likelihood is no lower.
     """
-    if found.outcome is not Outcome.CONVERGED:
+    if first.outcome is not Outcome.CONVERGED:
         return True
-    return again.outcome is Outcome.CONVERGED and again.log_likelihood >= found.log_likelihood
+    return second.outcome is Outcome.CONVERGED and second.log_likelihood >= first.log_likelihood
 
 
 def _estimate_and_fit(
@@ -142,11 +137,12 @@ def _estimate_and_fit(
     calm: System,
     local: Collection[str],
 ) -> tuple[Estimate, Fit | None]:
-    """Return the estimate from the System's starting values, and its fit; None if no cost is
-    finite.
+    """Return the estimate from the starting values of the System, and its fit; the fit is None
+    where no cost is finite.
     """
     pieces = in_pieces(records, calm, settings, local)
-    layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
+    all_pieces = [piece for record_pieces in pieces for piece in record_pieces]
+    layout = lay_out(all_pieces, system, settings, local=local)
     if not layout.shared:
         raise ModelError(
             "no parameter is free",
@@ -154,16 +150,16 @@ def _estimate_and_fit(
             remedy="release at least one",
         )
     fit = fit_from_best_start(layout, calm)
-    found = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
-    found = replace(
-        found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces)
+    estimate = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
+    estimate = replace(
+        estimate, fitted=put_together(estimate.fitted, pieces), message=pieces_message(pieces)
     )
-    return found, fit
+    return estimate, fit
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:
-    """Return measurement noise by output, and the scale of declared process noise, of a fit with
-    process noise: a warm start for another.
+    """Return the measurement noise of each output and, for a fit with process noise, the scale of
+    declared process noise. Another fit may start from them.
     """
     noise_model = fit.noise_model
     if not isinstance(noise_model, ProcessNoise):
@@ -178,31 +174,30 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     """Return the shared parameters of a fit with process noise, and the scale of declared process
     noise, as an Estimate.
 
-    Noise levels and turbulence parameters maximise the adjusted likelihood, and sigmas include
-    their uncertainty (Student's quantile): see `ident.process_noise.innovations_model`.
+    Noise levels and turbulence parameters are those of the adjusted likelihood, see
+    `ident.process_noise.innovations_model`. Sigmas include the uncertainty of the noise levels by
+    Student's quantile.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     covariance, determined = fit_covariance(fit)
-    levels, own = restricted_levels(fit, covariance), np.diag(covariance)
-    theta, factor = levels.theta, levels.factor * student_factor(own, levels.spread * own**2)
+    levels, variance = restricted_levels(fit, covariance), np.diag(covariance)
+    widening = student_factor(variance, levels.spread * variance**2)
+    theta, factor = levels.theta, levels.factor * widening
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
-    exact = without_measurement_noise(fit)
-    absurd = not exact and (
-        degenerate(fit)
-        or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)]))
-    )
-    outcome = (
-        Outcome.DEGENERATE if absurd else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
-    )
-    at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
+    outcome = fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
+    if not without_measurement_noise(fit):
+        sigmas = np.sqrt(np.diag(covariance))[: len(layout.shared)]
+        if degenerate(fit) or absurd_sigmas(fit, sigmas):
+            outcome = Outcome.DEGENERATE
+    returned = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
         (*layout.shared, *([SCALE] if scaled else [])),
         (*(system.parameters[name].unit for name in layout.shared), *(["1"] if scaled else [])),
-        theta[at],
-        covariance[np.ix_(at, at)],
+        theta[returned],
+        covariance[np.ix_(returned, returned)],
         outcome,
         fit.log_likelihood,
         system.output_names,
@@ -213,18 +208,18 @@ def filter_error_estimate(fit: Fit) -> Estimate:
 
 
 def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
-    """Return the outputs ``(m, N)`` of record ``r`` predicted from the samples before each."""
+    """Return the outputs ``(m, N)`` of record ``r``, each predicted from the samples before it."""
     problem, filter = fit.layout.problems[r], filters_of(fit.weighted)[r]
     motion, state = filter.whitener.motion, filter.residual.state[:, :, None]
     predicted = np.zeros_like(state)
     predicted[1:] = motion.Phi @ state[:-1]
-    added = (motion.H @ predicted)[problem.grid.sample // problem.grid.substeps, :, 0]
-    return np.asarray(fit.lines[r].y + added.T)
+    deviation = (motion.H @ predicted)[problem.grid.sample // problem.grid.substeps, :, 0]
+    return np.asarray(fit.lines[r].y + deviation.T)
 
 
 def turbulence_worth_trying(fit: Fit) -> float:
-    """Return the p-value of white residuals: the smallest Ljung-Box value over channels and
-    records, times their number.
+    """Return the p-value of white residuals, by the Ljung-Box test and Bonferroni's correction: the
+    smallest p-value over outputs and records, times their number.
     """
     p_values = [
         ljung_box(residual[i], problem.valid[i], name, _LJUNG_BOX_LAGS).p_value
@@ -251,15 +246,16 @@ def predictive_log_likelihood(
 
     Parameters
     ----------
-    system : with or without process noise; without, the predictions are those of a free simulation.
-    values : parameters, held.
-    levels : measurement noise by output, and ``process_noise_scale`` where needed, held: see
-        ``noise_levels``.
-    local : parameters that each record has of its own, fitted again like initial states and
+    system : with or without process noise. Without, the predictions are a free simulation.
+    values : parameter -> fixed value.
+    levels : output -> fixed measurement noise, and the fixed ``process_noise_scale`` where the
+        model has one, as `noise_levels` returns them.
+    local : names of the parameters that are fitted to each record, as are the initial states and
         ``bias_*``.
-    masks : ``(m, N)`` a record, False where a sample is set aside.
-    begin : where parameters of its own start in each record, by name; those of the system where it
-        does not say, which no event elsewhere finds.
+    masks : ``(m, N)`` of each record, False where a sample does not count.
+    begin : for each record, local parameter -> starting value; a parameter that is not in it starts
+        at its declared value. A time of an event needs this, since a fit does not find it from far
+        away.
 
     Two models are comparable for the same records, masks and local parameters.
     """
@@ -281,10 +277,11 @@ def fit_under_held_noise(
     begin: Sequence[Mapping[str, float]] = (),
     freed: Collection[str] = (),
 ) -> Fit | None:
-    """Fit the local parameters of each record with fixed noise levels; None where no cost is
-    finite. Arguments as of ``predictive_log_likelihood``.
+    """Return the fit of the local parameters to each record with fixed noise levels; None where no
+    cost is finite. The arguments are those of `predictive_log_likelihood`.
 
-    ``freed`` : further parameters that each record then has of its own, started at ``values``.
+    ``freed`` names further parameters. A second fit gives each record its own values of these too,
+    from ``values``.
     """
     own = {
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local
@@ -292,7 +289,7 @@ def fit_under_held_noise(
     parameters = system.parameters.with_values(
         {name: value for name, value in values.items() if name in system.parameters}
     ).only_free(own)
-    held = replace(system, parameters=parameters)
+    fixed_system = replace(system, parameters=parameters)
     settings = settings or FitSettings()
     if not own and not any(item.free for item in system.initial):
         raise ModelError(
@@ -300,31 +297,31 @@ def fit_under_held_noise(
             where=f"model with {', '.join(system.parameters.names)}",
             remedy="release at least one",
         )
-    layout = lay_out(records, held, settings, local=local, masks=masks)
-    for r, known in enumerate(begin):
-        for name, position in zip(
-            layout.local, layout.columns(r)[len(layout.shared) :], strict=False
-        ):
-            layout.start[position] = known.get(name, layout.start[position])
+    layout = lay_out(records, fixed_system, settings, local=local, masks=masks)
+    for r, values_of_record in enumerate(begin):
+        positions = layout.columns(r)[len(layout.shared) :]
+        for name, position in zip(layout.local, positions, strict=False):
+            layout.start[position] = values_of_record.get(name, layout.start[position])
     # A first fit without process noise gives a trajectory near the record.
-    plain = fit_whole_records(
+    output_error_fit = fit_whole_records(
         FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE_TOLERANCE)))
     )
-    if plain is None:
+    if output_error_fit is None:
         return None
-    noise_model = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
+    noise_model = process_noise(fixed_system, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
     fit = fit_whole_records(
-        FitProblem(replace(layout, start=plain.theta), noise_model),
-        [line.states for line in plain.lines],
+        FitProblem(replace(layout, start=output_error_fit.theta), noise_model),
+        [line.states for line in output_error_fit.lines],
     )
     if fit is None or not freed:
         return fit
-    released = replace(held, parameters=parameters.only_free({*own, *freed}))
-    whole = lay_out(records, released, settings, local=[*local, *freed], masks=masks)
-    known = dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))
-    start = np.array(
-        [known.get(name, old) for name, old in zip(whole.names, whole.start.tolist(), strict=True)]
-    )
+    freed_system = replace(fixed_system, parameters=parameters.only_free({*own, *freed}))
+    wider = lay_out(records, freed_system, settings, local=[*local, *freed], masks=masks)
+    fitted = dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))
+    start = [
+        fitted.get(name, old) for name, old in zip(wider.names, wider.start.tolist(), strict=True)
+    ]
     return fit_whole_records(
-        FitProblem(replace(whole, start=start), noise_model), [line.states for line in fit.lines]
+        FitProblem(replace(wider, start=np.array(start)), noise_model),
+        [line.states for line in fit.lines],
     )

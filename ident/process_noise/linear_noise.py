@@ -1,12 +1,13 @@
 """Process noise of a System along a trajectory: linear motion about it, in continuous and discrete
 time.
 
-States that white noise reaches deviate from the deterministic trajectory as x_dot = F x + w, y = H
-x, with F and H linearised there and w of the System's spectral density. Only those states are kept.
-A free initial state is an unknown of the fit, so its deviation starts at zero; states of a noise
-effect start from their stationary spread.
+Let x be the deviation of the states from the deterministic trajectory, and y that of the outputs.
+Then x_dot = F x + w and y = H x, with F and H linearised about the trajectory, and white noise w
+with the spectral density of the System. Only the n states that the noise reaches are kept. The
+deviation of a state starts at zero, since its initial value is known or an unknown of the fit.
+States of a noise effect start with their stationary covariance.
 
-A sensor with a lag, delay or hold adds a state: see ``_through_sensors``.
+A sensor with a lag, delay or hold adds a state: see `_through_sensors`.
 """
 
 from __future__ import annotations
@@ -21,21 +22,30 @@ from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 
-_TAYLOR_TERMS = 14  # terms of a Taylor series that is exact to rounding
-_DERIVATIVE_TERMS = 4  # the same for derivatives at each step, exact to 1e-4 or better
+_TAYLOR_TERMS = 14  # terms of a Taylor series, for results exact to rounding
+_DERIVATIVE_TERMS = 4  # terms where derivatives are wanted at each step, exact to 1e-4 or better
+_LARGEST_TAYLOR_STEP = 0.25  # longest step of the Taylor series, times the largest row sum of F
 _LARGEST_BATCH = 16_000  # numbers processed together; more do not fit the processor's cache
-# Chebyshev points for a smooth function of step sizes within a factor of three, exact to rounding
+# Chebyshev points that interpolate a function of the step to rounding, for steps within a factor
+# of three
 _CHEBYSHEV_POINTS = 14
-_SHORTEST_MEMORY_SHARE = 0.2  # shortest time constant of a sensor, in sub-steps
+_SHORTEST_MEMORY_SHARE = 0.2  # shortest time constant of a sensor, over the mean node interval
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even steps
 
 
 @dataclass(frozen=True, eq=False)
 class DiscretisedNoise:
-    """Linear process noise over the nodes ``0 .. K`` of a record, ``n`` states.
+    """Linear process noise over the nodes ``0 .. K`` of a record, with ``n`` states.
 
-    ``Phi``, ``Q`` ``(K, n, n)`` are for the step from node k to k + 1; ``H (K + 1, m, n)``; ``start
-    (n, n)``. The leading axis has length 1 where nothing changes over the record. In derivatives by
-    D quantities a further axis D precedes the matrices.
+    The leading axis has length 1 where a matrix is constant over the record. Derivatives with
+    respect to D quantities have a further axis D before the matrices.
+
+    Attributes
+    ----------
+    Phi : ``(K, n, n)`` transition from node k to k + 1.
+    Q : ``(K, n, n)`` covariance of the noise that this step adds.
+    H : ``(K + 1, m, n)`` outputs at the nodes.
+    start : ``(n, n)`` covariance at the first node.
     """
 
     Phi: np.ndarray
@@ -46,23 +56,28 @@ class DiscretisedNoise:
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """All parameters ``p`` and the factor ``scale`` on the declared process noise's standard
-    deviation.
+    """Parameters at which the noise is evaluated.
+
+    Attributes
+    ----------
+    p : ``(np,)`` all parameters.
+    scale : factor on the standard deviation of declared process noise.
     """
 
     p: np.ndarray
     scale: float
 
 
+# F, H, density and which states are stationary, as `linear_motion` returns them
 LinearMotion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-NoiseReport = Callable[[np.ndarray], np.ndarray]
+Reduction = Callable[[np.ndarray], np.ndarray]  # what is kept of matrices ``(K, V, n, n)``
 
 
 def discretised_noise(
     problem: RecordProblem, states: np.ndarray, at: Variation
 ) -> DiscretisedNoise:
-    """Return the process noise about ``states (nx, K + 1)``; it has no states if white noise acts
-    on none.
+    """Return the process noise about the trajectory ``states (nx, K + 1)``. It has n = 0 states
+    where no white noise acts.
     """
     F, H, density, stationary = linear_motion(problem, states, [at])
     Phi, Q, start = discrete_motion(F, np.diff(problem.grid.nodes), density, stationary)
@@ -71,9 +86,14 @@ def discretised_noise(
 
 def linear_motion(
     problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """F and H ``(B, V, ...)``, density ``(V, n)`` of V variations, of the n states that the first
-    one's forcing reaches; which are stationary.
+) -> LinearMotion:
+    """Return the linear motion about ``states (nx, K + 1)`` for V variations.
+
+    Returns
+    -------
+    F ``(B, V, n, n)`` in the middle of the intervals, H ``(B, V, m, n)`` at the nodes, the spectral
+    density ``(V, n)``, and which of the n states are stationary. The states are those that the
+    noise of the first variation reaches. B is 1 where a matrix is constant.
     """
     system, nodes = problem.system, problem.grid.nodes
     V, m = len(variations), len(system.outputs)
@@ -97,35 +117,34 @@ def linear_motion(
 def _through_sensors(
     problem: RecordProblem, variations: Sequence[Variation], motion: LinearMotion
 ) -> LinearMotion:
-    """Return the motion with a state added for each sensor with a lag, delay or hold.
+    """Return the motion with a further state for each sensor with a lag, delay or hold.
 
-    A lag is exact; a delay, and a hold in the mean, is Pade's approximation of first order. The
-    deviation of a sensor starts at zero. Times much shorter than a sub-step are lengthened to a
-    fifth of it, which keeps the motion from being stiff and the slope at zero finite.
+    A lag is exact. A delay is Pade's approximation of first order, and so is the mean delay of a
+    hold. The deviation of a sensor starts at zero. A time constant much shorter than a node
+    interval is raised to a fifth of it. The motion is then not stiff, and the derivative at a time
+    constant of zero stays finite.
 
-    Parameters
-    ----------
-    variations : V sets of parameters.
-    motion : F ``(B, V, n, n)``, H ``(B, V, m, n)``, density ``(V, n)`` and which states are
-        stationary, without sensors.
+    ``motion`` is the linear motion without sensors, for the V ``variations``.
     """
     memories = [problem.system.sensor_memory(variation.p.tolist()) for variation in variations]
     F, H, density, stationary = motion
     shortest = _SHORTEST_MEMORY_SHARE * float(np.mean(np.diff(problem.grid.nodes)))
     for k, memory in enumerate(memories[0]):
         row, n = memory.row, F.shape[-1]
-        time = np.array([float(each[k].time_constant) for each in memories])
+        time = np.array(
+            [float(variation_memories[k].time_constant) for variation_memories in memories]
+        )
         rate = 1.0 / np.hypot(time, shortest)[:, None]
         at_middles = H[:, :, row] if len(H) == 1 else 0.5 * (H[:-1, :, row] + H[1:, :, row])
         steps = max(len(F), len(at_middles))
-        wider = np.zeros((steps, F.shape[1], n + 1, n + 1))
-        wider[..., :n, :n] = F
-        wider[..., n, :n] = rate * at_middles
-        wider[..., n, n] = -rate[:, 0]
-        seen = np.concatenate([H, np.zeros((*H.shape[:-1], 1))], axis=-1)
-        seen[:, :, row] *= memory.direct
-        seen[:, :, row, n] = 1.0 - memory.direct
-        F, H = wider, seen
+        wider_F = np.zeros((steps, F.shape[1], n + 1, n + 1))
+        wider_F[..., :n, :n] = F
+        wider_F[..., n, :n] = rate * at_middles
+        wider_F[..., n, n] = -rate[:, 0]
+        wider_H = np.concatenate([H, np.zeros((*H.shape[:-1], 1))], axis=-1)
+        wider_H[:, :, row] *= memory.direct
+        wider_H[:, :, row, n] = 1.0 - memory.direct
+        F, H = wider_F, wider_H
         density = np.concatenate([density, np.zeros((len(density), 1))], axis=1)
         stationary = np.append(stationary, False)
     return F, H, density, stationary
@@ -136,18 +155,22 @@ def discrete_motion(
     steps: np.ndarray,
     density: np.ndarray,
     stationary: np.ndarray,
-    told: NoiseReport = np.asarray,
+    reduce: Reduction = np.asarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phi and Q ``(K or 1, V, n, n)`` over node intervals, or what is ``told`` of them, and
-    covariance at the start ``(V, n, n)``.
+    """Return Phi and Q ``(K or 1, V, n, n)`` over the node intervals, each through ``reduce``, and
+    the covariance ``(V, n, n)`` at the start.
+
+    ``steps (K,)`` are the node intervals, s. The other arguments are as `linear_motion` returns
+    them.
     """
     if F.shape[-1] == 0:
-        return told(F), told(F), F[0]
-    Phi, Q = _over_steps(F, density, steps, told)
-    return Phi, Q, _stationary_spread(F[0], density, np.flatnonzero(stationary))
+        return reduce(F), reduce(F), F[0]
+    Phi, Q = _over_steps(F, density, steps, reduce)
+    return Phi, Q, _stationary_covariance(F[0], density, np.flatnonzero(stationary))
 
 
 def _density(system: System, variation: Variation) -> np.ndarray:
+    """Return the spectral density ``(nx,)`` of the white noise on each state."""
     declared = np.array(
         [system.declared_noise.process_density.get(name, 0.0) for name in system.state_names]
     )
@@ -156,8 +179,8 @@ def _density(system: System, variation: Variation) -> np.ndarray:
 
 
 def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
-    """Return the recorded inputs ``(nu, len(times))``; lags of actuators hardly change the
-    linearisation.
+    """Return the recorded inputs ``(nu, len(times))``, interpolated. The input path is left out:
+    lags of actuators hardly change the linearisation.
     """
     rows = problem.record.input_array(problem.system.input_names)
     return np.array([np.interp(times, problem.record.time, row) for row in rows]).reshape(
@@ -168,6 +191,7 @@ def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
 def _middles(
     problem: RecordProblem, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, states and inputs in the middle of the node intervals."""
     nodes = problem.grid.nodes
     times = 0.5 * (nodes[:-1] + nodes[1:])
     return times, 0.5 * (states[:, :-1] + states[:, 1:]), _inputs(problem, times)
@@ -179,11 +203,12 @@ def _jacobians(
     where: tuple[np.ndarray, np.ndarray, np.ndarray],
     variations: Sequence[Variation],
 ) -> np.ndarray:
-    """Derivative of ``f`` or ``h`` by the states, ``(B, V, rows, nx)``; B is 1 where it is the same
-    all along.
+    """Return the derivatives ``(B, V, rows, nx)`` of ``f`` or ``h`` with respect to the states, at
+    the times, states and inputs ``where``. B is 1 where they are constant.
     """
     base = _jacobian(system, function, where, variations[:1])
-    if np.all(np.ptp(base, axis=0) <= 1e-13 * np.max(np.abs(base), axis=0)):
+    constant_to_rounding = 1e-13
+    if np.all(np.ptp(base, axis=0) <= constant_to_rounding * np.max(np.abs(base), axis=0)):
         base, where = base[:1], (where[0][:1], where[1][:, :1], where[2][:, :1])
     return base if len(variations) == 1 else _jacobian(system, function, where, variations)
 
@@ -194,35 +219,38 @@ def _jacobian(
     where: tuple[np.ndarray, np.ndarray, np.ndarray],
     variations: Sequence[Variation],
 ) -> np.ndarray:
-    # Complex steps, one column a state. Times are the last axis, for speed.
+    """Return the derivatives at every time, by complex steps: one column for each state. Times are
+    the last axis, for speed.
+    """
     t, X, U = where
     n_x, values = len(X), np.array([variation.p for variation in variations])
-    same = np.all(values == values[0], axis=0)
+    common = np.all(values == values[0], axis=0)
     p = [
-        float(values[0, i]) if same[i] else values[:, i][:, None, None]
+        float(values[0, i]) if common[i] else values[:, i][:, None, None]
         for i in range(values.shape[1])
     ]
-    rows, out = max(1, _LARGEST_BATCH // (len(variations) * n_x)), None
-    for k in range(0, len(t), rows):
-        at = slice(k, k + rows)
+    batch, jacobian = max(1, _LARGEST_BATCH // (len(variations) * n_x)), None
+    for k in range(0, len(t), batch):
+        at = slice(k, k + batch)
         x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
         for i in range(n_x):
             x[i][:, i] += 1j * COMPLEX_STEP
         slopes = function(t[at], x, list(U[:, at]), p)
-        if out is None:
-            out = np.empty((len(t), len(variations), len(slopes), n_x))
+        if jacobian is None:
+            jacobian = np.empty((len(t), len(variations), len(slopes), n_x))
         for i, row in enumerate(slopes):
-            turned = np.broadcast_to(np.imag(row), (len(variations), n_x, len(t[at]))).transpose(
-                2, 0, 1
-            )
-            np.divide(turned, COMPLEX_STEP, out=out[at, :, i])
-    assert out is not None
-    return out
+            slope = np.broadcast_to(np.imag(row), (len(variations), n_x, len(t[at])))
+            by_time = slope.transpose(2, 0, 1)
+            np.divide(by_time, COMPLEX_STEP, out=jacobian[at, :, i])
+    assert jacobian is not None
+    return jacobian
 
 
 def _states_reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
-    """Return the positions of the states that the noise reaches through the couplings
-    ``(nx, nx)``.
+    """Return the positions of the states that the noise reaches.
+
+    ``coupled (nx, nx)`` is True where the rate of the first state depends on the second one, and
+    ``forced (nx,)`` where white noise acts on a state.
     """
     reached = forced.copy()
     for _ in range(len(reached)):
@@ -231,61 +259,71 @@ def _states_reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
 
 
 def _over_steps(
-    F: np.ndarray, density: np.ndarray, steps: np.ndarray, told: NoiseReport
+    F: np.ndarray, density: np.ndarray, steps: np.ndarray, reduce: Reduction
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Phi and Q over each step, ``(K or 1, V, n, n)``, or what is ``told`` of them, from ``F (K or
-    1, V, n, n)`` and ``density (V, n)``.
+    """Return Phi and Q ``(K or 1, V, n, n)`` over the ``steps (K,)``, each through ``reduce``, from
+    ``F (K or 1, V, n, n)`` and ``density (V, n)``.
     """
     low, high = float(steps.min()), float(steps.max())
-    even = high - low <= 1e-9 * high
+    even = high - low <= _EVEN_SAMPLING_TOLERANCE * high
     if len(F) > 1:
         steps = np.full(len(steps), steps.mean()) if even else steps
-        at, back = _distinct(np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1))
-        if len(at) < len(F):  # else the other arrays differ as well
-            at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
-        some = slice(None) if len(at) == len(F) else at
-        Phi, Q = discretised(
-            F[some],
-            density,
-            steps[some, None],
-            _TAYLOR_TERMS if F.shape[1] == 1 else _DERIVATIVE_TERMS,
-            told,
+        first, number = _distinct(
+            np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1)
         )
-        return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
+        if len(first) < len(F):  # else all steps differ, whatever the further variations are
+            first, number = _distinct(
+                np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1)
+            )
+        chosen = slice(None) if len(first) == len(F) else first
+        Phi, Q = discretised(
+            F[chosen],
+            density,
+            steps[chosen, None],
+            _TAYLOR_TERMS if F.shape[1] == 1 else _DERIVATIVE_TERMS,
+            reduce,
+        )
+        return (Phi, Q) if len(first) == len(F) else (Phi[number], Q[number])
     if even:
-        return discretised(F, density, np.full((1, 1), steps.mean()), told=told)
-    # One F and many steps: the result is a smooth function of the step.
+        return discretised(F, density, np.full((1, 1), steps.mean()), reduce=reduce)
+    # With one F and many steps, the result is a smooth function of the step: interpolate it.
     angle = np.pi * (np.arange(_CHEBYSHEV_POINTS) + 0.5) / _CHEBYSHEV_POINTS
-    knots = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
-    share = _barycentric(knots, (-1.0) ** np.arange(_CHEBYSHEV_POINTS) * np.sin(angle), steps)
+    points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
+    share = _barycentric(points, (-1.0) ** np.arange(_CHEBYSHEV_POINTS) * np.sin(angle), steps)
     Phi, Q = discretised(
-        np.broadcast_to(F, (_CHEBYSHEV_POINTS, *F.shape[1:])), density, knots[:, None], told=told
+        np.broadcast_to(F, (_CHEBYSHEV_POINTS, *F.shape[1:])),
+        density,
+        points[:, None],
+        reduce=reduce,
     )
     return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
 
 
 def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
-    """Return the first position of each distinct row of ``rows (K, c)``, and the index of its
-    distinct row for every row.
+    """Return the first position of each distinct row of ``rows (K, c)``, and for every row the
+    number of its distinct row.
 
-    Dead bands and limits change F at few inputs: most steps are equal.
+    Dead bands and limits change F at a few steps only, so that most rows are equal.
     """
-    first: dict[bytes, int] = {}
-    at: list[int] = []
-    back = []
+    number_of: dict[bytes, int] = {}
+    first: list[int] = []
+    numbers = []
     for k, row in enumerate(np.ascontiguousarray(rows)):
-        number = first.setdefault(row.tobytes(), len(at))
-        if number == len(at):
-            at.append(k)
-        back.append(number)
-    return at, back
+        number = number_of.setdefault(row.tobytes(), len(first))
+        if number == len(first):
+            first.append(k)
+        numbers.append(number)
+    return first, numbers
 
 
-def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
-    away = at[:, None] - knots
-    hit = away == 0
-    share = weights / np.where(hit, 1.0, away)
-    share = np.where(np.any(hit, axis=1)[:, None], hit, share)
+def _barycentric(points: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the shares ``(len(at), len(points))`` by which values at ``points`` are interpolated
+    at the places ``at``, by the barycentric formula.
+    """
+    distance = at[:, None] - points
+    exact = distance == 0
+    share = weights / np.where(exact, 1.0, distance)
+    share = np.where(np.any(exact, axis=1)[:, None], exact, share)
     return share / share.sum(axis=1, keepdims=True)
 
 
@@ -294,57 +332,65 @@ def discretised(
     density: np.ndarray,
     dt: np.ndarray,
     terms: int = _TAYLOR_TERMS,
-    told: NoiseReport = np.asarray,
+    reduce: Reduction = np.asarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to
-    rounding.
+    """Return Phi = exp(F dt), and Q, the integral of exp(F s) diag(density) exp(F s)^T over a step.
 
-    Shapes ``(K, ..., n, n)``, ``(..., n)``, ``(K, ...)``. Taylor series of Phi and of the solution
-    of Q_dot = F Q + Q F^T + diag(density) on a short step, then doubling. ``told`` of each part is
-    put together, else all of it.
+    The Taylor series of Phi, and of the solution of Q_dot = F Q + Q F^T + diag(density), hold for a
+    short step, which is then doubled.
+
+    Parameters
+    ----------
+    F : ``(K, ..., n, n)``.
+    density : ``(..., n)``.
+    dt : ``(K, ...)`` steps, s.
+    terms : terms of the Taylor series; the default is exact to rounding.
+    reduce : function of Phi and of Q for some of the K steps, whose results are returned.
     """
-    rows = max(1, _LARGEST_BATCH // max(1, F[0].size))
-    parts = [(F[k : k + rows], dt[k : k + rows]) for k in range(0, len(F), rows)]
+    batch = max(1, _LARGEST_BATCH // max(1, F[0].size))
+    parts = [(F[k : k + batch], dt[k : k + batch]) for k in range(0, len(F), batch)]
     size = max(
         float(np.max(np.sum(np.abs(part), axis=-1).max(axis=-1) * steps, initial=0.0))
         for part, steps in parts
     )
-    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
-    done = [
-        [told(M) for M in _doubled(part, density, steps, halvings, terms)] for part, steps in parts
+    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / _LARGEST_TAYLOR_STEP))))
+    reduced = [
+        [reduce(M) for M in _doubled(part, density, steps, halvings, terms)]
+        for part, steps in parts
     ]
-    Phi, Q = (np.concatenate(stack) for stack in zip(*done, strict=True))
+    Phi, Q = (np.concatenate(stack) for stack in zip(*reduced, strict=True))
     return Phi, Q
 
 
 def _doubled(
     F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same as ``discretised``, for a step that is halved and doubled again ``halvings``
-    times.
+    """Return Phi and Q as `discretised` does, for a step that is halved ``halvings`` times and then
+    doubled as often.
     """
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h
     Phi = np.broadcast_to(np.eye(n), step.shape).copy()
-    term = Phi
+    Phi_term = Phi
     Q = np.zeros_like(step)
-    part = np.broadcast_to(density[..., None] * np.eye(n), step.shape) * h
+    Q_term = np.broadcast_to(density[..., None] * np.eye(n), step.shape) * h
     for k in range(1, terms + 1):
-        Q = Q + part
-        term = step @ term / k
-        Phi = Phi + term
-        once = step @ part / (k + 1)
-        part = once + np.swapaxes(once, -1, -2)
+        Q = Q + Q_term
+        Phi_term = step @ Phi_term / k
+        Phi = Phi + Phi_term
+        product = step @ Q_term / (k + 1)
+        Q_term = product + np.swapaxes(product, -1, -2)
     for _ in range(halvings):
         Q = Q + Phi @ Q @ np.swapaxes(Phi, -1, -2)
         Phi = Phi @ Phi
     return Phi, 0.5 * (Q + np.swapaxes(Q, -1, -2))
 
 
-def _stationary_spread(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T +
-    diag(density) = 0, zero where they are not stable.
+def _stationary_covariance(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the covariances ``(V, n, n)`` at the start, zero but for the stationary states ``at``.
+
+    Their covariance solves F P + P F^T + diag(density) = 0; it is zero where F is not stable.
     """
     start = np.zeros_like(F)
     block, n = F[:, at[:, None], at], len(at)

@@ -1,14 +1,14 @@
 """The Kalman filter as a linear pre-whitener of residuals.
 
-Sarkka and Garcia-Fernandez, "Temporal Parallelization of Bayesian Smoothers", IEEE Trans. Automatic
-Control 66(1), 2021: the step from one filtered covariance to the next is an element (A, C, J), P ->
-A (I + P J)^-1 P A^T + C, and elements combine associatively.
+The residual of a deterministic fit is e = H x + v, with measurement noise v and the deviation x by
+process noise, see `ident.process_noise.linear_noise`. The innovation nu[k] is e[k] minus its
+prediction from e[0 .. k - 1]. Innovations are white. The columns of the Jacobian pass through the
+same linear filter (Jategaonkar, Flight Vehicle System Identification, ch. 5).
 
-The residual of a deterministic fit is e = H x + v with x the process noise, see
-`ident.process_noise.linear_noise`. Its innovations, nu[k] = e[k] minus the prediction of e[k] from
-e[0 .. k - 1], are white. The columns of the Jacobian pass through the same linear filter
-(Jategaonkar, Flight Vehicle System Identification, ch. 5). Covariances come from an associative
-scan, the states from one banded triangular solve.
+No loop runs over the samples. One banded triangular solve gives the states, and an associative scan
+the covariances: the step from one filtered covariance P to the next is the map A (I + P J)^-1 P A^T
++ C, and the elements (A, C, J) of such maps combine associatively (Sarkka and Garcia-Fernandez,
+"Temporal Parallelization of Bayesian Smoothers", IEEE Trans. Automatic Control 66(1), 2021).
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ Combine = Callable[[Elements, Elements], Elements]
 
 
 def scan(combine: Combine, elements: Elements) -> Elements:
-    """Return the combinations of the first 1, 2, ... ``elements`` along the first axis (an
-    associative scan); ``combine(first, second)`` takes stacks.
+    """Return the combination of the first k elements, for k = 1, 2, ...: an associative scan.
+
+    Elements lie along the first axis. ``combine(first, second)`` combines stacks of elements.
     """
     count = len(elements[0])
     if count < 2:
@@ -36,85 +37,85 @@ def scan(combine: Combine, elements: Elements) -> Elements:
     pairs = combine(tuple(e[:-1:2] for e in elements), tuple(e[1::2] for e in elements))
     odd = scan(combine, pairs)
     even = combine(tuple(e[: (count - 1) // 2] for e in odd), tuple(e[2::2] for e in elements))
-    out = []
-    for first, at_odd, at_even in zip(elements, odd, even, strict=True):
-        whole = np.empty((count, *at_odd.shape[1:]))
-        whole[0], whole[1::2], whole[2::2] = first[0], at_odd, at_even
-        out.append(whole)
-    return tuple(out)
+    combined = []
+    for part, odd_part, even_part in zip(elements, odd, even, strict=True):
+        whole = np.empty((count, *odd_part.shape[1:]))
+        whole[0], whole[1::2], whole[2::2] = part[0], odd_part, even_part
+        combined.append(whole)
+    return tuple(combined)
 
 
 def powers(combine: Combine, element: Elements, count: int) -> Elements:
-    """Return the combinations of the first 1, 2, ... of ``count`` equal elements, given with a
-    first axis of length 1; ``count`` is a power of two.
+    """Return the combination of k equal elements, for k = 1 .. ``count``, a power of two. The
+    ``element`` has a first axis of length 1.
     """
-    out = element
-    while len(out[0]) < count:
-        last = tuple(e[-1:] for e in out)
-        out = tuple(np.concatenate(pair) for pair in zip(out, combine(last, out), strict=True))
-    return out
+    combined = element
+    while len(combined[0]) < count:
+        last = tuple(part[-1:] for part in combined)
+        further = combine(last, combined)
+        combined = tuple(np.concatenate(pair) for pair in zip(combined, further, strict=True))
+    return combined
 
 
 def covariance_steps(Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarray) -> Elements:
-    """Return the elements from one filtered covariance to the next: ``Phi``, ``Q`` ``(K, n, n)``,
-    ``H (K, m, n)``, ``R (m,)``.
+    """Return the elements from one filtered covariance to the next.
+
+    ``Phi`` and ``Q`` are ``(K, n, n)``, ``H (K, m, n)``, and the measurement variances ``R (m,)``.
     """
-    Ht = _t(H)
-    QH = Q @ Ht
-    S = _inverse(H @ QH + np.diag(R))
-    gain = QH @ S
-    A = Phi - gain @ (H @ Phi)
-    seen = H @ Phi
-    return A, _symmetric(Q - gain @ _t(QH)), _symmetric(_t(seen) @ S @ seen)
+    QHt = Q @ turned(H)
+    inverse = _inverse(H @ QHt + np.diag(R))
+    gain = QHt @ inverse
+    HPhi = H @ Phi
+    A = Phi - gain @ HPhi
+    return A, _symmetric(Q - gain @ turned(QHt)), _symmetric(turned(HPhi) @ inverse @ HPhi)
 
 
 def combine_covariances(first: Elements, second: Elements) -> Elements:
-    """Return the element of two consecutive steps."""
+    """Return the element of two successive steps."""
     A, C, J = first
     B, D, L = second
     inverse = _inverse(np.eye(A.shape[-1]) + C @ L)
     between, onward = B @ inverse, inverse @ A
     return (
         B @ onward,
-        _symmetric(between @ C @ _t(B)) + D,
-        _symmetric(_t(A) @ L @ onward) + J,
+        _symmetric(between @ C @ turned(B)) + D,
+        _symmetric(turned(A) @ L @ onward) + J,
     )
 
 
 def advanced(steps: Elements, P: np.ndarray) -> np.ndarray:
-    """Return the filtered covariances after each element of ``steps``, starting from ``P
-    (n, n)``.
-    """
+    """Return the filtered covariance after each element of ``steps``, from ``P (n, n)``."""
     A, C, J = steps
-    inside = _inverse(np.eye(len(P)) + P @ J) @ P
-    return _symmetric(A @ inside @ _t(A)) + C
+    updated = _inverse(np.eye(len(P)) + P @ J) @ P
+    return _symmetric(A @ updated @ turned(A)) + C
 
 
 def combine_affine(first: Elements, second: Elements) -> Elements:
-    """Combine the maps X -> T X T^T + D of D quantities at once: ``T (K, n, n)``, ``D (K, n, D,
-    n)``.
+    """Return the combination of two maps X -> T X T^T + C for D quantities at once, with ``T (K, n,
+    n)`` and ``C (K, n, D, n)``.
     """
-    T, D = first
-    U, E = second
-    return U @ T, from_right(from_left(U, D), _t(U)) + E
+    T1, C1 = first
+    T2, C2 = second
+    return T2 @ T1, from_right(from_left(T2, C1), turned(T2)) + C2
 
 
 def from_left(matrix: np.ndarray, stack: np.ndarray) -> np.ndarray:
-    """``matrix (T or 1, a, b)`` times each of D matrices, which lie side by side: ``(T or 1, b, D,
-    c)`` to ``(T, a, D, c)``.
+    """Return ``matrix (T or 1, a, b)`` times each of D matrices: ``(T, a, D, c)``.
+
+    The D matrices of the ``stack (T or 1, b, D, c)`` lie side by side.
     """
     wide = stack.reshape(*stack.shape[:2], stack.shape[2] * stack.shape[3])
-    out = matrix @ wide
-    return out.reshape(*out.shape[:2], *stack.shape[2:])
+    product = matrix @ wide
+    return product.reshape(*product.shape[:2], *stack.shape[2:])
 
 
 def from_right(stack: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Each of D matrices times ``matrix (T or 1, b, c)``: ``(T or 1, a, D, b)`` to ``(T, a, D,
-    c)``.
+    """Return each of D matrices, ``stack (T or 1, a, D, b)``, times ``matrix (T or 1, b, c)``:
+    ``(T, a, D, c)``.
     """
     tall = stack.reshape(stack.shape[0], stack.shape[1] * stack.shape[2], stack.shape[3])
-    out = tall @ matrix
-    return out.reshape(out.shape[0], *stack.shape[1:3], out.shape[2])
+    product = tall @ matrix
+    return product.reshape(product.shape[0], *stack.shape[1:3], product.shape[2])
 
 
 def transposed(stack: np.ndarray) -> np.ndarray:
@@ -126,31 +127,35 @@ def _inverse(M: np.ndarray) -> np.ndarray:
     return np.linalg.inv(M) if M.shape[-1] else M
 
 
-def _t(M: np.ndarray) -> np.ndarray:
-    return np.swapaxes(M, -1, -2)
-
-
 def _symmetric(M: np.ndarray) -> np.ndarray:
-    return 0.5 * (M + _t(M))
+    return 0.5 * (M + turned(M))
 
 
 # ---- A Kalman filter used as a linear pre-whitener of residuals and of every sensitivity
 # column
 
-_SAMPLES_PER_CHUNK = 64
-_SETTLED_COVARIANCE_CHANGE = 1e-12  # relative change of the covariance over a chunk
+_SAMPLES_PER_CHUNK = 64  # samples between two tests whether a filter is steady; a power of two
+_SETTLED_COVARIANCE_CHANGE = 1e-12  # largest relative change over a chunk, of a steady covariance
 
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
     """The filter of one record: gains and innovation covariances at the nodes ``0 .. K``.
 
-    Arrays over nodes end once the filter is steady: node k has entry ``at[k]``. ``covariance`` and
-    ``predicted`` ``(T, n, n)`` after and before each update, ``gain (T, n, m)``,
-    ``innovation_covariance`` and ``root`` ``(T, m, m)``, the latter the inverse of its Cholesky
-    factor; rows of samples that are missing are those of the unit matrix. ``valid (K + 1, m)``.
-    ``log_determinant`` is the sum over all samples of the log determinant of their innovation
-    covariance.
+    Arrays over nodes have T entries, which end once the filter is steady.
+
+    Attributes
+    ----------
+    variance : ``(m,)`` measurement noise.
+    valid : ``(K + 1, m)`` False where a node has no valid sample.
+    at : ``(K + 1,)`` the entry of each node.
+    seen : ``(K + 1 or 1, m, n)`` H, with zeros where a sample is missing.
+    covariance : ``(T, n, n)`` after each update.
+    predicted : ``(T, n, n)`` covariance before each update.
+    gain : ``(T, n, m)``.
+    innovation_covariance : ``(T, m, m)``; rows of missing samples are those of the unit matrix.
+    root : ``(T, m, m)`` inverse of the Cholesky factor of the innovation covariance.
+    log_determinant : log determinant of the innovation covariance, summed over all nodes.
     """
 
     motion: DiscretisedNoise
@@ -168,9 +173,14 @@ class Whitener:
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """Columns through the filter: ``innovation (K + 1, m, c)``, ``standard`` of unit variance where
-    the column is a residual, ``state (K + 1, n, c)`` after each update; without the last axis where
-    one column is meant."""
+    """Columns through the filter; a single column is without the last axis.
+
+    Attributes
+    ----------
+    innovation : ``(K + 1, m, c)``.
+    standard : ``(K + 1, m, c)`` normalised innovations; those of a residual have unit variance.
+    state : ``(K + 1, n, c)`` after each update.
+    """
 
     innovation: np.ndarray
     standard: np.ndarray
@@ -178,12 +188,17 @@ class Filtered:
 
 
 def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) -> Whitener:
-    """Return the gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1,
-    m)`` of the samples at the nodes.
+    """Return the filter of one record.
+
+    Parameters
+    ----------
+    motion : process noise.
+    variance : ``(m,)`` measurement noise.
+    valid : ``(K + 1, m)`` False where a node has no valid sample.
 
     Raises
     ------
-    numpy.linalg.LinAlgError : an innovation covariance that is not positive definite.
+    numpy.linalg.LinAlgError : where an innovation covariance is not positive definite.
     """
     nodes, m = valid.shape
     steady = len(motion.Phi) == 1 and len(motion.H) == 1 and bool(np.all(valid == valid[0]))
@@ -200,20 +215,19 @@ def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) 
         after = _until_settled(steps, first, nodes)
     else:
         Phi, Q = (np.broadcast_to(M, (nodes - 1, *M.shape[1:])) for M in (motion.Phi, motion.Q))
-        one = covariance_steps(Phi, Q, seen[1:], variance)
-        after = np.concatenate([first[None], advanced(scan(combine_covariances, one), first)])
+        steps = covariance_steps(Phi, Q, seen[1:], variance)
+        after = np.concatenate([first[None], advanced(scan(combine_covariances, steps), first)])
     Phi, Q = (M if len(M) == 1 else M[: len(after) - 1] for M in (motion.Phi, motion.Q))
-    before = (
-        np.concatenate([motion.start[None], Phi @ after[:-1] @ turned(Phi) + Q])
-        if len(motion.start)
-        else after
-    )
-    PH = before @ turned(seen if len(seen) == 1 else seen[: len(before)])
-    S = (seen if len(seen) == 1 else seen[: len(before)]) @ PH + np.diag(variance)
+    before = after
+    if len(motion.start):
+        before = np.concatenate([motion.start[None], Phi @ after[:-1] @ turned(Phi) + Q])
+    H = rows(seen, slice(len(before)))
+    PHt = before @ turned(H)
+    S = H @ PHt + np.diag(variance)
     present = valid[: len(S)]
     S = np.where(present[:, :, None] & present[:, None, :], S, np.eye(m))
     root = np.linalg.inv(np.linalg.cholesky(S))
-    gain = PH @ (turned(root) @ root)
+    gain = PHt @ (turned(root) @ root)
     at = np.minimum(np.arange(nodes), len(after) - 1)
     logs = -2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     return Whitener(
@@ -222,8 +236,8 @@ def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) 
 
 
 def filtered(filter: Whitener, columns: np.ndarray) -> Filtered:
-    """Return the innovations of ``columns (K + 1, m, c)``; values at missing samples are
-    ignored.
+    """Return ``columns (K + 1, m, c)`` through the filter; values at missing samples do not
+    count.
     """
     e = np.where(filter.valid[:, :, None], columns, 0.0)
     n = filter.covariance.shape[-1]
@@ -237,23 +251,25 @@ def filtered(filter: Whitener, columns: np.ndarray) -> Filtered:
 
 
 def _updated(P: np.ndarray, H: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return the covariance ``(n, n)`` after an update by one sample."""
     if len(P) == 0:
         return P
-    PH = P @ H.T
-    out = P - PH @ np.linalg.solve(H @ PH + np.diag(variance), PH.T)
-    return 0.5 * (out + out.T)
+    PHt = P @ H.T
+    return _symmetric(P - PHt @ np.linalg.solve(H @ PHt + np.diag(variance), PHt.T))
 
 
 def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int) -> np.ndarray:
-    """Return the filtered covariances of a time-invariant system until they are steady, for at most
-    ``nodes`` nodes.
+    """Return the filtered covariances ``(T, n, n)`` of a time-invariant system until they are
+    steady, for at most ``nodes`` nodes.
+
+    ``first (n, n)`` is that of the first node, and ``steps`` are the elements of one chunk.
     """
-    parts, P, done = [first[None]], first, 1
-    while done < nodes:
+    parts, P, count = [first[None]], first, 1
+    while count < nodes:
         chunk = advanced(steps, P)
         parts.append(chunk)
-        done += len(chunk)
-        # without noise, rounding may make it negative
+        count += len(chunk)
+        # without noise, rounding may make a variance negative
         size = np.sqrt(np.maximum(np.diag(chunk[-1]), 0.0))
         if np.all(np.abs(chunk[-1] - P) <= _SETTLED_COVARIANCE_CHANGE * np.outer(size, size)):
             break
@@ -270,7 +286,9 @@ def closed_loop(filter: Whitener) -> np.ndarray:
 
 
 def joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Solve x[k + 1] = T[k] x[k] + source[k + 1], x[0] = source[0]: ``(K + 1, n, c)``."""
+    """Return x ``(K + 1, n, c)``, the solution of x[k + 1] = T[k] x[k] + source[k + 1] with x[0] =
+    source[0].
+    """
     from scipy.linalg.lapack import dtbtrs
 
     nodes, n, c = source.shape
@@ -285,12 +303,12 @@ def joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def every_node(stack: np.ndarray, filter: Whitener) -> np.ndarray:
-    """Return the values at every node from those up to the steady state."""
+    """Return the values at all nodes, from a stack that ends once the filter is steady."""
     return stack if len(stack) == len(filter.at) else stack[filter.at]
 
 
 def rows(stack: np.ndarray, part: slice) -> np.ndarray:
-    """Return the matrices of some nodes; a single one is valid for all."""
+    """Return the matrices of the nodes in ``part``; a stack of one matrix holds for all nodes."""
     return stack if len(stack) == 1 else stack[part]
 
 

@@ -62,12 +62,12 @@ class RecordFinding:
 
     Attributes
     ----------
-    channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : the finding, without its subject, the channel.
+    channel : name of the channel, several names joined by " and ", or ``"time"``.
+    sentence : the finding in words, whose subject is the channel.
     remedy : advice to the user; may be empty.
     times : begin and end, s, of each place; empty for the whole record.
-    mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no
-        information; of length zero where none are named.
+    mask : ``(N,)`` True at rows whose sample of ``channel`` has no information; of length zero
+        where no rows are named.
     """
 
     channel: str
@@ -87,20 +87,18 @@ class RecordFinding:
 
 @dataclass(frozen=True)
 class Expectations:
-    """Values that a record is compared with, None if unknown.
+    """Values of the vehicle file that a record is compared with; None where one is unknown.
 
     Attributes
     ----------
     airspeed : m/s.
     gravity : m/s2.
-    control_power : rad/s2 per unit of the control, the pitch acceleration that the first input
-        makes, with its sign.
-    angular_control : the first input is an angle, so that ``control_power`` tells radians from
-        degrees.
-    scale_height : m, of the air's density, of a body that falls through it; its height then obeys
-        gravity and drag.
-    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties
-        them together.
+    control_power : pitch acceleration per unit of the first input, rad/s2, with its sign.
+    angular_control : whether the first input is an angle, so that ``control_power`` distinguishes
+        radians from degrees.
+    scale_height : of the air density, m, for a body that falls under gravity and drag.
+    aircraft : whether the channels named alpha, q, nz and so on are those of an aircraft, so that
+        the kinematics relate them.
     """
 
     airspeed: float | None = None
@@ -112,7 +110,7 @@ class Expectations:
 
 
 def shown(value: float, unit: str) -> str:
-    """Return a value in the unit in which people read it: angles in degrees."""
+    """Return a value with its unit as text, angles in degrees."""
     factor, label = (
         (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
     )
@@ -121,34 +119,32 @@ def shown(value: float, unit: str) -> str:
 
 # ---- One channel as it was sampled
 
-FEWEST_SAMPLES = 20  # fewest samples of a channel that is judged
-# largest distance of a value from its grid, in least bits: rounding of a conversion is far less
+FEWEST_SAMPLES = 20  # fewest samples of a channel that is checked
+# largest distance of a value from its grid, in least bits: conversions round far less
 GRID_TOLERANCE = 0.02
-# largest ratio of the noise by second and by fourth differences that is white: 1 for white noise,
-# 10 and more for motion
+# largest ratio of the noise by second differences to that by fourth ones, for white noise: it is 1,
+# and 10 or more for motion
 LARGEST_WHITE_RATIO = 1.5
-RESOLVED_BITS = 0.7
-# largest distance of nine tenths of the differences from multiples of a converter's step; by chance
-# a fifth of them
+RESOLVED_BITS = 0.7  # larger noise, in least bits, is resolved
+# nine tenths of the small differences are within this share of a step of its multiples; a fifth are
+# by chance
 MULTIPLE_TOLERANCE = 0.1
-# smallest share of the differences >= 0, and of those <= 0, in a signal that shows its converter's
-# step
+# smallest share of differences >= 0, and of those <= 0, in a signal that shows a converter step
 LEAST_SIGN_SHARE = 0.05
-# largest differences compared, in steps of the converter: a drifting calibration shifts larger ones
+# largest differences that are used, in steps: a drift of the calibration shifts larger ones
 MOST_LATTICE_STEPS = 3.5
-# Scatter about multiples of the step after a varying correction (alpha at the c.g., airspeed from
-# pressures): by chance two fifths lie within it, in ATTAS records 0.7 to 0.97.
-STEP_SCATTER_SHARE = 0.2  # share of the quantisation step
+# a varying correction (alpha at the c.g., airspeed from pressures) blurs the multiples of a step:
+# this share of a step contains 0.7 to 0.97 of the differences in ATTAS records, and 0.4 by chance
+STEP_SCATTER_SHARE = 0.2
 STEP_DIFFERENCE_SHARE = 0.65  # smallest share of the differences within that scatter
-LARGEST_OTHER_SHARE = 0.9  # largest share of other differences
-FEWEST_DIFFERENCES = 100
-# smallest share of the differences that change sign: hardly any do in a motion without noise
+LARGEST_OTHER_SHARE = 0.9  # largest share of differences that are the same multiple
+FEWEST_DIFFERENCES = 100  # fewest differences that show a blurred step
+# smallest share of successive differences of opposite sign: a motion without noise has hardly any
 LEAST_TURN_SHARE = 0.2
-# largest printed digit, over the usual difference, that does not hide a converter
+# largest printed digit, over the median difference, that does not hide a converter
 LARGEST_DIGIT_SHARE = 0.05
-# smallest step of a converter, as a share of the channel's span (twenty bits)
-FINEST_STEP_SHARE = 1e-6
-ROUNDING_SHARE = 1e-9  # largest rounding, as a share of the channel's span
+FINEST_STEP_SHARE = 1e-6  # smallest step of a converter, over the range of the channel (20 bits)
+ROUNDING_SHARE = 1e-9  # largest rounding, over the range of the channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +153,11 @@ class Series:
 
     Attributes
     ----------
-    time, values : shape ``(n,)``, s and the channel's unit.
-    rows : their rows in the record.
-    least_bit : step of the grid on which all values lie; 0 without a grid.
-    noise : standard deviation of what changes from sample to sample without a motion, by fourth
-        differences; robust.
-    white : whether second differences give the same noise, so that it is noise indeed and not fast
-        motion.
+    time, values : ``(n,)``, s and the unit of the channel.
+    rows : ``(n,)`` their rows in the record.
+    least_bit : step of the grid of all values; 0 without a grid.
+    noise : robust standard deviation of the noise, by fourth differences.
+    white : whether second differences give the same noise, so that it is not fast motion.
     """
 
     name: str
@@ -177,13 +171,14 @@ class Series:
 
     @property
     def resolved(self) -> bool:
-        """Whether the noise exceeds the least bit. Rounding makes noise of a third of a bit look
-        like 0.6.
+        """Whether the noise exceeds the least bit. With rounding, noise of a third of a bit seems
+        to be 0.6 bits.
         """
         return self.white and self.noise > RESOLVED_BITS * self.least_bit
 
     @property
     def span(self) -> float:
+        """Range of the values."""
         return float(np.ptp(self.values)) if self.values.size else 0.0
 
 
@@ -198,32 +193,33 @@ def series_of(record: Record, channel: Channel) -> Series:
 def least_bit(values: np.ndarray) -> float:
     """Return the step of the converter; 0 where the values show none.
 
-    It is the largest common divisor of all differences between values (Euclid's algorithm on
-    floats), or a coarser one of the differences of neighbouring samples: calibrations and printed
-    digits shift the levels a little.
+    It is the largest common divisor of all differences between values, by Euclid's algorithm on
+    floats. It is a coarser one of successive differences where calibrations or printed digits
+    shift the levels.
     """
     exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """Return the estimate of a channel's noise, raised to the rounding of its converter,
-    step/sqrt(12); None if the samples show no noise.
+    """Return the noise ``level`` of a channel, at least the rounding of its converter, step over
+    sqrt(12); None without noise. ``values`` are the valid samples of each record.
 
-    ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in
-    each record. An estimate below a millionth of the span, without a converter's step, belongs to a
-    computed or smoothed channel or to an estimator at its limit.
+    A level below a millionth of the range, without a step, is that of a computed or smoothed
+    channel, or of an estimator at its limit.
     """
     if level is None:
         return None
-    rounding = max((least_bit(each) for each in values if each.size), default=0.0) / math.sqrt(12.0)
-    span = max((float(np.ptp(each)) for each in values if each.size), default=0.0)
-    return None if max(level, rounding) <= FINEST_STEP_SHARE * span else max(level, rounding)
+    samples = [row for row in values if row.size]
+    rounding = max((least_bit(row) for row in samples), default=0.0) / math.sqrt(12.0)
+    span = max((float(np.ptp(row)) for row in samples), default=0.0)
+    noise = max(level, rounding)
+    return None if noise <= FINEST_STEP_SHARE * span else noise
 
 
 def exact_step(values: np.ndarray) -> float:
-    """Return the largest step of which all differences between values are multiples: of a
-    converter, or of the digits that were printed.
+    """Return the largest step of which all differences between values are multiples, by a
+    converter or by printed digits; 0 without one.
     """
     levels = np.unique(values)
     if levels.size < 2:
@@ -234,17 +230,17 @@ def exact_step(values: np.ndarray) -> float:
     steps = steps[steps > rounding]
     bit = float(np.min(steps)) if steps.size else 0.0
     while bit > finest:
-        off = np.abs(steps - bit * np.round(steps / bit))
-        off = off[off > GRID_TOLERANCE * bit + rounding]
-        if not off.size:
+        remainder = np.abs(steps - bit * np.round(steps / bit))
+        remainder = remainder[remainder > GRID_TOLERANCE * bit + rounding]
+        if not remainder.size:
             return bit
-        bit = float(np.min(off))
+        bit = float(np.min(remainder))
     return 0.0
 
 
 def _converter_step(values: np.ndarray, exact: float) -> float:
-    """Return the step of which small differences of neighbouring samples are multiples within a
-    tenth of it; 0 where there is none.
+    """Return the step of which small successive differences are multiples within a tenth of it; 0
+    without one. ``exact`` is the result of `exact_step`.
     """
     differences = np.diff(values)
     sizes = np.abs(differences)
@@ -261,16 +257,15 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
     result = max(_lattice_step(sizes, start) for start in starts.tolist())
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
-    return result or (
-        _blurred_step(moving)
-        if exact < LARGEST_DIGIT_SHARE * float(np.median(moving)) and turning > LEAST_TURN_SHARE
-        else 0.0
-    )
+    if result > 0.0:
+        return result
+    fine_digits = exact < LARGEST_DIGIT_SHARE * float(np.median(moving))
+    return _blurred_step(moving) if fine_digits and turning > LEAST_TURN_SHARE else 0.0
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """Return the step near a first guess of which nine tenths of the small sizes are multiples; 0
-    without one.
+    """Return the step near the guess ``step`` of which nine tenths of the small sizes are
+    multiples; 0 without one.
     """
     near, count = sizes, sizes
     for _ in range(3):
@@ -285,15 +280,15 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """Return the step of which most sizes are multiples, up to the scatter of a later correction; 0
-    without one.
+    """Return the step of which most sizes are multiples, but for the scatter of a later correction;
+    0 without one.
 
-    ``moving``: sizes of differences, zeros left out. The median size is at most three steps, and at
-    least two different multiples occur (a triangle has one).
+    ``moving`` are the sizes of differences that are not zero. At least two different multiples
+    occur, since the differences of a triangle have one size.
     """
-    usual = float(np.median(moving))
+    median = float(np.median(moving))
     best, result = STEP_DIFFERENCE_SHARE, 0.0
-    for step in np.geomspace(usual / MOST_LATTICE_STEPS, 2.0 * usual, 100).tolist():
+    for step in np.geomspace(median / MOST_LATTICE_STEPS, 2.0 * median, 100).tolist():
         ratio = moving[moving < MOST_LATTICE_STEPS * step] / step
         if ratio.size < FEWEST_DIFFERENCES:
             continue
@@ -318,14 +313,15 @@ def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fourth_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the differences of the second differences, scaled to the noise of one sample where
-    sampling is even; ``(n - 4,)``.
+    """Return the fourth differences ``(n - 4,)``, scaled to the noise of one sample where sampling
+    is even.
     """
     second = scaled_differences(time, values) * np.sqrt(1.5)
     return (second[1:-1] - 0.5 * (second[:-2] + second[2:])) * np.sqrt(16.0 / 70.0)
 
 
 def _noise(time: np.ndarray, values: np.ndarray) -> tuple[float, bool]:
+    """Return the noise of a channel by fourth differences, and whether it is white."""
     if values.size < FEWEST_SAMPLES:
         return 0.0, False
     second, fourth = scaled_differences(time, values), fourth_differences(time, values)
@@ -345,27 +341,24 @@ def runs_of(same: np.ndarray) -> np.ndarray:
 
 # ---- The least bit against the noise
 
-# least bit over noise: below it rounding adds at most a twelfth to the noise's variance
+# smallest coarse step, over the noise: a smaller one adds at most a twelfth to the variance
 COARSE_STEP_BITS = 1.0
 FEWEST_LEVELS = 4  # fewest levels of a measurement
-PARTS = (8, 4)
-COARSE_NOISE_BITS = 2.0  # noise in least bits below which its median takes few values
+PARTS = (8, 4)  # numbers of parts of a record whose noise is compared
+COARSE_NOISE_BITS = 2.0  # smaller noise, in least bits, has a median of few values
 FEWEST_PART_SAMPLES = 30  # fewest samples of a part
-NOTABLE_NOISE_RATIO = 2.0  # smallest ratio of noise levels worth a note: weights are wrong by four
-# Standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.58
-# by simulation (1.17 if they were independent).
+NOTABLE_NOISE_RATIO = 2.0  # smallest ratio of noise levels in a finding: weights are wrong by four
+# standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.58
+# by simulation (1.17 if they were independent)
 LOG_SCATTER = 1.6
-# smallest difference between the quietest and loudest of eight parts, in standard deviations: by
-# chance once in 5000 channels
+# smallest difference of the logarithms of two levels, in standard deviations; the largest and least
+# of eight parts have it by chance in one of 5000 channels
 UNEVEN_SIGMAS = 4.5
-# noise ratio from which samples are named: they have a sixteenth of the information and the same
-# weight
+# samples with a larger noise ratio are masked: their information is a sixteenth at the same weight
 LOUD_SAMPLE_RATIO = 4.0
-LOCAL_LEVEL_SAMPLES = 25  # samples on either side for a local noise level
-LARGEST_MASKED_SHARE = (
-    0.5  # largest masked share of a channel: beyond it the loud part is the normal one
-)
-# smallest ratio of the noise by second and fourth differences that shows motion
+LOCAL_LEVEL_SAMPLES = 25  # samples on each side for a local noise level
+LARGEST_MASKED_SHARE = 0.5  # of a channel: with a larger share, the loud part is the normal one
+# smallest ratio of the noise by second differences to that by fourth ones that shows motion
 MOTION_NOISE_RATIO = 1.4
 
 
@@ -388,19 +381,17 @@ def coarse(series: Series) -> RecordFinding | None:
 
 @dataclass(frozen=True)
 class _NoisePart:
-    """A part of a channel: the standard deviation of its noise, were all roughness noise, and what
-    else may have made that.
+    """A part of a channel, with its roughness (robust fourth differences) and the possible causes.
 
     Attributes
     ----------
-    slow : the motion between two samples is less than the roughness, in the mean square and
-        robustly, so that it cannot have made it.
-    motion : root mean square of the change from sample to sample, beyond that of white noise as
-        rough.
-    rough : by input its own noise level or roughness.
-    samples : how many the level is taken from.
+    level : standard deviation of the noise if it causes all of the roughness.
+    white : whether second differences have the same level, as those of noise have.
+    slow : whether the change between two samples is too small to cause the roughness.
+    motion : rms change between two samples, without that of white noise of this level.
+    rough : roughness of each input.
+    samples : number of samples that give the level.
     times : begin and end, s.
-    white : whether second and fourth differences show the same level, as those of noise do.
     """
 
     level: float
@@ -416,12 +407,11 @@ def changing_noise(
     series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()
 ) -> RecordFinding | None:
     """Return a finding if the noise in one part of a record of ``count`` rows is several times that
-    in another; from ``LOUD_SAMPLE_RATIO`` on its samples are named.
+    in another. Above ``LOUD_SAMPLE_RATIO`` its samples are masked.
 
-    Roughness from motion or inputs is not sensor noise. A loud part counts if the motion is slow
-    against the sampling, or equal to that of a quiet part; the ratio is reduced by that of the
-    ``inputs``. If ``others``, the remaining outputs, are rougher too, the cause is the air or the
-    structure.
+    Roughness by motion or inputs is no sensor noise. In a loud part, the motion must be slow
+    against the sampling or as in a quiet part; the ratio is divided by that of the ``inputs``. If
+    ``others``, the remaining outputs, are rougher too, the air or the structure is the cause.
     """
     if not series.white or series.noise < COARSE_NOISE_BITS * series.least_bit:
         return None
@@ -438,7 +428,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
     """Return the parts of a channel that have enough samples."""
     second = scaled_differences(series.time, series.values)[1:-1]
     fourth = fourth_differences(series.time, series.values)
-    out = []
+    noise_parts = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
         finite = np.isfinite(fourth[rows])
         if np.count_nonzero(finite) < FEWEST_PART_SAMPLES // 2:
@@ -458,7 +448,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
                 and robust_sigma_about_zero(steps) ** 2 < 3.0 * level**2
             )
             rough = tuple(_roughness(other, begin, end) for other in inputs)
-            out.append(
+            noise_parts.append(
                 _NoisePart(
                     level,
                     white,
@@ -469,13 +459,11 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
                     (begin, end),
                 )
             )
-    return out
+    return noise_parts
 
 
 def _roughness(other: Series, begin: float, end: float) -> float:
-    """Return the size of the fourth differences of a channel between two times, half a step of its
-    converter at least.
-    """
+    """Return the robust fourth differences of a channel between two times, at least half a step."""
     inside = (other.time >= begin) & (other.time <= end)
     if np.count_nonzero(inside) < FEWEST_PART_SAMPLES // 2:
         return 0.0
@@ -485,16 +473,14 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Return the ratio of two noise levels divided by that of an input; zero if the motion explains
-    it.
-    """
+    """Return the ratio of two noise levels over that of an input; zero if motion explains it."""
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
-    more = 1.0
+    input_ratio = 1.0
     for before, after in zip(quiet.rough, loud.rough, strict=True):
         if after > before:
-            more = max(more, after / before if before > 0.0 else np.inf)
-    return loud.level / quiet.level / more
+            input_ratio = max(input_ratio, after / before if before > 0.0 else np.inf)
+    return loud.level / quiet.level / input_ratio
 
 
 def _others_rougher(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
@@ -521,26 +507,27 @@ def _is_significant(quiet: _NoisePart, loud: _NoisePart) -> bool:
 def _between_parts(
     series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]
 ) -> RecordFinding | None:
+    """Return the finding from a number of ``parts``; ``beside``: the inputs and other outputs."""
     if parts < 3:
         return None
     inputs, others = beside
-    every = _parts(series, parts, inputs)
-    result = [one for one in every if one.white]
+    all_parts = _parts(series, parts, inputs)
+    white_parts = [part for part in all_parts if part.white]
     pairs = [
         (quiet, loud)
-        for quiet in result
-        for loud in result
+        for quiet in white_parts
+        for loud in white_parts
         if loud.level > quiet.level
         and _is_significant(quiet, loud)
         and not _others_rougher(quiet, loud, others)
     ]
-    if len(result) < 3 or not pairs:
+    if len(white_parts) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
     text = "has noise that changes along the record: "
     text += ", ".join(
-        f"{shown(one.level, series.unit)} from {time_span(one.times[0], one.times[1], 4)}"
-        for one in (low, high)
+        f"{shown(part.level, series.unit)} from {time_span(part.times[0], part.times[1], 4)}"
+        for part in (low, high)
     )
     numbers = {
         "least": FindingQuantity(low.level, series.unit),
@@ -549,17 +536,17 @@ def _between_parts(
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]
-    below = [one.level for one in result if one.level <= between]
+    below = [part.level for part in white_parts if part.level <= between]
     if np.median(above) > LOUD_SAMPLE_RATIO * np.median(below):
         loud = _loud_samples(
             fourth_differences(series.time, series.values), between, len(series.values)
         )
-        moved = [
-            one
-            for one in every
-            if one.level > between and not any(one is other for _, other in pairs)
+        moving = [
+            part
+            for part in all_parts
+            if part.level > between and not any(part is loud_part for _, loud_part in pairs)
         ]
-        mask[series.rows[loud & ~_in_parts(series.time, moved)]] = True
+        mask[series.rows[loud & ~_in_parts(series.time, moving)]] = True
     if 0.0 < np.count_nonzero(mask) < LARGEST_MASKED_SHARE * len(series.values):
         return RecordFinding(
             series.name,
@@ -583,8 +570,8 @@ def _between_parts(
 def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
     """Return whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
-    for one in parts:
-        inside |= (time >= one.times[0]) & (time <= one.times[1])
+    for part in parts:
+        inside |= (time >= part.times[0]) & (time <= part.times[1])
     return inside
 
 

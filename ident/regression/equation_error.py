@@ -2,17 +2,17 @@
 instrumental variables.
 
 Rates are slopes of local straight lines. A slope over a window is a weighted mean of the rate over
-that window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, so the right-hand
-side is averaged with the same K: a jump of the input inside a window then does no harm, and no
-frequency is lost on one side only.
+this window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j) with K_j = -sum_{i<=j} w_i. The right-hand
+side is averaged with the same weights K. Then a jump of the input inside a window does no harm, and
+both sides lose the same frequencies.
 
 Least squares needs no integration, so that it works from any start and for unstable aircraft (Klein
-and Morelli, Aircraft System Identification, ch. 5). But noise and smoothing of the states in its
-regressors bias the estimate, by up to several sigmas. With instrumental variables (Young, Recursive
-Estimation and Time-Series Analysis, 2nd ed., ch. 8; Soderstrom and Stoica, Instrumental Variable
-Methods for System Identification, 1983) the regressors are the measured states as they are, and
-what they are multiplied with are those of a simulation at the last estimate: it follows the inputs,
-not the noise, so no bias is left.
+and Morelli, Aircraft System Identification, ch. 5). But the states in its regressors are noisy and
+smoothed, which biases the estimate by up to several sigmas. With instrumental variables, the
+regressors are the measured states without smoothing. The instruments are the regressors of a
+simulation at the last estimate. They depend on the inputs and not on the noise, so that the
+estimate has no bias (Young, Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8;
+Soderstrom and Stoica, Instrumental Variable Methods for System Identification, 1983).
 """
 
 from __future__ import annotations
@@ -40,29 +40,32 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
-SIMULATED_STEP = 0.02  # s, step of the simulation that gives instruments
-# largest distance of a usable simulation from the record, in scatters of a state
+SIMULATED_STEP = 0.02  # longest step, s, of a simulation that gives instruments
+# a simulation gives no instruments where its rms difference from a smoothed state is larger, in
+# standard deviations of this state
 RUNAWAY_SCATTERS = 3.0
-# number of bias simulations: at least squares, and at the first corrected estimate
+# number of simulations: at the estimate of least squares, and at the first one with instruments
 BIAS_SIMULATIONS = 2
-NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
-NOISE_PAIRS = 6  # pairs of added noise and its negative for the bias of least squares
+NARROWER = (1.0, 0.5, 0.25, 0.125)  # widths of windows tried with instruments, over the first width
+NOISE_PAIRS = 6  # pairs of added noise and its negative that show the bias of least squares
+_MOST_HALVINGS = 12  # of a Gauss-Newton step
 
 
 @dataclass(frozen=True)
 class RegressionSettings:
-    """How an equation-error fit runs.
+    """Settings of an equation-error fit.
 
     Attributes
     ----------
-    iterations : limit of Gauss-Newton steps; equations linear in the parameters take three, until
-        the weights converge.
-    tolerance : converged when a step moves no parameter by more than this share of its sigma.
-    coloured : correct the covariance for residuals that are not white; as windows overlap, they
-        never are.
-    instruments : continue from least squares with instrumental variables. If no simulation follows
-        a record (unstable aircraft), least squares remain, less their bias by noise as far as added
-        noise shows it, and sigmas are increased by that bias.
+    iterations : most Gauss-Newton steps. Equations linear in the parameters take three, until the
+        weights converge.
+    tolerance : the fit has converged when a step changes no parameter by more than this share of
+        its sigma.
+    coloured : correct the covariance for residuals that are not white. They never are, since
+        windows overlap.
+    instruments : continue from least squares with instrumental variables. Where no simulation
+        follows a record, as for an unstable aircraft, the estimate of least squares remains. Its
+        bias is then found by added noise and subtracted, and added to the sigmas.
     """
 
     iterations: int = 30
@@ -73,8 +76,14 @@ class RegressionSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Residuals of one record: ``residual``, ``valid`` ``(e, N)``, ``jacobian (e, N, c)`` of the
-    right-hand side, ``fitted (m, N)``.
+    """Residuals of e equations at N samples of one record.
+
+    Attributes
+    ----------
+    residual : ``(e, N)``, zero where it is not valid.
+    valid : ``(e, N)``.
+    jacobian : ``(e, N, c)`` derivatives of the right-hand sides with respect to the c unknowns.
+    fitted : ``(m, N)`` outputs at the smoothed states.
     """
 
     residual: np.ndarray
@@ -85,8 +94,14 @@ class _Equations:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Unknowns: shared parameters, then the biases of each record. ``order`` are their positions
-    among all parameters.
+    """The unknowns: shared parameters, then the biases of each record.
+
+    Attributes
+    ----------
+    shared : names of the shared parameters.
+    local : names of the biases of each record.
+    data : measured and smoothed states of each record.
+    order : positions of ``shared`` and ``local`` among all parameters.
     """
 
     system: System
@@ -97,48 +112,47 @@ class _Layout:
     order: list[int] = field(default_factory=list)
 
     def columns(self, r: int) -> np.ndarray:
-        return np.concatenate(
-            [
-                np.arange(len(self.shared)),
-                len(self.shared) + r * len(self.local) + np.arange(len(self.local)),
-            ]
-        )
+        """Return the positions in theta of the shared unknowns and of those of record ``r``."""
+        shared, local = len(self.shared), len(self.local)
+        return np.concatenate([np.arange(shared), shared + r * local + np.arange(local)])
 
 
 def run_equation_error(
     records: Sequence[Record], system: System, settings: RegressionSettings | None = None
 ) -> Estimate:
-    """Regress rates and further outputs on the equations of a System.
+    """Estimate the free parameters of a System by regression of rates and outputs on its equations.
 
     Parameters
     ----------
-    records : one or more; ``bias_*`` parameters belong to one record each.
-    system : every state must be measured under its own name or be the rate of one that is (see
-    ``state_data``).
-        Outputs that are no states (nz) give one equation each. Bounds are kept, priors not used.
+    records : one or more; each has its own ``bias_*`` parameters.
+    system : model whose states are all measured under their own names or are rates of measured
+        states (see `state_data`). Outputs that are no states (nz) give one equation each. Bounds
+        are kept; priors are not used.
 
     Returns
     -------
-    Estimate of the shared free parameters. ``noise_std`` holds for a state's channel what its
-    smoothing left, for any other output what its equation left. The log-likelihood is that of the
-    equation residuals: it compares with no other method's. Outcomes as of ``fit_output_error``.
+    Estimate of the shared free parameters. ``noise_std`` is the rms residual of the smoothing for a
+    measured state, and that of its equation for any other output. The log likelihood is that of the
+    residuals of the equations: it may not be compared with that of another method. The outcomes are
+    those of ``fit_output_error``.
 
     Raises
     ------
-    ModelError : a state that cannot be had from a record, a sensor with memory, no free parameter.
+    ModelError : where a record does not give a state, a sensor has dynamics, or no parameter is
+        free.
     """
     settings = settings or RegressionSettings()
     layout = _layout(records, system)
-    theta, parts, outcome, done = _least_squares(layout, settings)
+    theta, parts, outcome, iterations = _least_squares(layout, settings)
     if parts is None:
-        return _unfinished(layout, theta)
+        return _failed_estimate(layout, theta)
     if not settings.instruments:
-        return _finished(layout, theta, parts, outcome, done, settings)
-    return _with_instruments(layout, theta, parts, outcome, done, settings)
+        return _least_squares_estimate(layout, theta, parts, outcome, iterations, settings)
+    return _with_instruments(layout, theta, parts, outcome, iterations, settings)
 
 
 def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, lowest and highest values of all unknowns."""
+    """Return starting values and lower and upper bounds of all unknowns, ``(n,)`` each."""
     parameters, count = layout.system.parameters, len(layout.records)
     items = [parameters[name] for name in layout.shared] + [
         parameters[name] for name in layout.local
@@ -151,34 +165,41 @@ def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _least_squares(
     layout: _Layout, settings: RegressionSettings, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[_Equations] | None, Outcome, int]:
-    """Unknowns, their residuals (None where the start has no finite ones), the outcome and the
-    number of steps.
+    """Return the unknowns ``(n,)`` of least squares, the residuals of each record, the outcome and
+    the number of steps; the residuals are None where they are not finite at the start.
     """
     declared, low, high = _bounds(layout)
     theta = declared if start is None else start
     parts = _evaluate(layout, theta)
     if parts is None:
         return theta, None, Outcome.DIVERGED, 0
-    outcome, done = Outcome.MAX_ITERATIONS, 0
-    while done < settings.iterations:
-        done += 1
+    outcome, iterations = Outcome.MAX_ITERATIONS, 0
+    while iterations < settings.iterations:
+        iterations += 1
         information, gradient = _normal_equations(layout, parts, len(theta))
-        pressed = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
-        at = np.flatnonzero((np.diag(information) > 0) & ~pressed)
+        at_bound = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
+        free = np.flatnonzero((np.diag(information) > 0) & ~at_bound)
         step = np.zeros_like(theta)
-        if at.size:
-            step[at] = inverse_information(information[np.ix_(at, at)], theta[at])[0] @ gradient[at]
-        whole = np.clip(theta + step, low, high) - theta
+        if free.size:
+            step[free] = (
+                inverse_information(information[np.ix_(free, free)], theta[free])[0]
+                @ gradient[free]
+            )
+        bounded_step = np.clip(theta + step, low, high) - theta
         theta, parts, share = _descend(layout, theta, step, low, high, parts)
-        if np.max(np.abs(whole) / conditional_scale(information, theta)) < settings.tolerance:
+        if (
+            np.max(np.abs(bounded_step) / conditional_scale(information, theta))
+            < settings.tolerance
+        ):
             outcome = Outcome.CONVERGED
             break
         if share == 0.0:
             break
-    return theta, parts, outcome, done
+    return theta, parts, outcome, iterations
 
 
 def _layout(records: Sequence[Record], system: System) -> _Layout:
+    """Return the unknowns and states of a fit."""
     if system.sensor_stages:
         raise ModelError(
             f"effect {system.sensor_stages[0]} keeps a memory on the sensor path",
@@ -217,8 +238,10 @@ def _evaluate(
     *,
     slopes: bool = True,
 ) -> list[_Equations] | None:
-    """Return the residuals of all records; ``histories``, if given, replace the smoothed states and
-    have no sensor biases. Without ``slopes`` the jacobians are zero.
+    """Return the residuals of all records; None where they are not finite.
+
+    ``histories`` are states of each record, without sensor biases, in place of the smoothed ones.
+    Without ``slopes`` the Jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
@@ -231,28 +254,30 @@ def _evaluate(
             )
             for r in range(len(layout.records))
         ]
-    sound = all(
+    finite = all(
         np.all(np.abs(part.residual) < LARGEST_NUMBER)
         and np.all(np.abs(part.jacobian) < LARGEST_NUMBER)
         for part in parts
     )
-    return parts if sound else None
+    return parts if finite else None
 
 
 def _equations(
     layout: _Layout,
     r: int,
-    mine: np.ndarray,
+    theta_r: np.ndarray,
     history: Sequence[np.ndarray] | None = None,
     *,
     slopes: bool = True,
 ) -> _Equations:
-    """Residuals of record ``r`` and their derivatives by complex step, a column an unknown."""
+    """Return the residuals of record ``r`` at its unknowns ``theta_r (c,)``, with derivatives by
+    complex steps.
+    """
     system, record, data = layout.system, layout.records[r], layout.data[r]
-    c = len(mine) if slopes else 1
+    c = len(theta_r) if slopes else 1
     p: list[Any] = list(system.parameters.values())
     for column, index in enumerate(layout.order):
-        p[index] = mine[column]
+        p[index] = theta_r[column]
         if slopes:
             p[index] = p[index] + 1j * COMPLEX_STEP * (np.arange(c) == column)
     time = record.time
@@ -268,40 +293,40 @@ def _equations(
     n = len(time)
     before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
     after = system.f(time[1:, None], [row[1:] for row in x], u_end, p)
-    gained = [
+    increments_of_states = [
         np.broadcast_to(0.5 * np.diff(time)[:, None] * (a + b), (n - 1, c))
         for a, b in zip(before, after, strict=True)
     ]
-    z, there = record.output_array(system.output_names)
+    z, measured = record.output_array(system.output_names)
     y = [np.broadcast_to(row, (n, c)) for row in system.h(time[:, None], x, u_begin, p)]
 
-    residual, valid, right = [], [], []
-    for state, increments in zip(data, gained, strict=True):
+    residual, valid, jacobian = [], [], []
+    for state, increments in zip(data, increments_of_states, strict=True):
         if not state.rate_state:
             fit = state.slopes
-            left = np.sum(fit.slope * fit.gather(state.raw), axis=1)
+            slope = np.sum(fit.slope * fit.gather(state.raw), axis=1)
             mean = _averaged(fit.slope, fit.first, increments)
-            residual.append(left - mean.real[:, 0])
-            right.append(mean.imag / COMPLEX_STEP)
+            residual.append(slope - mean.real[:, 0])
+            jacobian.append(mean.imag / COMPLEX_STEP)
             valid.append(fit.usable)
     for i, name in enumerate(system.output_names):
         if name not in system.state_names:
             residual.append(z[i] - y[i].real[:, 0])
-            right.append(y[i].imag / COMPLEX_STEP)
-            valid.append(there[i])
+            jacobian.append(y[i].imag / COMPLEX_STEP)
+            valid.append(measured[i])
     fitted = np.array([row.real[:, 0] for row in y])
     mask = np.array(valid)
     return _Equations(
         np.where(mask, np.array(residual), 0.0),
         mask,
-        np.where(mask[:, :, None], np.array(right), 0.0),
+        np.where(mask[:, :, None], np.array(jacobian), 0.0),
         fitted,
     )
 
 
 def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Inputs at the vehicle just after each sample ``(N, ...)``, and just before the next ``(N - 1,
-    ...)``.
+    """Return the inputs at the vehicle just after each sample ``(N, ...)``, and just before the
+    next one ``(N - 1, ...)``.
     """
     grid = make_grid(record.time, float(np.diff(record.time).max()))
     drive = drive_from_record(
@@ -314,8 +339,8 @@ def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any]
 
 
 def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
-    """Apply the slope weights ``(N, W)`` to a signal with the given increments between rows, ``(N,
-    c)``.
+    """Return the slopes ``(N, c)`` of a signal with the ``increments (N - 1, c)`` between samples.
+    The window of each sample begins at ``first (N,)`` and has the weights ``slope (N, W)``.
     """
     from scipy.sparse import csr_array
 
@@ -328,13 +353,16 @@ def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> n
 
 
 def _variances(parts: list[_Equations]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of each equation's residual over all records, and how many there are."""
+    """Return the mean square residual ``(e,)`` of each equation over all records, and the number of
+    valid residuals ``(e,)``.
+    """
     counts = sum(part.valid.sum(axis=1) for part in parts)
     squares = sum((part.residual**2).sum(axis=1) for part in parts)
     return np.maximum(squares / np.maximum(counts, 1), 1e-60), np.asarray(counts)
 
 
 def _cost(parts: list[_Equations]) -> float:
+    """Return minus the log likelihood of the residuals, without constants."""
     variance, counts = _variances(parts)
     return 0.5 * float(counts @ np.log(variance))
 
@@ -342,6 +370,7 @@ def _cost(parts: list[_Equations]) -> float:
 def _normal_equations(
     layout: _Layout, parts: list[_Equations], n: int
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the information ``(n, n)`` and gradient ``(n,)`` of least squares."""
     variance, _ = _variances(parts)
     information, gradient = np.zeros((n, n)), np.zeros(n)
     for r, part in enumerate(parts):
@@ -360,29 +389,30 @@ def _descend(
     high: np.ndarray,
     parts: list[_Equations],
 ) -> tuple[np.ndarray, list[_Equations], float]:
-    """Return the step, halved until the cost does not rise; the point, its residuals, and the share
-    of the step that was taken.
+    """Return the point after a step that is halved until the cost does not rise, its residuals, and
+    the share of the step; the share is 0 where the cost always rises.
     """
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
-    for _ in range(12):
+    for _ in range(_MOST_HALVINGS):
         trial = np.clip(theta + share * step, low, high)
-        tried = _evaluate(layout, trial, slopes=False)
-        if tried is not None and _cost(tried) <= cost + resolved:
-            new = _evaluate(layout, trial)
-            if new is not None:
-                return trial, new, share
+        trial_parts = _evaluate(layout, trial, slopes=False)
+        if trial_parts is not None and _cost(trial_parts) <= cost + resolved:
+            new_parts = _evaluate(layout, trial)
+            if new_parts is not None:
+                return trial, new_parts, share
         share *= 0.5
     return theta, parts, 0.0
 
 
-def _finished(
+def _least_squares_estimate(
     layout: _Layout,
     theta: np.ndarray,
     parts: list[_Equations],
     outcome: Outcome,
-    done: int,
+    iterations: int,
     settings: RegressionSettings,
 ) -> Estimate:
+    """Return the estimate of least squares."""
     system, n = layout.system, len(layout.shared)
     information, _ = _normal_equations(layout, parts, len(theta))
     variance, counts = _variances(parts)
@@ -394,10 +424,11 @@ def _finished(
             (layout.columns(r), part.jacobian, part.residual, part.valid)
             for r, part in enumerate(parts)
         ]
-        known, unknown = (
-            (covariance, 0.0) if determined else determined_and_open(information, theta)
-        )
-        covariance = corrected_covariance(known, coloured, variance) + unknown
+        if determined:
+            covariance = corrected_covariance(covariance, coloured, variance)
+        else:
+            determined_part, open_part = determined_and_open(information, theta)
+            covariance = corrected_covariance(determined_part, coloured, variance) + open_part
     log_likelihood = -_cost(parts) - 0.5 * float(counts.sum()) * (1.0 + np.log(2.0 * np.pi))
     units = tuple(system.parameters[name].unit for name in layout.shared)
     return Estimate(
@@ -411,7 +442,7 @@ def _finished(
         system.output_names,
         _noise_std(layout, parts),
         tuple(part.fitted for part in parts),
-        iterations=done,
+        iterations=iterations,
     )
 
 
@@ -420,21 +451,23 @@ def _with_instruments(
     theta: np.ndarray,
     parts: list[_Equations],
     outcome: Outcome,
-    done: int,
+    iterations: int,
     settings: RegressionSettings,
 ) -> Estimate:
-    """Return the estimate with instrumental variables, or that of corrected least squares if a
-    simulation does not follow the records.
+    """Return the estimate with instrumental variables. Where no simulation follows the records, it
+    is that of least squares without its bias.
     """
-    squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
-    settled = squares.outcome is Outcome.CONVERGED
-    found = _instrumental(layout, theta, settings) if settled else None
-    if found is None:
-        squares = _finished(layout, theta, parts, outcome, done, settings)
-        return _without_bias(layout, theta, squares, settings) if settled else squares
-    theta, covariance, outcome, more = found
-    at_end = _evaluate(layout, theta)
-    if at_end is None:
+    squares = _least_squares_estimate(
+        layout, theta, parts, outcome, iterations, replace(settings, coloured=False)
+    )
+    converged = squares.outcome is Outcome.CONVERGED
+    instrumental = _instrumental(layout, theta, settings) if converged else None
+    if instrumental is None:
+        squares = _least_squares_estimate(layout, theta, parts, outcome, iterations, settings)
+        return _without_bias(layout, theta, squares, settings) if converged else squares
+    theta, covariance, outcome, further_iterations = instrumental
+    last_parts = _evaluate(layout, theta)
+    if last_parts is None:
         return squares
     n = len(layout.shared)
     return replace(
@@ -442,48 +475,53 @@ def _with_instruments(
         values=theta[:n].copy(),
         covariance=covariance[:n, :n],
         outcome=outcome,
-        noise_std=_noise_std(layout, at_end),
-        fitted=tuple(part.fitted for part in at_end),
-        iterations=done + more,
+        noise_std=_noise_std(layout, last_parts),
+        fitted=tuple(part.fitted for part in last_parts),
+        iterations=iterations + further_iterations,
     )
 
 
 def _instrumental(
     layout: _Layout, theta: np.ndarray, settings: RegressionSettings
 ) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
-    """Return unknowns, covariance, outcome and steps with instrumental variables; None where no
-    simulation gives any.
+    """Return the unknowns, covariance, outcome and number of steps with instrumental variables;
+    None where no simulation gives instruments.
     """
     _, low, high = _bounds(layout)
     simulated = _simulated(layout, theta)
     if simulated is None:
         return None
     layout = _with_best_windows(layout, theta, simulated, settings)
-    outcome, done = Outcome.MAX_ITERATIONS, 0
+    outcome, iterations = Outcome.MAX_ITERATIONS, 0
     while True:
-        done += 1
-        again = _simulated(layout, theta) if 1 < done <= BIAS_SIMULATIONS else simulated
-        posed = None if again is None else _normal_problem(layout, theta, again)
-        if again is None or posed is None:
+        iterations += 1
+        latest = _simulated(layout, theta) if 1 < iterations <= BIAS_SIMULATIONS else simulated
+        equations = None if latest is None else _normal_problem(layout, theta, latest)
+        if latest is None or equations is None:
             return None
-        simulated = again
-        step = np.clip(theta + posed.inverse @ posed.gradient, low, high) - theta
-        if np.max(np.abs(step) / posed.size) < settings.tolerance:
+        simulated = latest
+        step = np.clip(theta + equations.inverse @ equations.gradient, low, high) - theta
+        if np.max(np.abs(step) / equations.size) < settings.tolerance:
             outcome = Outcome.CONVERGED
-        if outcome is Outcome.CONVERGED or done >= settings.iterations:
+        if outcome is Outcome.CONVERGED or iterations >= settings.iterations:
             return (
                 theta,
-                sandwich(posed.inverse, posed.scores, coloured=settings.coloured),
+                sandwich(equations.inverse, equations.scores, coloured=settings.coloured),
                 outcome,
-                done,
+                iterations,
             )
         theta = theta + step
 
 
 @dataclass(frozen=True, eq=False)
 class _NormalProblem:
-    """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others
-    known, ``scores`` what each record adds.
+    """Equations of one step with instrumental variables.
+
+    Attributes
+    ----------
+    inverse, gradient : ``(n, n)`` and ``(n,)``; their product is the step of all unknowns.
+    size : ``(n,)`` sigma of each unknown with all others known.
+    scores : contributions of the records to the gradient, for its covariance.
     """
 
     inverse: np.ndarray
@@ -495,8 +533,8 @@ class _NormalProblem:
 def _normal_problem(
     layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
 ) -> _NormalProblem | None:
-    """Return the equations of instrumental variables at ``theta``; None where they are not finite
-    or not regular.
+    """Return the equations with instrumental variables at ``theta``; None where they are not finite
+    or singular. ``simulated`` are the states of each record that give the instruments.
     """
     measured = _evaluate(
         layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
@@ -506,12 +544,16 @@ def _normal_problem(
         return None
     variance, _ = _variances(measured)
     cross, gradient, scores = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
-    for r, (seen, by) in enumerate(zip(measured, instruments, strict=True)):
-        at, weights = layout.columns(r), by.jacobian / variance[:, None, None]
-        flat = weights.reshape(-1, len(at))
-        cross[np.ix_(at, at)] += flat.T @ seen.jacobian.reshape(-1, len(at))
-        gradient[at] += flat.T @ seen.residual.ravel()
-        scores.append(RecordScores(at, weights, seen.jacobian, seen.residual, seen.valid))
+    for r, (regressors, instrument) in enumerate(zip(measured, instruments, strict=True)):
+        columns, weights = layout.columns(r), instrument.jacobian / variance[:, None, None]
+        flat = weights.reshape(-1, len(columns))
+        cross[np.ix_(columns, columns)] += flat.T @ regressors.jacobian.reshape(-1, len(columns))
+        gradient[columns] += flat.T @ regressors.residual.ravel()
+        scores.append(
+            RecordScores(
+                columns, weights, regressors.jacobian, regressors.residual, regressors.valid
+            )
+        )
     size = conditional_scale(np.abs(cross), theta)
     scaled = cross * np.outer(size, size)
     if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1.0 / UNDETERMINED:
@@ -525,67 +567,68 @@ def _with_best_windows(
     simulated: list[list[np.ndarray]],
     settings: RegressionSettings,
 ) -> _Layout:
-    """Return the layout with slopes over those windows, of several widths, with which the
-    covariance of the shared parameters is least.
+    """Return the layout with slopes over windows of the width that makes the covariance of the
+    shared parameters least, by its determinant.
 
-    Wide windows leave little noise in a slope, but correlated noise; other equations then have too
+    Slopes over wide windows have little but correlated noise. The other equations then have too
     little weight.
     """
     n, best, least = len(layout.shared), layout, np.inf
     for share in NARROWER:
         data = tuple(
-            [state if state.rate_state else _narrower(record, state, share) for state in each]
-            for record, each in zip(layout.records, layout.data, strict=True)
+            [state if state.rate_state else _narrower(record, state, share) for state in states]
+            for record, states in zip(layout.records, layout.data, strict=True)
         )
         trial = replace(layout, data=data)
-        posed = _normal_problem(trial, theta, simulated)
-        if posed is None:
+        equations = _normal_problem(trial, theta, simulated)
+        if equations is None:
             continue
-        covariance = sandwich(posed.inverse, posed.scores, coloured=settings.coloured)[:n, :n]
-        scale = posed.size[:n]
-        sign, log = np.linalg.slogdet(covariance / np.outer(scale, scale))
-        log += 2.0 * float(np.log(scale).sum())
-        if sign > 0 and log < least:
-            best, least = trial, log
+        covariance = sandwich(equations.inverse, equations.scores, coloured=settings.coloured)[
+            :n, :n
+        ]
+        scale = equations.size[:n]
+        sign, log_determinant = np.linalg.slogdet(covariance / np.outer(scale, scale))
+        log_determinant += 2.0 * float(np.log(scale).sum())
+        if sign > 0 and log_determinant < least:
+            best, least = trial, log_determinant
     return best
 
 
 def _narrower(record: Record, state: StateData, share: float) -> StateData:
-    """Return the state with its slopes over windows of a ``share`` of the half width, of two
-    samples at least.
+    """Return the state with slopes over narrower windows: a ``share`` of the half-width, and at
+    least two samples.
     """
     half = (state.slopes.value.shape[1] - 1) // 2
-    width = max(2, round(share * half))
-    return (
-        state
-        if share == 1.0 or width >= half
-        else replace(state, slopes=windows(record.time, state.valid, width, 1))
-    )
+    narrower = max(2, round(share * half))
+    if share == 1.0 or narrower >= half:
+        return state
+    return replace(state, slopes=windows(record.time, state.valid, narrower, 1))
 
 
 def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
-    """Return the states of record ``r`` as measured, smoothed at missing samples, without sensor
-    biases.
+    """Return the measured states of record ``r`` without sensor biases, and the smoothed ones where
+    samples are missing.
     """
     p = _parameters(layout, r, theta)
-    out = []
+    states = []
     for state in layout.data[r]:
         bias = 0.0 if state.bias is None else p[state.bias]
-        out.append(np.where(state.valid, state.raw, state.smooth) - bias)
-    return out
+        states.append(np.where(state.valid, state.raw, state.smooth) - bias)
+    return states
 
 
 def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
+    """Return all parameters of record ``r``."""
     p = layout.system.parameters.values()
     p[layout.order] = theta[layout.columns(r)]
     return p
 
 
 def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
-    """Return the states of all records simulated from their first smoothed ones; None if one
+    """Return the simulated states of all records, from their first smoothed states; None where one
     differs from its record by more than ``RUNAWAY_SCATTERS``.
     """
-    out = []
+    simulated = []
     for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
         p = _parameters(layout, r, theta)
         grid = make_grid(record.time, min(SIMULATED_STEP, float(np.diff(record.time).max())))
@@ -604,73 +647,73 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
                 layout.system, p.tolist(), [float(row[0]) for row in measured], drive, grid
             )
         ]
-        for here, there in zip(states, measured, strict=True):
-            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY_SCATTERS * np.std(
-                there
-            ):
+        for state, smooth in zip(states, measured, strict=True):
+            if not np.all(np.isfinite(state)):
                 return None
-        out.append(states)
-    return out
+            if np.std(state - smooth) > RUNAWAY_SCATTERS * np.std(smooth):
+                return None
+        simulated.append(states)
+    return simulated
 
 
 def _without_bias(
     layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
 ) -> Estimate:
-    """Return least squares without the bias from noise in the regressors; the bias is added to the
-    sigmas.
+    """Return the estimate of least squares without the bias from noise in the regressors. The bias
+    is added to the sigmas.
 
-    Added noise of the same size doubles the bias; the mean over noise and its negative cancels its
-    random part (SIMEX: Cook and Stefanski, J. American Statistical Association 89, 1994, with
-    antithetic pairs).
+    Further noise of the same size doubles the bias. In the mean over a noise and its negative, the
+    random part of the change cancels (SIMEX: Cook and Stefanski, J. American Statistical
+    Association 89, 1994, with antithetic pairs).
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
-    moves = []
+    changes = []
     for _ in range(NOISE_PAIRS):
         noise = [
             squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record)))
             for record in layout.records
         ]
-        both = []
+        pair = []
         for sign in (1.0, -1.0):
             noisy = tuple(
-                _noisier(record, squares.output_names, sign * each)
-                for record, each in zip(layout.records, noise, strict=True)
+                _noisier(record, squares.output_names, sign * record_noise)
+                for record, record_noise in zip(layout.records, noise, strict=True)
             )
-            again = replace(
+            noisy_layout = replace(
                 layout,
                 records=noisy,
                 data=tuple(state_data(record, layout.system) for record in noisy),
             )
-            found, parts, outcome, _ = _least_squares(again, settings, theta)
+            noisy_theta, parts, outcome, _ = _least_squares(noisy_layout, settings, theta)
             if parts is None or outcome is not Outcome.CONVERGED:
                 return squares
-            both.append(found[:n])
-        moves.append(0.5 * (both[0] + both[1]) - theta[:n])
-    bias = np.mean(moves, axis=0)
-    uncertain = np.cov(np.array(moves).T).reshape(n, n) / NOISE_PAIRS
+            pair.append(noisy_theta[:n])
+        changes.append(0.5 * (pair[0] + pair[1]) - theta[:n])
+    bias = np.mean(changes, axis=0)
+    bias_covariance = np.cov(np.array(changes).T).reshape(n, n) / NOISE_PAIRS
     return replace(
         squares,
         values=squares.values - bias,
-        covariance=squares.covariance + np.outer(bias, bias) + uncertain,
+        covariance=squares.covariance + np.outer(bias, bias) + bias_covariance,
     )
 
 
 def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
-    """Return the record with ``noise`` added to the outputs of these names."""
+    """Return the record with ``noise (m, N)`` added to the outputs ``names``."""
     channels = []
     for channel in record.outputs:
-        more = noise[names.index(channel.name)] if channel.name in names else 0.0
+        added = noise[names.index(channel.name)] if channel.name in names else 0.0
         channels.append(
             Channel.of(
-                channel.name, channel.unit, np.where(channel.valid, channel.values + more, np.nan)
+                channel.name, channel.unit, np.where(channel.valid, channel.values + added, np.nan)
             )
         )
     return replace(record, outputs=tuple(channels))
 
 
 def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
-    """Return the scatter of each channel about the equations and smoothed states; one where it was
-    not recorded.
+    """Return the rms difference ``(m,)`` of each output from its fitted values; 1 where it is not
+    recorded.
     """
     squares, counts = np.zeros(len(layout.system.outputs)), np.zeros(len(layout.system.outputs))
     for record, part in zip(layout.records, parts, strict=True):
@@ -680,8 +723,8 @@ def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
     return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), 1.0)
 
 
-def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
-    """Return the estimate at the start, if the equations give no finite number there."""
+def _failed_estimate(layout: _Layout, theta: np.ndarray) -> Estimate:
+    """Return the estimate of a fit whose residuals are not finite at the start."""
     n, system = len(layout.shared), layout.system
     units = tuple(system.parameters[name].unit for name in layout.shared)
     blank = tuple(np.zeros((len(system.outputs), len(record))) for record in layout.records)
@@ -702,5 +745,6 @@ def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
 
 
 def _deep(row: Any) -> np.ndarray:
+    """Return a row ``(N,)`` as ``(N, 1)``; a row ``(N, c)`` is unchanged."""
     row = np.asarray(row)
     return row[:, None] if row.ndim == 1 else row

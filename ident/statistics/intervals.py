@@ -1,19 +1,18 @@
 """Information matrices and confidence intervals.
 
-Information: inverses, normal equations, directions that data and priors determine. In units of the
-prior standard deviations the record's information is F = V diag(s^2) V', s and V the singular
-values and right vectors of its scaled sensitivities. With the prior the covariance is C = V diag(1
-/ (1 + s^2)) V': along a direction with s = 1 record and prior have equal information. The error of
-the estimate has two independent parts, noise and a wrong prior mean: C = C F C + C C, so that (C
-C)_ii / C_ii is the share of a posterior variance due to the prior. The sum of s^2 / (1 + s^2) is
-the number of parameters determined by the record (effective number of parameters; MacKay, Neural
-Computation 4, 1992).
+Information of record and prior. In units of the prior standard deviations, the information of the
+record is F = V diag(s^2) V', with s and V the singular values and right singular vectors of its
+scaled sensitivities. With the prior, the covariance is C = V diag(1 / (1 + s^2)) V'. Along a
+direction with s = 1, record and prior have equal information. The error of the estimate has two
+independent parts, noise and a wrong prior mean: C = C F C + C C. So (C C)_ii / C_ii is the share of
+a posterior variance due to the prior. The sum of s^2 / (1 + s^2) is the effective number of
+parameters that the record determines (MacKay, Neural Computation 4, 1992).
 
-Intervals: profile likelihood, shares, chi-square. A sigma is the curvature at the maximum; where
-the likelihood is no parabola (a quotient, a delay, a lag that hardly shows) the interval of 2 (ln
-L_max - ln L) = 4 corresponds to two sigmas. Venzon and Moolgavkar, Applied Statistics 37(1), 1988;
-Raue et al., Bioinformatics 25(15), 2009. The signed root of that drop is nearly a straight line
-along the parameter, so a secant finds the end in a few refits.
+Profile-likelihood intervals. A sigma follows from the curvature of the likelihood at its maximum.
+Where the log likelihood is no parabola (a quotient, a delay, a lag with little effect), the
+interval in which 2 (ln L_max - ln L) < 4 corresponds to two sigmas (Venzon and Moolgavkar, Applied
+Statistics 37(1), 1988; Raue et al., Bioinformatics 25(15), 2009). The signed root of this drop is
+nearly linear in the parameter, so that a secant finds an end in a few refits.
 """
 
 from __future__ import annotations
@@ -27,17 +26,16 @@ import numpy as np
 
 # ---- Inverse of an information matrix that need not be regular
 
-# share of the largest eigenvalue of the scaled information below which a direction is not
-# determined: rounding
+# a direction is not determined where its eigenvalue of the scaled information is below this share
+# of the largest one, which is rounding
 UNDETERMINED = 1e-14
-# the same for sensitivities of limited precision: differences of simulated kinematics
-DIFFERENCED_UNDETERMINED = 1e-9
-LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # share below which a step does not follow a direction at all
+DIFFERENCED_UNDETERMINED = 1e-9  # the same for sensitivities by finite differences
+LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # a step has no part along a direction below this share
 
 
 def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Sigma of each unknown with the others known, ``(n,)``; its ``size`` (at least 1) where it has
-    no influence at all.
+    """Return the sigma ``(n,)`` of each unknown with all others known. An unknown without any
+    influence gets its ``size`` ``(n,)``, and at least 1.
     """
     diagonal = np.diag(information)
     return np.where(
@@ -52,9 +50,8 @@ def inverse_information(
 ) -> tuple[np.ndarray, bool]:
     """Return the covariance ``(n, n)`` and whether every direction is determined.
 
-    A direction that holds less than ``floor`` of the scaled information keeps a finite, very large
-    sigma: ``1 / sqrt(floor)`` in units of ``conditional_scale``. ``size`` of the unknowns: see
-    there. Without unknowns, all is determined.
+    A direction with less than the share ``floor`` of the scaled information gets a finite but very
+    large sigma: ``1 / sqrt(floor)`` in units of `conditional_scale`, where ``size`` is explained.
     """
     if not len(information):
         return np.zeros((0, 0)), True
@@ -66,11 +63,11 @@ def inverse_information(
 def determined_and_open(
     information: np.ndarray, size: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions
-    that are determined, and of the others.
+    """Return the two parts of the covariance of `inverse_information`, ``(n, n)`` each: that of the
+    determined directions, and that of the others.
 
-    A product with the sum would lose the first part to rounding: the second is larger by up to ``1
-    / UNDETERMINED``.
+    Use the parts in products. The second part is up to ``1 / UNDETERMINED`` times larger, so that
+    rounding would destroy the first one in a product with the sum.
     """
     if not len(information):
         return np.zeros((0, 0)), np.zeros((0, 0))
@@ -85,11 +82,11 @@ def determined_and_open(
 
 def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each
-    with its rounding error.
+    with its rounding error added.
 
-    Where directions are open, huge covariances cancel in a combination that does not contain them.
-    The sum then holds no more than its rounding error, which is the variance reported: it is never
-    zero, and never smaller than what the arithmetic resolves.
+    Undetermined directions have huge variances and covariances. These cancel in a combination that
+    does not contain the directions, but for rounding. A variance is therefore never smaller than
+    its rounding error.
     """
     n = covariance.shape[0]
     sizes = np.abs(rows) @ np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -98,8 +95,8 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Return the inverse ``(n, n)`` for a step, without the directions that hold less than
-    LEAST_STEP_EIGENVALUE_SHARE of the scaled information.
+    """Return the inverse ``(n, n)`` for a step, without the directions that have less than
+    ``LEAST_STEP_EIGENVALUE_SHARE`` of the scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
     determined = values > LEAST_STEP_EIGENVALUE_SHARE * max(float(values[-1]), 1e-300)
@@ -111,8 +108,8 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
 def _spectrum(
     information: np.ndarray, size: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of
-    the information in their units.
+    """Return the products ``(n, n)`` of the conditional sigmas, and the eigenvalues and
+    eigenvectors of the information in these units.
     """
     scale = conditional_scale(
         information, np.broadcast_to(np.asarray(size, dtype=float), len(information))
@@ -133,12 +130,16 @@ def add_normal_equations(
     residual: np.ndarray,
     weight: np.ndarray,
 ) -> None:
-    """Add to ``information (n, n)`` and ``gradient (n,)``, in place, the information of one record
-    on the unknowns at positions ``at (c,)``.
+    """Add the information and gradient of one record to those of all, in place.
 
-    ``jacobian (m, N, c)`` of the fitted outputs, ``residual (m, N)`` measured minus fitted,
-    ``weight (m, N)`` one over the variance of a sample, zero where it is missing; negative weights
-    remove a record.
+    Parameters
+    ----------
+    information, gradient : ``(n, n)`` and ``(n,)`` of all records, which are changed.
+    at : ``(c,)`` positions of the unknowns of the record.
+    jacobian : ``(m, N, c)`` derivatives of the fitted outputs.
+    residual : ``(m, N)`` measured minus fitted outputs.
+    weight : ``(m, N)`` one over the variance of a sample, zero where it is missing. Negative
+        weights subtract a record.
     """
     J, w = jacobian.reshape(-1, len(at)), weight.ravel()
     information[at[:, None], at] += J.T @ (w[:, None] * J)
@@ -147,7 +148,7 @@ def add_normal_equations(
 
 # ---- Information of the record and of the prior
 
-ROUNDING = 1e-10  # singular values below this share of the largest are rounding
+ROUNDING = 1e-10  # singular values below this share of the largest one are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +157,13 @@ class Determination:
 
     Attributes
     ----------
-    names : of the parameters, ``n``.
-    prior_std, posterior_std : ``(n,)`` before and after the record.
-    prior_share : ``(n,)`` of each posterior variance that comes from the prior, 0 to 1.
-    strengths : ``(n,)`` singular values, largest first: how many times better than the prior the
-        record knows a direction.
-    directions : ``(n, n)`` unit vectors in prior standard deviations, a column for each strength.
+    names : names of the n parameters.
+    prior_std, posterior_std : ``(n,)`` standard deviations before and after the record.
+    prior_share : ``(n,)`` share of each posterior variance that is due to the prior, 0 to 1.
+    strengths : ``(n,)`` singular values, the largest first. Each is the sigma of the prior over
+        that of the record along one direction.
+    directions : ``(n, n)`` unit vectors in units of prior standard deviations, one column for each
+        strength.
     """
 
     names: tuple[str, ...]
@@ -173,28 +175,26 @@ class Determination:
 
     @property
     def effective(self) -> float:
-        """Number of parameters that the record determines."""
+        """Effective number of parameters that the record determines."""
         return float(np.sum(self.strengths**2 / (1.0 + self.strengths**2)))
 
     @property
     def determined(self) -> int:
-        """Directions of which the record knows more than the prior."""
+        """Number of directions on which the record has more information than the prior."""
         return int(np.sum(self.strengths > 1.0))
 
     @property
     def unseen(self) -> int:
-        """Directions without any influence on the record, to rounding: only the prior determines
-        them.
+        """Number of directions without any influence on the record, but for rounding: only the
+        prior determines them.
         """
-        return (
-            int(np.sum(self.strengths <= ROUNDING * max(float(self.strengths[0]), 1e-300)))
-            if len(self.strengths)
-            else 0
-        )
+        if not len(self.strengths):
+            return 0
+        return int(np.sum(self.strengths <= ROUNDING * max(float(self.strengths[0]), 1e-300)))
 
     def composition(self, direction: int, most: int = 4) -> tuple[tuple[str, float], ...]:
-        """Return the parameters that make most of a direction with their parts, the largest first
-        and positive.
+        """Return the parameters with the ``most`` largest parts of a direction and these parts; the
+        largest one is first and positive.
         """
         vector = self.directions[:, direction]
         order = np.argsort(-np.abs(vector))[:most]
@@ -205,14 +205,16 @@ class Determination:
 def determination(
     names: tuple[str, ...], sensitivities: np.ndarray, prior_std: np.ndarray
 ) -> Determination:
-    """Return the directions that sensitivities ``(M, n)`` in units of the noise and independent
-    priors ``(n,)`` determine; ``M >= n`` is not needed.
+    """Return the information of a record and of independent priors.
+
+    ``sensitivities (M, n)`` are in units of the noise, and M may be smaller than n. ``prior_std``
+    is ``(n,)``.
     """
     prior = np.asarray(prior_std, dtype=float)
-    _, result, rows = np.linalg.svd(
+    _, singular_values, rows = np.linalg.svd(
         sensitivities * prior, full_matrices=len(sensitivities) < len(names)
     )
-    strengths = np.concatenate([result, np.zeros(len(names) - len(result))])
+    strengths = np.concatenate([singular_values, np.zeros(len(names) - len(singular_values))])
     directions = rows.T
     variance = 1.0 / (1.0 + strengths**2)
     posterior = directions**2 @ variance
@@ -228,31 +230,33 @@ def determination(
 
 # ---- Profile-likelihood intervals
 
-# drop of twice the log likelihood at two sigmas of a parabola; 95.4 %
+# drop of twice the log likelihood at two sigmas of a parabola, for a probability of 95.4 %
 TWICE_LOG_LIKELIHOOD_DROP = 4.0
 LEVEL = math.erf(math.sqrt(TWICE_LOG_LIKELIHOOD_DROP / 2.0))
-ENDPOINT_TOLERANCE = 0.02  # tolerance of the root at an end: a hundredth of the interval
-# largest distance of an end, in two sigmas (or in the value, if smaller): farther out simulations
-# fail first
+ENDPOINT_TOLERANCE = 0.02  # relative tolerance of the root at an end
+# largest distance of an end, in units of two sigmas (or of the value, if smaller): simulations
+# farther away fail
 LARGEST_REACH = 16.0
 LARGEST_STEP_GROWTH = 4.0  # largest growth of a step outwards
-MOST_REFITS = 14  # refits of a side
-SKEWED_RATIO = 1.25  # ratio of the two sides from which an interval counts as skewed
-SIDE_DIFFERENCE_SHARE = 0.25  # share by which sides may differ from two sigmas
+MOST_REFITS = 14  # most refits of a side
+SKEWED_RATIO = 1.25  # an interval with a larger ratio of its sides is skewed
+SIDE_DIFFERENCE_SHARE = 0.25  # largest relative difference of a side from two sigmas
 
 State = TypeVar("State")
-# Minus the log likelihood with the parameter held at a value, all others at their best, and where
-# those are; None where there is none.
+# function that fixes the parameter at a value and fits all others: it returns minus the log
+# likelihood and the state of the fit, or None where there is no fit
 Refit = Callable[[float, State | None], tuple[float, State] | None]
 
 
 @dataclass(frozen=True)
 class ProfileInterval:
-    """Interval where the likelihood drops by the equivalent of two sigmas; an end is None if it
-    never does.
+    """Interval of a parameter, at whose ends the likelihood has dropped as at two sigmas.
 
-    ``low_bound`` and ``high_bound``: the end is a bound of the parameter. ``better``: gain of a
-    refit over the estimate, which then is no maximum.
+    Attributes
+    ----------
+    low, high : ends; None where the likelihood does not drop so far.
+    low_bound, high_bound : whether an end is a bound of the parameter.
+    better : gain of log likelihood by a refit; where it is positive, the estimate is no maximum.
     """
 
     name: str
@@ -266,7 +270,7 @@ class ProfileInterval:
 
     @property
     def agrees(self) -> bool:
-        """Whether value +- two sigmas gives the same interval."""
+        """Whether the interval is nearly that of value +- two sigmas."""
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
@@ -278,8 +282,14 @@ class ProfileInterval:
 
 @dataclass
 class _Side(Generic[State]):
-    """One side of a profile while its end is looked for: roots of the drop at values, and the state
-    of the last refit.
+    """One side of a profile during the search for its end.
+
+    Attributes
+    ----------
+    refit : see `Refit`.
+    value, cost : estimate, and minus the log likelihood there.
+    state : state of the last refit.
+    better : largest gain of log likelihood by a refit.
     """
 
     refit: Refit[State]
@@ -289,7 +299,7 @@ class _Side(Generic[State]):
     better: float = 0.0
 
     def root(self, at: float) -> float:
-        """Square root of twice the drop, over that of the inflated threshold's unit; infinite where
+        """Return the square root of twice the drop of the log likelihood at a value; infinite where
         there is no refit.
         """
         result = self.refit(at, self.state)
@@ -308,30 +318,31 @@ def profile_intervals(
     bounds: tuple[np.ndarray, np.ndarray],
     refit_along: Callable[[int, np.ndarray], Refit[State]],
 ) -> tuple[ProfileInterval, ...]:
-    """Return the intervals of several parameters of a fit at ``theta (n,)`` with minus the log
-    likelihood ``cost``.
+    """Return the intervals of several parameters of a fit.
 
     Parameters
     ----------
-    names : with their places in ``theta``.
-    bounds : lowest and highest ``theta``.
-    covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger
-        the threshold is too.
-    refit_along : the refits of the parameter at a place, and how the others go with it by the
-        curvature at the maximum, ``(n,)``.
+    names : parameter -> its position in ``theta``.
+    theta : ``(n,)`` estimate.
+    cost : minus the log likelihood there.
+    covariances : the reported one, and that for white residuals, ``(n, n)`` or larger. The
+        threshold grows with their ratio.
+    bounds : lowest and highest ``theta``, ``(n,)`` each.
+    refit_along : function of a position ``j`` and of the changes ``(n,)`` of all unknowns for a
+        unit change of unknown ``j``, by the curvature. It returns the `Refit` of that unknown.
     """
-    printed, white = covariances
-    out = []
+    reported, white = covariances
+    intervals = []
     for name, j in names.items():
-        sigma, sharp = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (printed, white))
+        sigma = float(np.sqrt(max(reported[j, j], 1e-300)))
+        white_sigma = float(np.sqrt(max(white[j, j], 1e-300)))
         refit = refit_along(j, white[:, j] / white[j, j])
         limits = (float(bounds[0][j]), float(bounds[1][j]))
-        out.append(
-            profile_interval(
-                name, float(theta[j]), sigma, cost, refit, limits, max((sigma / sharp) ** 2, 1.0)
-            )
+        inflation = max((sigma / white_sigma) ** 2, 1.0)
+        intervals.append(
+            profile_interval(name, float(theta[j]), sigma, cost, refit, limits, inflation)
         )
-    return tuple(out)
+    return tuple(intervals)
 
 
 def profile_interval(
@@ -343,16 +354,18 @@ def profile_interval(
     bounds: tuple[float, float],
     inflation: float = 1.0,
 ) -> ProfileInterval:
-    """Return both ends of a parameter's interval.
+    """Return the interval of a parameter.
 
     Parameters
     ----------
     value, sigma : estimate and its standard deviation.
     cost : minus the log likelihood there.
-    refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
-    inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
-        is as many times ``TWICE_LOG_LIKELIHOOD_DROP``, since a likelihood that takes coloured
-        residuals for white is too sharp by that.
+    refit : see `Refit`. Its second argument is the state of the refit before on the same side, or
+        None.
+    bounds : lowest and highest value.
+    inflation : factor on the threshold ``TWICE_LOG_LIKELIHOOD_DROP``: the variance of the estimate
+        over that by the curvature of the likelihood. A likelihood for white residuals is too sharp
+        where they are coloured.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [
@@ -372,8 +385,8 @@ def profile_interval(
 def _end(
     side: _Side[State], sigma: float, sign: float, bound: float, goal: float
 ) -> tuple[float | None, bool, float]:
-    """Return the end of one side (None: open), whether it is the bound, and by how much a refit was
-    likelier.
+    """Return the end of one side (None where it is open), whether it is the bound, and the largest
+    gain of log likelihood by a refit. ``goal`` is the root of the drop at the end.
     """
     size = min(sigma, abs(side.value)) or sigma
     inside, r_inside, outside, r_outside = 0.0, 0.0, math.inf, math.inf
@@ -389,27 +402,25 @@ def _end(
             inside, r_inside = step, r
             if step >= farthest:
                 return bound, True, side.better
-            if step >= LARGEST_REACH * goal * max(
-                size, sigma if sigma < LARGEST_REACH * size else size
-            ):
+            unit = max(size, sigma if sigma < LARGEST_REACH * size else size)
+            if step >= LARGEST_REACH * goal * unit:
                 return None, False, side.better
-        step = _next(inside, r_inside, outside, r_outside, goal, farthest)
-    # If values beyond cannot be computed, the side stays open.
+        step = _next_step(inside, r_inside, outside, r_outside, goal, farthest)
+    # Where no refit succeeds farther away, the side is open.
     return (None if math.isinf(r_outside) else side.value + sign * outside), False, side.better
 
 
-def _next(
+def _next_step(
     inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float
 ) -> float:
-    """Return the point at which the straight line through the known points reaches the goal; the
-    midpoint if one end has no number.
+    """Return the step at which the straight line through the steps ``inside`` and ``outside``, with
+    their roots, reaches the ``goal``. It is the midpoint where ``outside`` has no refit, and a
+    longer step where there is no ``outside`` yet.
     """
     if math.isinf(outside):
-        reached = (
-            inside * goal / r_inside
-            if r_inside > goal / LARGEST_STEP_GROWTH
-            else LARGEST_STEP_GROWTH * inside
-        )
+        reached = LARGEST_STEP_GROWTH * inside
+        if r_inside > goal / LARGEST_STEP_GROWTH:
+            reached = inside * goal / r_inside
         return min(1.02 * reached, LARGEST_STEP_GROWTH * inside, farthest)
     if math.isinf(r_outside):
         return 0.5 * (inside + outside)
@@ -420,16 +431,16 @@ def _next(
 # ---- Confidence intervals of a share
 
 SHARES_LEVEL = 0.95
-# draws of a bootstrap: the ends of a 95 % interval depend on the 50 outermost
+# draws of a bootstrap; 50 of them are beyond each end of a 95 % interval
 BOOTSTRAP_DRAWS = 2000
 
 
 def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Exact binomial interval of a share seen ``count`` times in ``of`` independent trials (Clopper
-    and Pearson, Biometrika 26, 1934).
+    """Return the exact binomial interval of a share, from ``count`` successes in ``of`` independent
+    trials (Clopper and Pearson, Biometrika 26, 1934).
 
-    Both ends are the shares at which so few, or so many, would be seen with half of ``1 - level``.
-    Without a trial it is 0 to 1.
+    At each end, so few or so many successes have half of the probability ``1 - level``. Without a
+    trial the interval is 0 to 1.
     """
     from scipy.special import betaincinv
 
@@ -444,17 +455,19 @@ def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tup
 def clustered_share(
     counts: np.ndarray, of: np.ndarray, rng: np.random.Generator, level: float = SHARES_LEVEL
 ) -> tuple[float, float]:
-    """Interval of the share ``sum(counts) / sum(of)`` over runs ``(N,)``, each with ``counts`` hits
-    in ``of`` trials that may be correlated.
+    """Return the interval of the share ``sum(counts) / sum(of)`` over N runs. Each run has
+    ``counts`` successes in ``of`` trials, which may be correlated.
 
-    Percentiles of the share over runs drawn with replacement, a run always whole (cluster
-    bootstrap; Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 8). Where each
-    run has one trial the trials are independent, and where all runs have the same share there is
-    nothing to resample: then the interval of Clopper and Pearson, a run as one trial. Runs without
-    a trial are left out.
+    The ends are percentiles of the share over runs drawn with replacement: a cluster bootstrap
+    (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 8). The interval of
+    Clopper and Pearson, with each run as one trial, is returned where each run has one trial, and
+    where all runs have the same share. Runs without a trial are left out.
     """
-    some = np.asarray(of) > 0
-    counts, of = np.asarray(counts, dtype=float)[some], np.asarray(of, dtype=float)[some]
+    with_trials = np.asarray(of) > 0
+    counts, of = (
+        np.asarray(counts, dtype=float)[with_trials],
+        np.asarray(of, dtype=float)[with_trials],
+    )
     runs, shares = len(of), counts / of
     if np.all(of == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
@@ -468,8 +481,8 @@ def clustered_share(
 
 
 def quantile(share: float, degrees: float) -> float:
-    """Return the value below which chi-square with ``degrees`` of freedom lies with the probability
-    ``share``; without the second of scipy.stats.
+    """Return the quantile of chi-square with ``degrees`` of freedom at the probability ``share``.
+    The import of scipy.stats, which takes a second, is avoided.
     """
     from scipy.special import gammaincinv
 
@@ -477,28 +490,28 @@ def quantile(share: float, degrees: float) -> float:
 
 
 def deviation_factors(count: int) -> tuple[float, float]:
-    """Return the factors that turn a standard deviation of ``count`` independent normal numbers
-    into the ends of its interval; infinite for one number.
+    """Return the factors that turn the standard deviation of ``count`` independent normal numbers
+    into the ends of its interval; for one number they are 0 and infinite.
     """
     if count < 2:
         return 0.0, float("inf")
     degrees, tail = count - 1, 0.5 * (1.0 - SHARES_LEVEL)
-    return (degrees / quantile(1.0 - tail, degrees)) ** 0.5, (
-        degrees / quantile(tail, degrees)
-    ) ** 0.5
+    low = (degrees / quantile(1.0 - tail, degrees)) ** 0.5
+    high = (degrees / quantile(tail, degrees)) ** 0.5
+    return low, high
 
 
 def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Return the interval of a chi-square sum of squares with ``degrees`` of freedom, divided by
-    ``degrees``: about one.
+    """Return the interval of a mean square of unit expectation: of chi-square with ``degrees`` of
+    freedom, over ``degrees``.
     """
     tail = 0.5 * (1.0 - level)
     return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
 
 
 def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """Return which of ``squares (N,)`` lie within the central chi-square interval with their
-    ``degrees (N,)``.
+    """Return which of ``squares (N,)`` are within the central interval of chi-square with their
+    ``degrees (N,)`` of freedom.
     """
     from scipy.special import gammainc
 

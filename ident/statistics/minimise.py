@@ -1,8 +1,8 @@
 """Levenberg-Marquardt, used by all fits with damped steps.
 
-Minimised is minus a log likelihood. About a point it is a quadratic in units of each unknown's
-sigma with the others known, so that neither the units of data nor those of unknowns enter; damping
-adds to the diagonal in these units [1]_.
+The cost is minus a log likelihood. A quadratic model approximates it about a point. The unit of
+each unknown is its sigma with all others known, so that the units of data and unknowns have no
+influence. Damping is added to the diagonal of the information in these units [1]_.
 
 References
 ----------
@@ -23,20 +23,22 @@ from ident.statistics.intervals import conditional_scale
 P = TypeVar("P")
 
 LEAST_DAMPING = 1e-12  # least damping of a step where the quadratic model is accurate
-LARGEST_DAMPING = 1e8  # damping from which no descent is left
+LARGEST_DAMPING = 1e8  # a search ends where no smaller damping lowers the cost
 _FIRST_DAMPING = 1e-4
-_LEAST_DAMPING = 1e-10  # keeps directions without information from following rounding errors
+# damping of the step whose gain is predicted; it suppresses directions without information
+_LEAST_DAMPING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class LocalModel:
-    """A quadratic in units of each unknown's sigma with the others known.
+    """Quadratic model of the cost about a point.
 
     Attributes
     ----------
-    scale : ``(n,)`` those sigmas.
-    information, gradient : ``(n, n)`` and ``(n,)`` of the log likelihood, in these units.
-    moving : ``(n,)`` False where an unknown has no influence or is pressed against a bound.
+    scale : ``(n,)`` sigma of each unknown with all others known.
+    information, gradient : ``(n, n)`` and ``(n,)`` of the log likelihood, in units of ``scale``.
+    moving : ``(n,)`` False where an unknown has no influence or the gradient presses it against a
+        bound.
     """
 
     scale: np.ndarray
@@ -45,21 +47,21 @@ class LocalModel:
     moving: np.ndarray
 
     def step(self, damping: float) -> np.ndarray:
-        """Levenberg-Marquardt step ``(n,)`` in sigmas; what does not move stays."""
-        out = np.zeros(len(self.gradient))
+        """Return the Levenberg-Marquardt step ``(n,)`` in units of ``scale``, zero where an unknown
+        does not move.
+        """
+        step = np.zeros(len(self.gradient))
         at = np.flatnonzero(self.moving)
-        out[at] = np.linalg.solve(
-            self.information[at[:, None], at] + damping * np.eye(len(at)), self.gradient[at]
-        )
-        return out
+        damped = self.information[at[:, None], at] + damping * np.eye(len(at))
+        step[at] = np.linalg.solve(damped, self.gradient[at])
+        return step
 
     @property
     def promised(self) -> float:
-        """Gain of log likelihood that the undamped step promises: half its squared length in sigmas
-        of its own direction.
+        """Gain of log likelihood that the model predicts for the undamped step: half the square of
+        its length in sigmas of its direction.
 
-        No unknown moves by more than ``sqrt(2 promised)`` of its sigma, whatever the units of data
-        and unknowns.
+        The step changes no unknown by more than ``sqrt(2 promised)`` of its sigma.
         """
         return 0.5 * float(self.gradient @ self.step(_LEAST_DAMPING))
 
@@ -71,18 +73,18 @@ def local_model(
     low: np.ndarray,
     high: np.ndarray,
 ) -> LocalModel:
-    """Return the quadratic at ``theta (n,)`` within bounds, from ``information (n, n)`` and
-    ``gradient (n,)`` of the log likelihood.
+    """Return the quadratic model at ``theta (n,)`` with the bounds ``low`` and ``high``, from the
+    ``information (n, n)`` and ``gradient (n,)`` of the log likelihood.
     """
     scale = conditional_scale(information, theta)
-    pressed = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
-    moving = (np.diag(information) > 0) & ~pressed
+    at_bound = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
+    moving = (np.diag(information) > 0) & ~at_bound
     return LocalModel(scale, information * np.outer(scale, scale), scale * gradient, moving)
 
 
 def unresolved(samples: float) -> float:
-    """Return the rise of a cost (minus a log likelihood) that equals zero within rounding of its
-    sums and the remaining trajectory gaps, by number of samples.
+    """Return the largest rise of a cost that may be rounding of its sums or come from the remaining
+    gaps of trajectories, for a number of samples.
     """
     return 5e-9 * samples
 
@@ -97,15 +99,15 @@ def _least() -> float:
 
 @dataclass(frozen=True)
 class Descent(Generic[P]):
-    """The minimised function, as functions of a point (the caller's data for one set of unknowns).
+    """The functions of one search. A point is the data of the caller for one set of unknowns.
 
     Attributes
     ----------
-    model : the quadratic about a point.
-    trial : the point after a step of the model under a damping; None where it is no better.
-    settled : whether the search may end at a point.
-    shortcut : a better point found by other means than a damped step; None where there is none.
-    least : the least damping after a step that was taken.
+    model : returns the quadratic model about a point.
+    trial : returns the point after a step with a given damping; None where it is no better.
+    settled : returns whether the search may end at a point.
+    shortcut : returns a better point by another step than a damped one; None where there is none.
+    least : returns the least damping after an accepted step.
     """
 
     model: Callable[[P], LocalModel]
@@ -117,8 +119,14 @@ class Descent(Generic[P]):
 
 @dataclass(frozen=True, eq=False)
 class Minimum(Generic[P]):
-    """End of a search: the point, the quadratic about it, the steps tried, and whether no damping
-    lowered the cost.
+    """End of a search.
+
+    Attributes
+    ----------
+    point : the last point.
+    model : the quadratic model about it.
+    steps : number of steps, accepted and rejected ones.
+    stuck : whether no damping lowered the cost.
     """
 
     point: P
@@ -128,12 +136,12 @@ class Minimum(Generic[P]):
 
 
 def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
-    """Levenberg-Marquardt from ``start``, at most ``steps``; damping falls tenfold after a step
-    that was taken and rises tenfold after one that was not.
+    """Return the minimum after at most ``steps`` Levenberg-Marquardt steps from ``start``. The
+    damping falls tenfold after an accepted step and rises tenfold after a rejected one.
 
     Examples
     --------
-    The least of ``0.5 (x - 3)^2``, by the model of its own curvature:
+    The minimum of ``0.5 (x - 3)^2``, by a model with its curvature:
 
     >>> import numpy as np
     >>> from ident.statistics.minimise import Descent, local_model, minimise
@@ -147,9 +155,9 @@ def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
     (3.0, False)
     """
     point, model = start, descent.model(start)
-    damping, done, stuck = _FIRST_DAMPING, 0, False
-    while done < steps and not stuck and not descent.settled(point, model):
-        done += 1
+    damping, count, stuck = _FIRST_DAMPING, 0, False
+    while count < steps and not stuck and not descent.settled(point, model):
+        count += 1
         better = descent.shortcut(point, model)
         if better is None:
             better = descent.trial(point, model, damping)
@@ -158,4 +166,4 @@ def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
                 continue
             damping = max(damping / 10.0, descent.least())
         point, model = better, descent.model(better)
-    return Minimum(point, model, done, stuck)
+    return Minimum(point, model, count, stuck)

@@ -1,32 +1,29 @@
 """Noise levels of a series: robust deviations, sensor noise, envelopes, levels that change along a
 record.
 
-The coefficients of the orthonormal cosine transform (DCT-II) of white noise are independent, each
-with the noise's variance; what a model leaves of a motion is smooth and has its power at low
-frequencies. With x = 4 sin^2(w / 2), w the frequency in rad a sample, the squared coefficients have
-the expectation
+Sensor noise. The orthonormal cosine transform (DCT-II) separates noise from a smooth motion
+(Garcia, Computational Statistics and Data Analysis 54, 2010, p. 1167). The coefficients of white
+noise are independent and have its variance. A motion that a model has not fitted has its power at
+low frequencies. Let w be the frequency in rad per sample and x = 4 sin^2(w / 2). The squared
+coefficients of white noise and a random walk have the expectation
 
-    S(w) = s^2 + a / x,    s, a >= 0,
+    S(w) = s^2 + a / x,    s, a >= 0
 
-the spectrum of white noise and of a random walk beside it (Harvey, Forecasting, Structural Time
-Series Models and the Kalman Filter, 1989, sections 2.4 and 4.3), to which that of any motion of
-first order comes down above its corner. s^2 and a are those of Whittle's likelihood: I(w) / S(w) is
-chi-square with one degree of freedom. The band begins at half the Nyquist frequency and is extended
-downwards as long as the next block has the power that the band foretells. The cosine transform as a
-sieve of noise from what is smooth: Garcia, Computational Statistics and Data Analysis 54, 2010, p.
-1167.
+(Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, sections 2.4 and
+4.3). The spectrum of any first-order motion has this form above its corner frequency. s^2 and a
+maximise Whittle's likelihood: the squared coefficients over S(w) are chi-square with one degree of
+freedom. The band begins at half the Nyquist frequency and is extended downwards as long as the next
+block has the power that the band predicts.
 
-As NASA TM-101722 did by eye on time histories; here the smooth part is taken out by a third
-difference first.
+Noise envelope. The band that holds a given share of the noise, as NASA TM-101722 found it by eye on
+time histories; here a third difference removes the smooth part first.
 
-White noise with a burst of four times its level fails tests for whiteness more often than not,
-since a few loud samples weigh as much as all others; divided by its local level it passes.
+Local level. White noise with a burst of four times its level fails most tests for whiteness, since
+a few loud samples weigh as much as all others. Divided by its local level it passes.
 
-Isolated wrong samples: found and set aside before anything is ranked, claimed only against the
-final residual.
-
-One spike dominates every score; but in runs, or all over a channel, large residuals are a model's
-fault or heavy-tailed noise, and neither is a spike.
+Spikes. Isolated wrong samples are set aside before models are compared, and claimed only from the
+final residual. One spike dominates every score. Large residuals in runs, or everywhere in a
+channel, are no spikes but an error of the model or heavy-tailed noise.
 """
 
 from __future__ import annotations
@@ -49,46 +46,44 @@ SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # median absolute deviation to sigma
 
 def robust_sigma(values: np.ndarray) -> float:
     """Return the standard deviation from the median absolute deviation, insensitive to outliers."""
-    return (
-        float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values - np.median(values))))
-        if values.size
-        else 0.0
-    )
+    if not values.size:
+        return 0.0
+    return float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values - np.median(values))))
 
 
 def robust_sigma_about_zero(values: np.ndarray) -> float:
-    """Return the same of values whose middle is known to be zero, such as differences of a signal
-    that moves both ways.
+    """Return the robust standard deviation of values whose median is known to be zero, such as
+    differences of a signal that moves both ways.
     """
     return float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values)))
 
 
 # ---- The white noise of a sensor
 
-SHORTEST_RUN = 16  # samples of a run that is looked at
-# fewest coefficients in the band: fewer give a standard deviation worse than to an eighth
+SHORTEST_RUN = 16  # fewest samples of a run that is used
+# fewest coefficients in the band; they give the standard deviation to an eighth
 FEWEST_COEFFICIENTS = 32
-# begin of the band, relative to the Nyquist frequency: residuals of rigid motion have no power
-# above
+# lowest frequency of the first band, over the Nyquist frequency: residuals of rigid motion have no
+# power above it
 BAND_START_SHARE = 0.5
-BAND_BLOCKS = 12  # blocks by which the band grows to the whole spectrum
+BAND_BLOCKS = 12  # number of blocks by which the band grows to the whole spectrum
 FALSE_REJECTION_PROBABILITY = 0.01  # probability that a block of white noise is left out
-LARGEST_GAP = 10.0  # sample intervals: a longer pause in the samples begins another run
-MOST_ITERATIONS = 12
-NEGLIGIBLE_POWER_SHARE = 1e-9  # smallest white share of the power
+LARGEST_GAP = 10.0  # a longer pause, in sample intervals, begins another run
+MOST_ITERATIONS = 12  # of the weights in Whittle's likelihood
+NEGLIGIBLE_POWER_SHARE = 1e-9  # a smaller share of white power is none
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     """Return the standard deviation of the white part of residuals; None if they are too short or
     have no white part.
 
-    ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
-    several records, one noise is estimated.
+    ``series`` are runs of finite residuals ``(N,)`` at even intervals, as of several records, with
+    the same noise.
     """
-    runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST_RUN]
+    runs = [np.asarray(run, dtype=float) for run in series if len(run) >= SHORTEST_RUN]
     if not runs:
         return None
-    # of the Nyquist frequency
+    # share : frequency of a coefficient over the Nyquist frequency
     share = np.concatenate([np.arange(1, len(run)) / len(run) for run in runs])
     power = np.concatenate([_cosine_transform(run)[1:] ** 2 for run in runs])
     order = np.argsort(-share, kind="stable")
@@ -98,31 +93,31 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
         return None
     walk = 0.25 / np.sin(0.5 * np.pi * share) ** 2
     ends = np.unique(np.linspace(count, len(share), BAND_BLOCKS).astype(int)).tolist()
-    white, random = _fitted(power[:count], walk[:count])
+    white, random = _white_and_walk(power[:count], walk[:count])
     for end, further in pairwise(ends):
         block = power[end:further] / (white + random * walk[end:further])
         if np.mean(block) > fdtri(further - end, end, 1.0 - FALSE_REJECTION_PROBABILITY):
             break
-        white, random = _fitted(power[:further], walk[:further])
+        white, random = _white_and_walk(power[:further], walk[:further])
     return float(np.sqrt(white)) if white > NEGLIGIBLE_POWER_SHARE * float(np.mean(power)) else None
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
-    """Return the orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for
-    its first coefficient, which is larger by root two.
+    """Return the orthonormal cosine transform of the second kind ``(N,)`` of ``x (N,)``. Its first
+    coefficient is too large by root two.
 
-    By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980);
-    loading scipy.fft takes a tenth of a second.
+    It is a Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980): the
+    import of scipy.fft would take a tenth of a second.
     """
-    turned = np.exp(-0.5j * np.pi * np.arange(len(x)) / len(x))
+    phase = np.exp(-0.5j * np.pi * np.arange(len(x)) / len(x))
     return np.asarray(
-        np.sqrt(2.0 / len(x)) * (np.fft.fft(np.concatenate([x[::2], x[1::2][::-1]])) * turned).real
+        np.sqrt(2.0 / len(x)) * (np.fft.fft(np.concatenate([x[::2], x[1::2][::-1]])) * phase).real
     )
 
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    """Return the used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause;
-    masked samples in between are removed.
+    """Return the samples ``used`` of a residual ``(N,)`` at ``time (N,)``, s, as runs without a
+    long pause. Single masked samples within a run are left out.
     """
     t, r = time[used], residual[used]
     if len(t) < 2:
@@ -131,9 +126,10 @@ def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[
     return np.split(r, np.flatnonzero(steps > LARGEST_GAP * float(np.median(steps))) + 1)
 
 
-def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
-    """Return s^2 and a of Whittle's likelihood, by weighted least squares with the last step's
-    weights; both at least zero.
+def _white_and_walk(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
+    """Return s^2 and a, at least zero, that maximise Whittle's likelihood of the squared
+    coefficients ``power (K,)``; ``walk (K,)`` is 1/x. Least squares are repeated with the weights
+    of the step before.
     """
     white, random = float(np.mean(power)), 0.0
     for _ in range(MOST_ITERATIONS):
@@ -152,37 +148,36 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
 
 # ---- Measurement noise of a record
 
-WITHIN_TWO_SIGMA = 0.9545  # share of a Gaussian inside the band
-_FEWEST_DIFFERENCES = 20
-_STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
+WITHIN_TWO_SIGMA = 0.9545  # probability of a normal number within two sigmas
+_FEWEST_DIFFERENCES = 20  # fewest third differences that give a noise level
+_THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])  # weights of consecutive samples
 
 
 def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float]:
-    """Return the standard deviation of the noise on each output: a quarter of the width of the band
-    that holds 95.45 % of it.
+    """Return the standard deviation of the noise of each output: a quarter of the width of the band
+    that holds 95.45 % of the noise.
 
     Parameters
     ----------
-    record : measured data, samples taken as evenly spaced.
-    stop : s, end of a quiet part at the beginning; None for the whole record, which is as good as
-        long as the motion is slow against the sampling: a third difference lets a motion at w rad/s
-        pass by (w dt)^3/4.5 of its amplitude.
+    record : measured data, whose samples are taken as evenly spaced.
+    stop : end of a quiet part at the beginning, s. None takes the whole record, which serves as
+        well where the motion is slow against the sampling: a third difference passes (w dt)^3/4.5
+        of the amplitude of a motion at w rad/s.
 
-    Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
-    the variance of white noise. The band is central (quantiles), so that isolated spikes and
+    Four consecutive samples give d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
+    the variance of the white noise. The band is between quantiles, so that isolated spikes and
     switches do not widen it.
 
     Raises
     ------
-    RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
-        any noise.
+    RecordError : where a channel has fewer than twenty such differences, or no noise.
     """
     stretch = record if stop is None else record.window(None, stop)
-    out = {}
+    envelope = {}
     for channel in stretch.outputs:
-        whole = np.convolve(~channel.valid, np.ones(len(_STENCIL)), mode="valid") < 0.5
-        d = np.convolve(channel.values, _STENCIL[::-1], mode="valid")[whole] / np.sqrt(
-            np.sum(_STENCIL**2)
+        complete = np.convolve(~channel.valid, np.ones(len(_THIRD_DIFFERENCE)), mode="valid") < 0.5
+        d = np.convolve(channel.values, _THIRD_DIFFERENCE[::-1], mode="valid")[complete] / np.sqrt(
+            np.sum(_THIRD_DIFFERENCE**2)
         )
         where = f"{record.name}, channel {channel.name}"
         if d.size < _FEWEST_DIFFERENCES:
@@ -196,33 +191,33 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
             raise RecordError(
                 "shows no noise at all", where=where, remedy="declare the noise level"
             )
-        out[channel.name] = half_width / 2.0
-    return out
+        envelope[channel.name] = half_width / 2.0
+    return envelope
 
 
 # ---- Noise whose level changes along a series
 
-RECORD_PARTS = 8
+RECORD_PARTS = 8  # most parts of a series whose levels are compared
 LOCAL_LEVEL_FEWEST = 40  # fewest differences of a part
-# smallest ratio of levels worth a correction: weights that are wrong by two hardly change a test
+# smallest ratio of levels that is corrected: smaller ones hardly change a test
 NOTABLE_NOISE_RATIO = 1.5
-# standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by
+# standard deviation of the logarithm of a robust sigma from n fourth differences, times sqrt(n), by
 # simulation
 LOG_SIGMA_SCATTER = 1.6
-# smallest difference between the quietest and loudest part, in standard deviations: by chance once
-# in 5000 series
+# smallest difference of the logarithms of the largest and least level, in standard deviations;
+# chance gives it once in 5000 series
 UNEVEN_NOISE_SIGMAS = 4.5
-# smallest ratio of levels by second and fourth differences in a part with motion, whose noise is
-# unknown
+# a part has motion, and its noise is unknown, where the level by second differences exceeds that by
+# fourth ones by this factor
 MOTION_NOISE_RATIO = 1.25
 
 
 def levelled(series: np.ndarray) -> np.ndarray:
-    """Return a series ``(N,)`` over its local noise level, of the same mean level; itself where
-    that does not change beyond chance.
+    """Return a series ``(N,)`` divided by its local noise level and times its rms level; unchanged
+    where the level changes no more than by chance.
 
-    Slow variations are kept, so that a residual that is not noise is not hidden: a part with motion
-    (second differences above fourth ones) gets the level of the other parts.
+    A part with motion gets a level within those of the other parts, so that a residual that is not
+    noise stays visible.
     """
     count = len(series)
     parts = min(RECORD_PARTS, count // LOCAL_LEVEL_FEWEST)
@@ -236,9 +231,8 @@ def levelled(series: np.ndarray) -> np.ndarray:
     if np.count_nonzero(determined) < 3:
         return series
     ratio = float(levels[determined].max() / levels[determined].min())
-    if ratio < NOTABLE_NOISE_RATIO or np.log(
-        ratio
-    ) < UNEVEN_NOISE_SIGMAS * LOG_SIGMA_SCATTER * np.sqrt(2.0 * parts / len(fourth)):
+    scatter = LOG_SIGMA_SCATTER * np.sqrt(2.0 * parts / len(fourth))
+    if ratio < NOTABLE_NOISE_RATIO or np.log(ratio) < UNEVEN_NOISE_SIGMAS * scatter:
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)
@@ -248,29 +242,31 @@ def levelled(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray, order: int) -> np.ndarray:
-    """Return the differences of an order, scaled so that white noise keeps its standard deviation:
-    6 and 70 are sums of squared binomials.
+    """Return the differences of an order, scaled so that those of white noise have its standard
+    deviation: 6 and 70 are sums of squared binomial coefficients.
     """
     return np.diff(series, order) / np.sqrt({2: 6.0, 4: 70.0}[order])
 
 
 def _running_level(fourth: np.ndarray, half: int) -> np.ndarray:
-    """Robust sigma over windows of ``half`` to both sides, at every tenth of a window and linear
-    between.
+    """Return the robust sigma ``(N,)`` over windows of ``half`` samples to both sides, computed at
+    every tenth of a window and interpolated linearly.
     """
     at = np.unique(
         np.linspace(0, len(fourth) - 1, max(2, 20 * len(fourth) // (2 * half))).astype(int)
     )
-    rough = [robust_sigma_about_zero(fourth[max(0, k - half) : k + half + 1]) for k in at]
-    return np.interp(np.arange(len(fourth)), at, rough)
+    levels = [robust_sigma_about_zero(fourth[max(0, k - half) : k + half + 1]) for k in at]
+    return np.interp(np.arange(len(fourth)), at, levels)
 
 
-# in robust sigmas
-SPIKE_WHILE_SEARCHING = 8.0  # before the model is complete a residual is not Gaussian
-SPIKE_AT_THE_END = 5.5  # Gaussian noise exceeds it once in 3e7 samples
-HEAVY_TAIL = (3.7, 6.5)  # Gaussian noise puts 2 of 10,000 samples there; more is a heavy tail
-HEAVY_TAIL_CHANCE = 1e-3  # p-value of that count, by Poisson's law
-FEWEST_AT_EDGES = 9  # samples near the edges of an input, three of which are one edge
+# smallest spike, in robust sigmas, while the model is incomplete and its residual not normal
+SPIKE_WHILE_SEARCHING = 8.0
+# smallest spike of the final residual, in robust sigmas; normal noise has one in 3e7 samples
+SPIKE_AT_THE_END = 5.5
+# range of the tail, in robust sigmas: it has 2 of 10,000 samples of normal noise
+HEAVY_TAIL = (3.7, 6.5)
+HEAVY_TAIL_CHANCE = 1e-3  # the tail is heavy where Poisson's law gives its count a smaller p-value
+FEWEST_AT_EDGES = 9  # fewest samples near the edges of an input; each edge has three
 
 
 @dataclass(frozen=True)
@@ -284,8 +280,8 @@ class Spikes:
 
 
 def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return False at single samples far above their six neighbours, ``(m, N)``; ``edges (N,)``
-    True near a switch of an input.
+    """Return a mask ``(m, N)`` that is False at single samples far from their six neighbours.
+    ``edges (N,)`` is True near a switch of an input, where no sample is masked.
     """
     keep = np.ones_like(valid)
     for i in range(len(residual)):
@@ -303,10 +299,16 @@ def final_spikes(
     measured: Sequence[np.ndarray],
     blocked: Sequence[np.ndarray],
 ) -> tuple[list[np.ndarray], list[Spikes]]:
-    """Masks rebuilt from the final residuals of all samples, and the spikes that may be claimed.
+    """Return the masks ``(m, N)`` of all records by their final residuals, and the spikes that may
+    be claimed.
 
-    ``residuals`` and ``measured`` (validity) are ``(m, N)`` a record, ``blocked (N,)`` True near
-    the edge of a fitted event: a sample there is set aside but not claimed.
+    Parameters
+    ----------
+    channels : names of the m outputs.
+    residuals : ``(m, N)`` of each record.
+    measured : ``(m, N)`` of each record, whether a sample is valid.
+    blocked : ``(N,)`` of each record, True near the edge of a fitted event: a sample there is
+        masked but not claimed.
     """
     masks, claims = [np.ones_like(valid) for valid in measured], []
     for i, channel in enumerate(channels):
@@ -336,43 +338,51 @@ def final_spikes(
 def isolated_wrong(
     residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """True at the isolated wrong samples of one channel in each record, ``(N,)``, from the
-    residuals of a fit that may be incomplete.
+    """Return for each record which samples ``(N,)`` of one channel are isolated and wrong, by the
+    residuals of a model that may be incomplete.
 
-    A wrong sample exceeds its neighbours (as during the search) or the residual (as at the end);
-    there is none if the residual has heavy tails. Near the ``edges`` of an input, where an
-    incomplete model always fails, it is compared with the other edges.
+    A wrong sample is far from its neighbours, as in `provisional_mask`, or has a large residual, as
+    in `final_spikes`. There is none where the residual has heavy tails. Near the ``edges`` of an
+    input an incomplete model always fails: a sample there is compared with those at the other
+    edges.
     """
     away = [
         from_neighbours(residual, usable) for residual, usable in zip(residuals, valid, strict=True)
     ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
-    for series, times in ((away, SPIKE_WHILE_SEARCHING), (residuals, SPIKE_AT_THE_END)):
-        pooled = np.concatenate([some[usable] for some, usable in zip(series, valid, strict=True)])
+    for series, sigmas in ((away, SPIKE_WHILE_SEARCHING), (residuals, SPIKE_AT_THE_END)):
+        pooled = np.concatenate(
+            [values[usable] for values, usable in zip(series, valid, strict=True)]
+        )
         sigma = robust_sigma(pooled)
         if sigma == 0.0 or _heavy_tailed(pooled / sigma):
             continue
         wrong = [
-            result | (_isolated(usable & (np.abs(some) > times * sigma)) & ~near)
-            for result, some, usable, near in zip(wrong, series, valid, edges, strict=True)
+            mask | (_isolated(usable & (np.abs(values) > sigmas * sigma)) & ~near)
+            for mask, values, usable, near in zip(wrong, series, valid, edges, strict=True)
         ]
         at_edges = np.concatenate(
-            [some[usable & near] for some, usable, near in zip(series, valid, edges, strict=True)]
+            [
+                values[usable & near]
+                for values, usable, near in zip(series, valid, edges, strict=True)
+            ]
         )
         if at_edges.size < FEWEST_AT_EDGES:
             continue
         largest = float(np.max(np.abs(at_edges)))
         others = float(np.sqrt((np.sum(at_edges**2) - largest**2) / (at_edges.size - 1)))
-        if largest > times * max(others, sigma):
+        if largest > sigmas * max(others, sigma):
             wrong = [
-                result | (usable & near & (np.abs(some) >= largest))
-                for result, some, usable, near in zip(wrong, series, valid, edges, strict=True)
+                mask | (usable & near & (np.abs(values) >= largest))
+                for mask, values, usable, near in zip(wrong, series, valid, edges, strict=True)
             ]
     return wrong
 
 
 def input_edges(record: Record, reach: int = 1) -> np.ndarray:
-    """True within ``reach`` samples of a switch of an input, ``(N,)``."""
+    """Return which samples ``(N,)`` are within ``reach`` samples of a switch of an input: a step of
+    more than a fifth of its range.
+    """
     near = np.zeros(len(record), dtype=bool)
     for channel in record.inputs:
         step = np.abs(np.diff(channel.values, prepend=channel.values[0]))
@@ -386,41 +396,43 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
-    """Return the samples of a recorded input that differ from both neighbours alike, while these
-    agree: no held maneuver does that.
+    """Return the positions of single samples of an input that differ from both neighbours, where
+    these agree. No held maneuver has such a sample.
     """
     before, after = values[:-2], values[2:]
     height = values[1:-1] - 0.5 * (before + after)
-    wander = np.abs(after - before)
-    usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
-    result = (np.abs(height) > SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
-    return np.flatnonzero(result) + 1
+    neighbour_difference = np.abs(after - before)
+    usual_step = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
+    spikes = (np.abs(height) > SPIKE_WHILE_SEARCHING * usual_step) & (
+        neighbour_difference < 0.25 * np.abs(height)
+    )
+    return np.flatnonzero(spikes) + 1
 
 
 def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Each sample minus the median of its six valid neighbours; zero where it is missing."""
+    """Return each sample minus the median of its six valid neighbours, ``(N,)``; zero where it is
+    missing.
+    """
     at = np.flatnonzero(valid)
-    out = np.zeros_like(series)
+    difference = np.zeros_like(series)
     if len(at) < 7:
-        return out
+        return difference
     values = series[at]
     padded = np.pad(values, 3, mode="reflect")
     around = np.stack([padded[k : k + len(values)] for k in (0, 1, 2, 4, 5, 6)])
-    out[at] = values - np.median(around, axis=0)
-    return out
+    difference[at] = values - np.median(around, axis=0)
+    return difference
 
 
 def _isolated(large: np.ndarray) -> np.ndarray:
-    """Large samples without a large neighbour within two samples: outliers in runs are no
-    spikes.
-    """
+    """Return which large samples have no large neighbour within two samples."""
     count = np.convolve(np.pad(large, 2), np.ones(5), mode="valid")
     return large & (count < 1.5)
 
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
-    """Return whether more samples lie in the tail's range than Gaussian noise explains, at one in a
-    thousand (Poisson).
+    """Return whether significantly more samples are in the range of the tail than those of normal
+    noise. ``normalised`` are samples over their sigma.
     """
     (low, high), size = HEAVY_TAIL, np.abs(normalised)
     count = int(np.sum((size > low) & (size < high)))

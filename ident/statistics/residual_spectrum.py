@@ -1,18 +1,18 @@
 """Power spectra of residuals by autoregressions, and parameter covariance corrected for coloured
 residuals.
 
-The residuals of a fit are the noise minus the part that the unknowns have fitted. For noise of long
-correlation this part is large at the low frequencies of maneuvers: autocovariances of residuals are
-too small, and tapering reduces them further (Kiefer and Vogelsang, Econometric Theory 21(6), 2005).
-Here the noise is an autoregression, its order by Akaike's criterion (Berk, Annals of Statistics
-2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996): one for each output, or one for all
-if a common cause such as gusts acts. Its autocovariance is corrected by the difference between
-noise and residual that it implies, until both agree.
+The correction follows Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from
+Flight Test Data", J. Guidance, Control and Dynamics 20(1), 1997: the information matrix is that of
+white noise, and the covariance of the gradient has the spectrum of the residuals.
 
-Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J.
-Guidance, Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the
-gradient is formed with the spectrum of the residuals instead of that of white noise
-(`ident.statistics.residual_spectrum`).
+The residuals of a fit are the noise minus the part that the unknowns have fitted. For noise of long
+correlation this part is large at the low frequencies of maneuvers. The autocovariances of residuals
+are then too small, and tapering reduces them further (Kiefer and Vogelsang, Econometric Theory
+21(6), 2005). Here the noise is an autoregression, with its order by Akaike's criterion (Berk,
+Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996). Each output
+has its own one, or all outputs have one together if a common cause such as gusts acts. The
+autoregression implies a difference between noise and residuals. The autocovariance is corrected by
+this difference until both agree.
 """
 
 from __future__ import annotations
@@ -27,17 +27,21 @@ from scipy.special import ndtr, stdtrit
 # ---- Power spectra of the residuals of a fit
 
 _MOST_AUTOCOVARIANCE_PASSES = 8  # most corrections of the autocovariance
-# largest relative change of a gradient variance at convergence: half a percent of a sigma
+# the corrections end when no variance of the gradient changes by a larger share: half a percent of
+# a sigma
 _SETTLED_VARIANCE_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Autoregression:
-    """``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white with ``covariance (m, m)``, for m outputs
-    ``e``.
+    """Autoregression of m outputs e: ``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white.
 
-    ``coefficients`` A ``(p, m, m)``; ``free (p, m, m)`` True where one was fitted. ``count``:
-    samples of an output.
+    Attributes
+    ----------
+    coefficients : ``(p, m, m)`` the matrices A.
+    free : ``(p, m, m)`` True where a coefficient was fitted.
+    covariance : ``(m, m)`` of w.
+    count : number of samples of an output.
     """
 
     coefficients: np.ndarray
@@ -48,12 +52,14 @@ class Autoregression:
     @property
     def criterion(self) -> float:
         """Akaike's criterion; infinite if the covariance is not positive definite."""
-        sign, log = np.linalg.slogdet(self.covariance)
-        return float(self.count * log + 2.0 * np.count_nonzero(self.free)) if sign > 0 else np.inf
+        sign, log_determinant = np.linalg.slogdet(self.covariance)
+        if sign <= 0:
+            return np.inf
+        return float(self.count * log_determinant + 2.0 * np.count_nonzero(self.free))
 
     def transfer(self, size: int) -> np.ndarray:
-        """``1 + sum A[j] exp(-i w (j + 1))`` at the frequencies of a real transform of ``size``,
-        ``(F, m, m)``.
+        """Return ``1 + sum A[j] exp(-i w (j + 1))``, ``(F, m, m)``, at the F frequencies of a real
+        transform of length ``size``.
         """
         p, m, _ = self.coefficients.shape
         padded = np.zeros((p + 1, m, m))
@@ -69,9 +75,9 @@ class RecordScores:
     Attributes
     ----------
     at : ``(c,)`` positions of its unknowns.
-    weights : ``(m, N, c)`` such that the gradient is their sum with the residuals.
-    jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs.
-    residual, valid : ``(m, N)``; all zero where missing.
+    weights : ``(m, N, c)`` factors of the residuals, whose sum is the gradient.
+    jacobian : ``(m, N, c)`` derivatives of the fitted outputs.
+    residual, valid : ``(m, N)``; all arrays are zero where a sample is missing.
     """
 
     at: np.ndarray
@@ -83,8 +89,12 @@ class RecordScores:
 
 @dataclass(frozen=True, eq=False)
 class ScoreCovariance:
-    """Covariance ``middle (n, n)`` of the gradient, and the variance ``spread (n,)`` of each
-    diagonal entry of ``inverse middle inverse^T``.
+    """Covariance of the gradient of a fit.
+
+    Attributes
+    ----------
+    middle : ``(n, n)`` the covariance.
+    spread : ``(n,)`` variance of each diagonal entry of ``inverse middle inverse^T``.
     """
 
     middle: np.ndarray
@@ -92,39 +102,39 @@ class ScoreCovariance:
 
 
 def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> ScoreCovariance:
-    """Return the covariance of the gradient under the noise that the residuals of each record show.
+    """Return the covariance of the gradient for the noise that the residuals of each record imply.
 
-    Parameters
-    ----------
-    inverse : ``(n, n)`` factor from a gradient to a step of the unknowns.
+    ``inverse (n, n)`` times the gradient is a step of the unknowns.
     """
-    spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
+    spectra = [
+        _ScoreTransforms(scores) for scores in records if np.any(scores.residual[scores.valid])
+    ]
     n = len(inverse)
     middle = np.zeros((n, n))
     for turn in range(_MOST_AUTOCOVARIANCE_PASSES):
         before, middle = middle, np.zeros((n, n))
-        for each in spectra:
-            middle[np.ix_(each.scores.at, each.scores.at)] += each.middle()
-        now, earlier = np.diag(middle), np.diag(before)
+        for transforms in spectra:
+            middle[np.ix_(transforms.scores.at, transforms.scores.at)] += transforms.middle()
+        variance, earlier = np.diag(middle), np.diag(before)
         if turn == _MOST_AUTOCOVARIANCE_PASSES - 1 or np.all(
-            np.abs(now - earlier) <= _SETTLED_VARIANCE_SHARE * now
+            np.abs(variance - earlier) <= _SETTLED_VARIANCE_SHARE * variance
         ):
             break
         covariance = inverse @ middle @ inverse.T
-        for each in spectra:
-            at = np.ix_(each.scores.at, each.scores.at)
-            each.refit(inverse[at], covariance[at])
+        for transforms in spectra:
+            at = np.ix_(transforms.scores.at, transforms.scores.at)
+            transforms.refit(inverse[at], covariance[at])
     spread = np.zeros(n)
-    for each in spectra:
-        spread += each.spread(inverse[:, each.scores.at])
+    for transforms in spectra:
+        spread += transforms.spread(inverse[:, transforms.scores.at])
     return ScoreCovariance(middle, spread)
 
 
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
     """Return whether the residuals of several outputs have a common cause, such as gusts.
 
-    It compares, by Akaike's criterion, one autoregression of all outputs ``(m, N)`` with one for
-    each output, in any record.
+    They have one where Akaike's criterion prefers an autoregression of all outputs together to one
+    for each output, in any record. The arrays of each record are ``(m, N)``.
     """
     for residual, usable in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
@@ -137,10 +147,11 @@ def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarr
 
 
 class _ScoreTransforms:
-    """Transforms of one record's scores, and the current autoregression of its outputs.
+    """Fourier transforms of the scores of one record, and the current autoregression of its
+    outputs.
 
-    Outputs that were not recorded, or are met exactly, are left out; the others are in units of
-    their own scatter.
+    Outputs that are not recorded or fitted exactly are left out. All others are divided by their
+    rms residual.
     """
 
     def __init__(self, scores: RecordScores) -> None:
@@ -174,14 +185,14 @@ class _ScoreTransforms:
         self._fit(self.measured)
 
     def _fit(self, autocovariance: np.ndarray) -> None:
-        """The better, by Akaike's criterion, of one autoregression an output and one of all outputs
+        """Fit the autoregression by Akaike's criterion: one for each output, or one of all outputs
         together.
         """
         self.autocovariance = autocovariance
-        apart = self._apart(autocovariance)
+        separate = self._separate(autocovariance)
         self.model = min(
-            [apart, *joint_autoregressions(autocovariance, self.samples)],
-            key=lambda each: each.criterion,
+            [separate, *joint_autoregressions(autocovariance, self.samples)],
+            key=lambda model: model.criterion,
         )
         inverse = np.linalg.inv(self.model.transfer(self.size))
         self.inverse = inverse
@@ -191,18 +202,20 @@ class _ScoreTransforms:
 
     @cached_property
     def moves(self) -> np.ndarray:
-        """Transforms ``(F, m, c)`` of what a change of the unknowns does to the outputs."""
+        """Transforms ``(F, m, c)`` of the Jacobian."""
         return np.asarray(np.fft.rfft(self.jacobian.transpose(1, 0, 2), self.size, axis=0))
 
     @property
     def joint(self) -> bool:
-        """Whether the autoregression is one of all outputs together."""
+        """Whether all outputs have one autoregression together."""
         return len(self.residual) > 1 and bool(
             np.any(self.model.free[:, ~np.eye(len(self.residual), dtype=bool)])
         )
 
-    def _apart(self, autocovariance: np.ndarray) -> Autoregression:
-        """An autoregression of each output, their white noises correlated at the same sample."""
+    def _separate(self, autocovariance: np.ndarray) -> Autoregression:
+        """Return an autoregression for each output. Their white noises may be correlated at the
+        same sample.
+        """
         m = len(self.residual)
         fitted = [autoregression(autocovariance[:, i, i], self.samples) for i in range(m)]
         order = max((len(a) for a, _ in fitted), default=0)
@@ -223,32 +236,32 @@ class _ScoreTransforms:
         )
 
     def middle(self) -> np.ndarray:
-        """Return the covariance of the record's gradient, ``(c, c)``, by Parseval."""
+        """Return the covariance ``(c, c)`` of the gradient of the record, by Parseval's theorem."""
         c = len(self.scores.at)
         weighted = _stacked(self.weights * self.parseval[:, None, None]).reshape(-1, c)
         total = weighted.T @ _stacked(self.driven).reshape(-1, c)
         return 0.5 * (total + total.T)
 
     def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
-        """Fit the autoregressions again, to autocovariances of the noise that are consistent with
-        those of the residuals.
+        """Fit the autoregression again, to the autocovariance of the residuals plus that of the
+        part of the noise that the unknowns have fitted.
         """
         n = self.residual.shape[1]
-        following = np.fft.irfft(_by_real(self.driven, inverse.T), self.size, axis=0)[:n]
-        follows = np.fft.rfft(following, self.size, axis=0)
-        moves = self.moves
-        # Correlations of the fitted part of the noise, by products of the transforms.
-        other = np.conj(follows - _by_real(moves, covariance)).transpose(0, 2, 1)
-        both = moves @ other + follows @ np.conj(moves.transpose(0, 2, 1))
-        taken = np.fft.irfft(both, self.size, axis=0)[: self.lags + 1]
-        moved = self.measured + taken / (self.share * n)
-        # With nearly collinear unknowns the corrected variance may be negative: then the residuals'
-        # own is used.
-        self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
+        fitted_part = np.fft.irfft(_by_real(self.driven, inverse.T), self.size, axis=0)[:n]
+        fitted_transform = np.fft.rfft(fitted_part, self.size, axis=0)
+        jacobian = self.moves
+        # Products of the transforms give the correlations of the fitted part of the noise.
+        other = np.conj(fitted_transform - _by_real(jacobian, covariance)).transpose(0, 2, 1)
+        products = jacobian @ other + fitted_transform @ np.conj(jacobian.transpose(0, 2, 1))
+        fitted_autocovariance = np.fft.irfft(products, self.size, axis=0)[: self.lags + 1]
+        corrected = self.measured + fitted_autocovariance / (self.share * n)
+        # The corrected variance may be negative with nearly collinear unknowns. Then the
+        # autocovariance of the residuals is used.
+        self._fit(corrected if np.all(corrected[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
-        """Return the variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` due to the
-        uncertainty of the autoregressions.
+        """Return the variance ``(n,)`` of the diagonal of ``inverse middle inverse^T`` by the
+        uncertainty of the autoregression.
         """
         model = self.model
         p, m, _ = model.coefficients.shape
@@ -300,40 +313,42 @@ class _ScoreTransforms:
 
 
 def _stacked(z: np.ndarray) -> np.ndarray:
-    """Real parts ``(F, ...)``, then imaginary ones: ``(2F, ...)``."""
+    """Return the real parts, then the imaginary parts of ``z (F, ...)``: ``(2F, ...)``."""
     return np.concatenate([z.real, z.imag])
 
 
 def _by_real(z: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)``, in half the time."""
+    """Return ``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)`` by real products,
+    which take half the time.
+    """
     F, m, c = z.shape
-    product = (_stacked(z).reshape(-1, c) @ factor).reshape(2, F, m, -1)
-    out = np.empty(product.shape[1:], dtype=complex)
-    out.real, out.imag = product
-    return out
+    real_product = (_stacked(z).reshape(-1, c) @ factor).reshape(2, F, m, -1)
+    product = np.empty(real_product.shape[1:], dtype=complex)
+    product.real, product.imag = real_product
+    return product
 
 
 def _real_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Real part of ``conj(a) b^T`` of each of n pairs ``(n, m, F)``: ``(n, m, m)``."""
+    """Return the real part ``(n, m, m)`` of ``conj(a) b^T`` for n pairs ``(n, m, F)``."""
     return np.asarray(a.real @ b.real.swapaxes(1, 2) + a.imag @ b.imag.swapaxes(1, 2))
 
 
 def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray, float]:
-    """Return the coefficients ``(p,)`` and variance of the autoregression of least Akaike
-    criterion, by Levinson and Durbin.
+    """Return the coefficients ``(p,)`` and the variance of the autoregression with the least Akaike
+    criterion, by the recursion of Levinson and Durbin.
 
-    Of an autocovariance at lags 0 to P of ``count`` samples.
+    ``autocovariance (P + 1,)`` is that of ``count`` samples at lags 0 to P.
     """
     variance = float(max(autocovariance[0], 1e-300))
     a: np.ndarray = np.zeros(0)
     best, least = (a, variance), count * np.log(variance)
     for p in range(1, len(autocovariance)):
-        left = autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]
-        if not abs(left) < variance:  # the autocovariance of no process
+        prediction_error = autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]
+        if not abs(prediction_error) < variance:  # no stationary process has this autocovariance
             break
-        reflected = -left / variance
-        a = np.append(a + reflected * a[::-1], reflected)
-        variance *= 1.0 - reflected * reflected
+        reflection = -prediction_error / variance
+        a = np.append(a + reflection * a[::-1], reflection)
+        variance *= 1.0 - reflection * reflection
         score = count * np.log(variance) + 2.0 * p
         if score < least:
             best, least = (a, variance), score
@@ -341,11 +356,11 @@ def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray
 
 
 def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[Autoregression]:
-    """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m,
-    m)``: Yule and Walker's equations by Whittle's recursion.
+    """Yield autoregressions of all outputs together, of rising order, from the autocovariance
+    ``(P + 1, m, m)`` of ``count`` samples: the Yule-Walker equations by Whittle's recursion.
 
-    Orders end at ten samples a coefficient, or when the noise's covariance is not positive
-    definite.
+    The last order has ten samples for each coefficient, or is the last one with a positive definite
+    covariance.
 
     References
     ----------
@@ -355,30 +370,36 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
     R, m = autocovariance, autocovariance.shape[1]
     if m < 2:
         return
-    # Predictions of e[t] from e[t - j], and backwards of e[t] from e[t + j]; their errors.
-    ahead = back = np.zeros((0, m, m))
-    error_ahead = error_back = R[0]
+    # Coefficients that predict e[t] from e[t - j], and backwards e[t] from e[t + j], with the
+    # covariances of their errors.
+    forward = backward = np.zeros((0, m, m))
+    forward_error = backward_error = R[0]
     for p in range(1, min(len(R) - 1, int(count / (10.0 * m))) + 1):
-        if not (_positive(error_ahead) and _positive(error_back)):
-            return  # autocovariances of no process give no stable autoregression
-        # R[p] less what the earlier ones predict of it.
-        left = R[p] - (ahead.transpose(1, 0, 2).reshape(m, -1) @ R[p - 1 : 0 : -1].reshape(-1, m))
-        last_ahead = np.linalg.solve(error_back, left.T).T
-        last_back = np.linalg.solve(error_ahead, left).T
-        ahead, back = (
-            np.concatenate([ahead - last_ahead @ back[::-1], last_ahead[None]]),
-            np.concatenate([back - last_back @ ahead[::-1], last_back[None]]),
+        if not (_positive(forward_error) and _positive(backward_error)):
+            return  # no stationary process has these autocovariances
+        # R[p] minus its prediction from the autocovariances at smaller lags
+        unpredicted = R[p] - (
+            forward.transpose(1, 0, 2).reshape(m, -1) @ R[p - 1 : 0 : -1].reshape(-1, m)
         )
-        error_ahead, error_back = error_ahead - last_ahead @ left.T, error_back - last_back @ left
-        error_ahead = 0.5 * (error_ahead + error_ahead.T)
-        error_back = 0.5 * (error_back + error_back.T)
-        if not _positive(error_ahead):
+        last_forward = np.linalg.solve(backward_error, unpredicted.T).T
+        last_backward = np.linalg.solve(forward_error, unpredicted).T
+        forward, backward = (
+            np.concatenate([forward - last_forward @ backward[::-1], last_forward[None]]),
+            np.concatenate([backward - last_backward @ forward[::-1], last_backward[None]]),
+        )
+        forward_error, backward_error = (
+            forward_error - last_forward @ unpredicted.T,
+            backward_error - last_backward @ unpredicted,
+        )
+        forward_error = 0.5 * (forward_error + forward_error.T)
+        backward_error = 0.5 * (backward_error + backward_error.T)
+        if not _positive(forward_error):
             return
-        yield Autoregression(-ahead, np.ones_like(ahead, dtype=bool), error_ahead, count)
+        yield Autoregression(-forward, np.ones_like(forward, dtype=bool), forward_error, count)
 
 
 def _positive(matrix: np.ndarray) -> bool:
-    """Return whether a symmetric matrix is a covariance."""
+    """Return whether a symmetric matrix is positive definite."""
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
@@ -387,25 +408,25 @@ def _positive(matrix: np.ndarray) -> bool:
 
 
 def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) -> np.ndarray:
-    """Autocovariances ``R[k] = mean of r[t + k] r[t]^T`` ``(lags + 1, m, m)`` of series ``(m, N)``
-    with missing samples.
+    """Return the autocovariances R[k] = mean of r[t + k] r[t]^T, ``(lags + 1, m, m)``, of series
+    ``(m, N)`` with missing samples.
 
-    Tapered as those of complete series, the sum over N - k pairs by N.
+    They have the taper (N - k)/N of the biased autocovariances of complete series.
     """
     n = residual.shape[1]
     usable = valid.astype(float)
-    seen = residual * usable
-    out = []
+    known = residual * usable
+    autocovariances = []
     for k in range(lags + 1):
-        products, pairs = seen[:, k:] @ seen[:, : n - k].T, usable[:, k:] @ usable[:, : n - k].T
-        out.append(products / np.maximum(pairs, 0.5) * (n - k) / n)
-    return np.array(out)
+        products, pairs = known[:, k:] @ known[:, : n - k].T, usable[:, k:] @ usable[:, : n - k].T
+        autocovariances.append(products / np.maximum(pairs, 0.5) * (n - k) / n)
+    return np.array(autocovariances)
 
 
 @lru_cache(maxsize=64)
 def good_length(least: int) -> int:
-    """Return the smallest product of twos, threes and fives that is at least ``least``: transforms
-    of such lengths are fast.
+    """Return the smallest length, at least ``least``, whose prime factors are 2, 3 and 5: Fourier
+    transforms of these lengths are fast.
     """
     result, fives = 1 << (least - 1).bit_length(), 1
     while fives < result:
@@ -419,12 +440,15 @@ def good_length(least: int) -> int:
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-_NORMAL_DEGREES = 1e6  # degrees of freedom from which the distribution is normal
-_FEWEST_DEGREES = 2.0  # fewest degrees of freedom for a quantile
+_NORMAL_DEGREES = 1e6  # with more degrees of freedom Student's distribution is normal
+_FEWEST_DEGREES = 2.0  # fewest degrees of freedom of a quantile
+_EXACT_VARIANCE_SHARE = 1e-12  # data are exact where a corrected variance is a smaller share
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
-    """Biased autocovariance of a series ``(N,)`` at lags 0 to ``lags``, its mean not removed."""
+    """Return the biased autocovariance of a series ``(N,)`` at lags 0 to ``lags``; its mean is not
+    removed.
+    """
     n = len(residual)
     size = good_length(n + lags)
     spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
@@ -437,22 +461,21 @@ def corrected_covariance(
     variance: np.ndarray,
     prior: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Sandwich covariance of a whole-record fit.
+    """Return the sandwich covariance ``(n, n)`` of a whole-record fit.
 
     Parameters
     ----------
-    inverse : ``(n, n)`` inverse information matrix under white noise, that of the prior included.
-    parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``,
-        residuals and validity ``(m, N)``; missing samples count as zero.
+    inverse : ``(n, n)`` inverse information matrix for white noise, with that of the prior.
+    parts : for each record the positions of its columns in theta, its Jacobian ``(m, N, c)``, its
+        residuals ``(m, N)`` and their validity ``(m, N)``. Missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
-    prior : ``(n, n)`` information of the prior, independent of the colour; may be None.
+    prior : ``(n, n)`` information of the prior, which coloured noise does not change; None without.
 
     Returns
     -------
-    ``(n, n)``; each diagonal entry is at least that of white noise of the same variance, so that a
-    lucky record does not shrink a sigma. Where the spectrum of the residuals is itself uncertain,
-    sigmas are Student's: two of them hold as much as two of a normal distribution do
-    (``student_factor``).
+    The covariance. Each variance is at least that for white noise, so that a residual which happens
+    to have a weak spectrum does not make a sigma smaller. The spectrum of the residuals is
+    uncertain, and sigmas include this by Student's quantile (`student_factor`).
     """
     records = []
     for at, jacobian, residual, valid in parts:
@@ -460,22 +483,22 @@ def corrected_covariance(
         records.append(RecordScores(at, usable / variance[:, None, None], usable, residual, valid))
     result = score_covariance(records, inverse)
     corrected = inverse @ (result.middle if prior is None else result.middle + prior) @ inverse
-    white, own = np.diag(inverse), np.diag(corrected)
-    # Exact data: the white value is kept.
-    shown = own > 1e-12 * white
-    factor = np.sqrt(np.maximum(np.divide(white, own, out=np.zeros_like(own), where=shown), 1.0))
-    factor *= shown * student_factor(own, result.spread)
-    return corrected * np.outer(factor, factor) + np.diag(np.where(shown, 0.0, white))
+    white, coloured = np.diag(inverse), np.diag(corrected)
+    # exact data keep the variance for white noise
+    noisy = coloured > _EXACT_VARIANCE_SHARE * white
+    ratio = np.divide(white, coloured, out=np.zeros_like(coloured), where=noisy)
+    factor = np.sqrt(np.maximum(ratio, 1.0)) * noisy * student_factor(coloured, result.spread)
+    return corrected * np.outer(factor, factor) + np.diag(np.where(noisy, 0.0, white))
 
 
 def sandwich(
     inverse: np.ndarray, records: Sequence[RecordScores], *, coloured: bool = True
 ) -> np.ndarray:
-    """Return the covariance ``(n, n)`` of an estimate of which ``inverse (n, n)`` times the
-    gradient is a step: instrumental variables, say.
+    """Return the covariance ``(n, n)`` of an estimate whose step is ``inverse (n, n)`` times the
+    gradient, as with instrumental variables.
 
-    ``coloured`` : with the spectra of the residuals and Student's quantiles as in
-    ``corrected_covariance``; else as of white noise.
+    With ``coloured`` it has the spectra of the residuals and Student's quantiles as in
+    `corrected_covariance`; without, it is that for white noise.
     """
     if coloured:
         result = score_covariance(records, inverse)
@@ -493,11 +516,11 @@ def sandwich(
 
 
 def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Return the factor ``(n,)`` by which sigmas grow if their own ``variance (n,)`` is an estimate
-    with the variance ``spread (n,)``.
+    """Return the factor ``(n,)`` on sigmas whose squares, ``variance (n,)``, are estimates with the
+    variance ``spread (n,)``.
 
-    Satterthwaite's degrees of freedom 2 variance^2/spread, and Student's quantile of 97.7 % over
-    the normal one of two sigmas.
+    It is Student's quantile of 97.7 % over the normal one, two sigmas, with Satterthwaite's degrees
+    of freedom 2 variance^2/spread.
     """
     freedom = 2.0 * np.divide(
         variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0
@@ -510,8 +533,8 @@ def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 
 def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance R, from spectra
-    of padded series (Parseval).
+    """Return the sum over i, j of s_i R(i - j) s_j^T, ``(c, c)``, for sensitivities s ``(N, c)``
+    and a symmetric autocovariance R, by spectra of padded series (Parseval's theorem).
     """
     n, lags = len(sensitivity), len(covariance) - 1
     size = good_length(n + 2 * lags + 1)
@@ -526,12 +549,12 @@ def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndar
 
 
 def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:
-    """Return the share of the samples that count as independent where squares of residuals are
-    compared, 0 to 1.
+    """Return the effective share of independent samples for the squares of residuals, 0 to 1.
 
-    1/(1 + 2 sum rho_k^2) over a fifth of the record, rho the residual's correlation (Bartlett,
-    1946), the mean over channels and records by their samples. Residuals and validity ``(m, N)`` a
-    record; missing samples count as zero.
+    It is 1/(1 + 2 sum rho_k^2) over lags up to a fifth of the record, with rho_k the correlation of
+    the residual (Bartlett, 1946). The result is the mean over channels and records, weighted by
+    their samples. Residuals and validity of each record are ``(m, N)``; missing samples count as
+    zero.
     """
     weight, total = 0.0, 0.0
     for residual, mask in zip(residuals, valid, strict=True):
@@ -542,7 +565,7 @@ def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]
             lags = max(5, len(row) // 5)
             covariance = autocovariance(np.where(known, row, 0.0), lags)
             rho = covariance[1:] / covariance[0]
-            # The variance (1 + 2 excess)/N of the estimates at every lag is subtracted.
+            # Each estimate has the variance (1 + 2 excess)/N, which is subtracted.
             excess = max(0.0, (float(np.sum(rho**2)) - lags / count) / (1.0 + 2.0 * lags / count))
             weight, total = weight + count, total + count / (1.0 + 2.0 * excess)
     return total / weight if weight > 0 else 1.0

@@ -14,16 +14,24 @@ from ident.statistics.noise_levels import levelled, robust_sigma, robust_sigma_a
 from sim.errors import ModelError
 from sim.record import Record
 
-# ---- Are residuals white noise? Two first tests
+# ---- Tests whether residuals are white noise
 
-# p-value below which a residual is no noise: of every sentence, table and verdict
-WHITENESS_P_VALUE = 1e-4
-FAR_ABOVE = 2.0  # chosen: smallest ratio of rms to robust sigma that is not noise
+WHITENESS_P_VALUE = 1e-4  # residuals with a smaller p-value are not white noise
+FAR_ABOVE = 2.0  # residuals with a larger ratio of rms to robust sigma have outliers
+_FEWEST_SAMPLES = 10  # fewest samples of a test
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """A test: statistic, p-value under white Gaussian noise, and the residuals it used."""
+    """Result of a test of residuals.
+
+    Attributes
+    ----------
+    name : name of the test.
+    channel : name of the tested output.
+    statistic, p_value : statistic, and its p-value for white Gaussian noise.
+    sentence : result in words.
+    """
 
     name: str
     channel: str
@@ -33,29 +41,27 @@ class ResidualTest:
 
     @property
     def passed(self) -> bool:
-        """True where noise alone gives such a statistic more often than once in ten thousand
-        records.
-        """
+        """Whether the p-value exceeds ``WHITENESS_P_VALUE``."""
         return self.p_value > WHITENESS_P_VALUE
 
 
 def ljung_box(
     residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25
 ) -> ResidualTest:
-    """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978);
-    missing samples are skipped.
+    """Return the Ljung-Box test of a series ``(N,)`` for whiteness over ``lags`` lags (Ljung and
+    Box, Biometrika 65(2), 1978). Missing samples are skipped.
 
-    Where the level of the noise changes along the series it is divided out first (``levelled``).
-    The p-value is that of a shifted gamma distribution with the mean, variance and skewness that
-    the statistic has on records of this length: chi-squared, its limit, calls white noise of 300
-    samples coloured seven times too often at 1e-4.
+    A noise level that changes along the series is divided out first (`levelled`). The p-value is
+    that of a shifted gamma distribution with the mean, variance and skewness of the statistic at
+    this length. The limit, chi-square, rejects white noise of 300 samples seven times too often at
+    1e-4.
     """
     n = int(np.count_nonzero(valid))
     series = levelled(residual[valid])
     series = series - (series.mean() if n else 0.0)
     lags = max(1, min(lags, n // 5))
     power = float(series @ series)
-    if n < 10 or power == 0.0:
+    if n < _FEWEST_SAMPLES or power == 0.0:
         return ResidualTest("ljung-box", channel, 0.0, 1.0, "too few samples to tell")
     r = np.array([series[lag:] @ series[: n - lag] for lag in range(1, lags + 1)]) / power
     statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
@@ -68,8 +74,8 @@ def ljung_box(
 
 
 def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
-    """Return the probability of a larger statistic on white noise; the terms in lags/n are fitted
-    to simulated noise of 60 to 3000 samples.
+    """Return the probability of a larger statistic for white noise of ``n`` samples. The terms in
+    lags/n are fitted to simulated noise of 60 to 3000 samples.
     """
     from scipy.special import chdtrc
 
@@ -82,18 +88,17 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
     """Return a failed test where a few samples of a residual ``(N,)`` are far larger than the
-    others: outliers are white but not noise; None if there are none.
+    others, else None. Outliers are white, but they are no noise.
 
-    Its root mean square is compared with its robust standard deviation (of the median absolute
-    value), which is not the sensor noise where the residual is coloured. The logarithm of their
-    ratio scatters by 0.93/sqrt(N) on Gaussian noise.
+    The rms is compared with the robust standard deviation, by the median of the sizes. The
+    logarithm of their ratio has the standard deviation 0.93/sqrt(N) for Gaussian noise.
     """
     from scipy.special import erfc
 
     series = levelled(residual[valid])
     n = len(series)
-    usual = robust_sigma_about_zero(series) if n >= 10 else 0.0
-    ratio = float(np.sqrt(np.mean(series**2))) / usual if usual > 0.0 else 0.0
+    robust = robust_sigma_about_zero(series) if n >= _FEWEST_SAMPLES else 0.0
+    ratio = float(np.sqrt(np.mean(series**2))) / robust if robust > 0.0 else 0.0
     if ratio < FAR_ABOVE:
         return None
     p_value = float(erfc(np.log(ratio) * np.sqrt(n / 2.0) / 0.93))
@@ -108,8 +113,8 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
 
 
 def innovation_size(history: FilterHistory) -> ResidualTest:
-    """Summed normalised innovation squared against chi-squared, both sides: are the filter's own
-    sigmas right?
+    """Return the two-sided chi-square test of the summed normalised innovation squared: whether the
+    innovations are as large as the filter expects.
     """
     from scipy.special import chdtr, chdtrc
 
@@ -130,8 +135,8 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
 def residual_tests(
     estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
 ) -> tuple[ResidualTest, ...]:
-    """Return all tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
-    whole-record fit.
+    """Return all tests of an estimate: those of the innovations of a filter, or of the ``residuals
+    (m, N)`` of a whole-record fit with validity ``valid (m, N)``.
     """
     history = estimate.history
     if history is None:
@@ -156,19 +161,18 @@ def residual_tests(
 
 # ---- Plausibility of an estimate against its declared value
 
-INTERVAL_SIGMAS = 2.0  # on either side of an estimate: its interval
+INTERVAL_SIGMAS = 2.0  # half-width of the interval of an estimate, in sigmas
 # largest plausible ratio to the declared value: a vehicle file may be 30 % wrong, and this is ten
 # of its sigmas
 IMPLAUSIBLE_CHANGE_FACTOR = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
-    """Return the reason against an estimate with its sigma where another value was declared; empty
-    if there is none.
+    """Return how an estimate contradicts its declared value; empty if it does not.
 
-    An estimate contradicts where no value within two sigmas has the declared sign and less than
-    three times the declared size. There is no contradiction if zero was declared, or if value or
-    sigma are not finite.
+    It contradicts where no value within two sigmas has the declared sign and less than three times
+    the declared size. There is no contradiction where zero was declared, or value or sigma are not
+    finite.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -181,12 +185,12 @@ def contradiction(value: float, std: float, declared: float) -> str:
 
 
 def shortfall(value: float, std: float, declared: float) -> str:
-    """Return by how much an estimate falls short of a declared value, as in ``"is 12 times
-    smaller"``; empty if it does not.
+    """Return how much smaller an estimate is than its declared value, as in ``"is 12 times
+    smaller"``; empty if it is not.
 
-    It falls short where no value within two sigmas reaches a third of the declared size: a constant
-    of the vehicle file that is too large, such as its chord, makes derivatives too small by the
-    same factor. A value of the other sign is for ``contradiction``.
+    It is smaller where no value within two sigmas reaches a third of the declared size. Constants
+    of the vehicle file that are too large, such as the chord, make derivatives too small by the
+    same factor. `contradiction` is for a value of the other sign.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -196,43 +200,43 @@ def shortfall(value: float, std: float, declared: float) -> str:
         or share + INTERVAL_SIGMAS * sigma < 0.0
     ):
         return ""
-    return (
-        f"is {1.0 / share:.2g} times smaller"
-        if share > INTERVAL_SIGMAS * sigma
-        else "is not told from zero"
-    )
+    if share > INTERVAL_SIGMAS * sigma:
+        return f"is {1.0 / share:.2g} times smaller"
+    return "is not told from zero"
 
 
-# ---- Do the inputs predict the residuals?
+# ---- Share of the residuals that the inputs predict
 
-LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)  # s, edges of means
-RIDGE_SHARE = 0.01  # ridge, relative to a regressor's variance
-# Smallest share of a residual predicted by the inputs that shows a missing response. In twelve
-# flights of the rigid model with 60 ms of delay: 0.17 to 0.89, the largest output at least 0.69; in
-# turbulence below zero.
+# bounds, s, of the past intervals over which inputs are averaged
+LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)
+RIDGE_SHARE = 0.01  # ridge of the regression, relative to the variance of a regressor
+# smallest share of a residual that shows a missing response: in twelve flights of the rigid model
+# with a delay of 60 ms it was 0.17 to 0.89, and at least 0.69 for one output; in turbulence it was
+# below zero
 MADE_BY_INPUTS = 0.3
 
 
 def share_from_inputs(
     residuals: np.ndarray, valid: np.ndarray, inputs: np.ndarray, interval: float
 ) -> np.ndarray:
-    """Share of each residual that the inputs predict in the half of a record that was not fitted.
+    """Return the share of each residual that the inputs predict.
 
-    Each half is predicted by a regression of the other on means of the inputs over past intervals
-    of up to 2.8 s. A late or slow input, or a missing response, leaves residuals that this
-    predicts; rough air and noise do not: their share is near zero or negative. Residuals and inputs
-    that are slower than these intervals resemble each other by chance and do not count: the moving
-    average over 5.6 s is subtracted from both.
+    A regression on means of the inputs over past intervals of up to 2.8 s is fitted to one half of
+    the record and predicts the other half, and vice versa. It predicts the residuals of a late or
+    slow input or of a missing response, but not those of rough air and noise, whose share is near
+    zero or negative. Slow residuals and inputs are correlated by chance: a moving average over 5.6
+    s is subtracted from both.
 
     Parameters
     ----------
-    residuals, valid : ``(m, N)`` measured minus fitted, and which samples there are.
+    residuals : ``(m, N)`` measured minus fitted outputs.
+    valid : ``(m, N)`` False where a sample is missing.
     inputs : ``(q, N)``.
-    interval : s between samples.
+    interval : sampling interval, s.
 
     Returns
     -------
-    Shares ``(m,)``, one at most; zero for a residual that is zero.
+    Shares ``(m,)``, at most 1; zero for a residual that is zero.
 
     Examples
     --------
@@ -252,18 +256,18 @@ def share_from_inputs(
         series = np.where(
             usable, residual - (residual[usable].mean() if usable.any() else 0.0), 0.0
         )
-        left, total = 0.0, float(series @ series)
+        unexplained, total = 0.0, float(series @ series)
         for fitted, held in (half, half[::-1]):
             a = np.where(usable[fitted, None], rows[fitted], 0.0)
             ridge = RIDGE_SHARE * len(a) * np.eye(a.shape[1])
             weights = np.linalg.solve(a.T @ a + ridge, a.T @ series[fitted])
-            left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
-        shares[i] = 1.0 - left / total if total > 0.0 else 0.0
+            unexplained += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
+        shares[i] = 1.0 - unexplained / total if total > 0.0 else 0.0
     return shares
 
 
 def _without_slow(rows: np.ndarray, interval: float) -> np.ndarray:
-    """Return rows less their moving averages over twice the longest lag."""
+    """Return rows minus their moving averages over twice the longest lag."""
     from scipy.ndimage import uniform_filter1d
 
     size = min(max(round(2.0 * LAGS[-1] / interval), 1), rows.shape[1])
@@ -272,7 +276,7 @@ def _without_slow(rows: np.ndarray, interval: float) -> np.ndarray:
 
 def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
     """Return the means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``,
-    centred and of variance one.
+    with mean zero and variance one.
     """
     at = np.arange(1, inputs.shape[1] + 1)
     columns = []
@@ -289,7 +293,7 @@ def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
 
 # ---- Comparison of two estimates
 
-BOUND_SIGMAS = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
+BOUND_SIGMAS = 2.0  # half-width of bounds in sigmas, as in NASA TM-101722
 
 
 @dataclass(frozen=True)
@@ -298,10 +302,11 @@ class EstimateDifference:
 
     Attributes
     ----------
-    first, second : values, in ``unit``; ``first_std``, ``second_std`` their standard deviations.
-    z : second minus first over the root of both variances' sum; zero where both are without
-        variance and equal.
-    beyond : |z| exceeds the limit asked for.
+    first, second : values in ``unit``.
+    first_std, second_std : their standard deviations.
+    z : second minus first, over the root of the sum of both variances; zero where both variances
+        are zero and the values are equal.
+    beyond : whether |z| exceeds the limit of the comparison.
     """
 
     name: str
@@ -316,9 +321,15 @@ class EstimateDifference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Differences of the common parameters, largest |z| first, and the joint test: ``statistic`` is
-    d^T (P1 + P2)^-1 d with ``degrees`` of freedom and ``p_value`` that the two estimates differ by
-    chance only. Estimates from independent records."""
+    """Comparison of two estimates from independent records.
+
+    Attributes
+    ----------
+    differences : of the common parameters, the largest |z| first.
+    statistic : d^T (P1 + P2)^-1 d of all differences d.
+    degrees : its degrees of freedom.
+    p_value : probability that two estimates of the same parameters differ as much.
+    """
 
     differences: tuple[EstimateDifference, ...]
     statistic: float

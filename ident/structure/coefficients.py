@@ -1,13 +1,13 @@
 """Histories of the aerodynamic coefficients from measured motion.
 
-Accelerometers give the forces without weight. Angular accelerations are slopes of local parabolas
-through the measured rates (Savitzky and Golay); such a slope is a weighted mean of the true angular
-acceleration, and everything else in the equations is averaged with the same weights, so that
-smoothing biases nothing [1]_. With forces and moments in body axes,
+Accelerometers measure the forces without weight. Angular accelerations are slopes of local
+parabolas through the measured rates (Savitzky and Golay [1]_). Such a slope is a weighted mean of
+the true angular acceleration. All other terms of the equations are averaged with the same weights,
+so that smoothing causes no bias. In body axes,
 
     CX = (m ax - X_T) / (q S),   Cl = (Ix p' - Ixz (p q + r') + (Iz - Iy) q r) / (q S b)
 
-and so on, moments moved from the centre of gravity to the reference point [2]_.
+and so on, with moments about the reference point and not the centre of gravity [2]_.
 
 References
 ----------
@@ -40,15 +40,16 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Airframe:
-    """Constants that convert motion to coefficients; SI, body axes x forward, y right, z down.
+    """Constants that convert motion to coefficients, in SI units and body axes.
 
     Attributes
     ----------
-    constants : mass, wing_area, chord, span, the four inertias, air_density, speed_of_sound, cg_x,
-        cg_y, cg_z (from the reference point), thrust_arm, thrust_angle; numbers or ``(N,)``.
+    constants : mass, wing_area, chord, span, the four inertias, air_density, speed_of_sound,
+        thrust_arm, thrust_angle, and the place of the centre of gravity from the reference point,
+        cg_x, cg_y and cg_z. Each is a number or ``(N,)``.
     sensors : places of ``airspeed``, ``alpha``, ``beta`` and ``accelerometer``, m from the centre
         of gravity.
-    wind_axes : forces as CD, CY, CL in place of CX, CY, CZ.
+    wind_axes : forces are CD, CY, CL and not CX, CY, CZ.
     """
 
     constants: Mapping[str, Any]
@@ -57,30 +58,29 @@ class Airframe:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The six coefficients in order."""
+        """Names of the six coefficients."""
         return (*(WIND if self.wind_axes else BODY), *MOMENTS)
 
 
 @dataclass(frozen=True, eq=False)
 class Histories:
-    """Coefficients of one maneuver at ``M`` times, windows half overlapping.
+    """Coefficients of one maneuver of N samples, averaged over M windows that overlap by half.
 
     Attributes
     ----------
-    name : of the record.
-    time : ``(M,)``, s.
-    signals : by name the signals of terms at the beginning, the middle and the end of each interval
-        between samples, ``(3, N - 1)``, for moments; rates non-dimensional.
-    samples : the same at the samples, ``(N,)``, for forces.
-    coefficients : by name, ``(M,)``.
-    sigma : standard deviation of their noise, ``(M,)``.
-    averaging : ``(W,)`` weights over a window, one in sum.
-    rows : ``(M,)`` first samples.
+    name : name of the record.
+    time : ``(M,)`` middle of the windows, s.
+    signals : signal of terms -> ``(3, N - 1)`` its values at the beginning, the middle and the end
+        of each interval between samples. Rates are non-dimensional. They serve for moments.
+    samples : signal of terms -> ``(N,)`` its values at the samples, for forces.
+    coefficients : coefficient -> ``(M,)``.
+    sigma : coefficient -> ``(M,)`` standard deviation of its noise.
+    averaging : ``(W,)`` weights over a window, with sum 1.
+    rows : ``(M,)`` first sample of each window.
     bandwidth : of the averaging, Hz.
-    signal_noise : standard deviation of the noise that is left in signals after smoothing and
-        averaging.
-    slopes : of coefficients by the signals from which they are formed, ``(M,)``: lift and drag are
-        turned by alpha.
+    signal_noise : signal -> standard deviation of its noise after smoothing and averaging.
+    slopes : coefficient -> signal -> ``(M,)`` derivative of the measured coefficient with respect
+        to the signal, since alpha turns lift and drag.
     """
 
     name: str
@@ -96,32 +96,27 @@ class Histories:
     slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def coefficient_noise(self, axis: str) -> np.ndarray:
-        """Return the error of a measured coefficient by one standard deviation of each signal,
-        ``(s, M)``, in the order of ``signal_noise``.
+        """Return the error ``(s, M)`` of a measured coefficient by one standard deviation of each
+        signal, in the order of ``signal_noise``.
         """
-        slopes, none = self.slopes.get(axis, {}), np.zeros(len(self.time))
-        rows = [std * slopes.get(name, none) for name, std in self.signal_noise.items()]
+        slopes, zero = self.slopes.get(axis, {}), np.zeros(len(self.time))
+        rows = [std * slopes.get(name, zero) for name, std in self.signal_noise.items()]
         return np.array(rows).reshape(-1, len(self.time))
 
     def noise_variance(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
-        """Return the noise variance due to the signals in a coefficient minus the sum of its terms,
-        ``(M,)``.
-
-        Parameters
-        ----------
-        table : values of the terms.
-        axis : the coefficient.
+        """Return the variance ``(M,)`` that the noise of the signals causes in the coefficient
+        ``axis`` minus the sum of its terms. ``table`` maps the terms to their values.
         """
         total = np.zeros(len(self.time))
-        own = self.coefficient_noise(axis)
-        for row, (name, std) in zip(own, self.signal_noise.items(), strict=True):
+        coefficient_errors = self.coefficient_noise(axis)
+        for row, (name, std) in zip(coefficient_errors, self.signal_noise.items(), strict=True):
             terms = {term: value for term, value in table.items() if name in term.signals}
             if std == 0.0:
                 continue
             if not terms:
                 total += row**2
                 continue
-            moved = (
+            changed = (
                 replace(
                     self,
                     signals={**self.signals, name: self.signals[name] + sign * std},
@@ -130,14 +125,16 @@ class Histories:
                 for sign in (0.5, -0.5)
             )
             high, low = (
-                sum(value * each.column(term, axis) for term, value in terms.items())
-                for each in moved
+                sum(value * history.column(term, axis) for term, value in terms.items())
+                for history in changed
             )
             total += (row - (high - low)) ** 2
         return total
 
     def column(self, term: Term, axis: str) -> np.ndarray:
-        """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
+        """Return the means ``(M,)`` of a term over the windows, averaged as the coefficient
+        ``axis`` is.
+        """
         if axis in MOMENTS:
             between = np.broadcast_to(term.of(self.signals), self.signals["alpha"].shape)
             values, kernel = _SIMPSON_WEIGHTS @ between, self.averaging
@@ -148,13 +145,13 @@ class Histories:
 
 
 def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
-    """Return the samples on each side of a window whose slope has the bandwidth.
+    """Return the half-width, in samples, of the window whose slope has a given bandwidth.
 
     Parameters
     ----------
-    rate : samples a second.
-    bandwidth : Hz, where the averaging has half its power.
-    widest : limit of the search, samples.
+    rate : sampling rate, Hz.
+    bandwidth : half-power bandwidth of the averaging, Hz.
+    widest : largest half-width of the search.
     """
     best, beyond = 1, 2
     while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
@@ -169,7 +166,7 @@ def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
 
 
 def bandwidth_of(half: int, rate: float) -> float:
-    """Frequency, Hz, where the averaging of slopes over ``2 half + 1`` samples has half power."""
+    """Return the half-power bandwidth, Hz, of slopes over ``2 half + 1`` samples."""
     kernel = _averaging(half)
     f = np.linspace(0.0, 0.5, 2001)
     n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
@@ -185,31 +182,32 @@ def _slopes(half: int) -> np.ndarray:
 
 
 def _averaging(half: int) -> np.ndarray:
-    """Return the weights ``(2 half,)`` with which a window averages the increments between samples
-    to its slope.
+    """Return the weights ``(2 half,)`` of the increments between samples in the slope of a
+    window.
     """
     return -np.cumsum(_slopes(half))[:-1]
 
 
 def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
+    """Return the windows of ``width`` samples that begin at ``rows``."""
     return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
 
 
 def noise_of(values: np.ndarray) -> float:
-    """Return the standard deviation of a channel's white noise, by the residuals of local quartics.
+    """Return the standard deviation of the white noise of a channel, from the residuals of local
+    quartics. The median of the residuals is robust against single jumps.
 
-    Parameters
-    ----------
-    values : ``(N,)`` at equal steps. The median makes single jumps harmless.
+    ``values (N,)`` have equal steps.
     """
     from scipy.signal import savgol_coeffs, savgol_filter
 
     width = 9
     if len(values) < 3 * width:
         return float(np.std(np.diff(values)) / math.sqrt(2.0))
-    left = values - savgol_filter(values, width, 4)
-    share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
-    return float(1.4826 * np.median(np.abs(left)) / math.sqrt(share))
+    residual = values - savgol_filter(values, width, 4)
+    residual_share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
+    # 1.4826 times the median of the sizes is the standard deviation of normal noise
+    return float(1.4826 * np.median(np.abs(residual)) / math.sqrt(residual_share))
 
 
 def histories_of(
@@ -227,23 +225,24 @@ def histories_of(
 
     Parameters
     ----------
-    name : for messages.
-    time : ``(N,)``, s, equal steps.
-    channels : ``NEEDED_CHANNELS`` by name, ``(N,)``, finite: m/s, rad, rad/s, m/s2 (without
-        weight).
+    name : name of the record, for messages.
+    time : ``(N,)``, s, with equal steps.
+    channels : each of ``NEEDED_CHANNELS`` -> ``(N,)`` finite values in m/s, rad, rad/s or m/s2.
+        Accelerations are without weight.
     airframe : see `Airframe`.
-    surfaces : further signals of terms, ``(N,)``.
+    surfaces : further signal of terms -> ``(N,)``.
     thrust : N.
-    bandwidth : Hz, of the angular accelerations.
-    held : surfaces and thrust are constant until the next sample; else straight lines.
+    bandwidth : of the angular accelerations, Hz.
+    held : surfaces and thrust are constant until the next sample; otherwise they are linear between
+        samples.
 
     Returns
     -------
-    Histories, moments about the reference point.
+    Histories with moments about the reference point.
 
     Raises
     ------
-    RecordError : a channel is missing, or the record is too short for the bandwidth.
+    RecordError : where a channel is missing, or the record is too short for the bandwidth.
     """
     for channel in NEEDED_CHANNELS:
         if channel not in channels:
@@ -278,8 +277,11 @@ def histories_of(
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_common_signals(s, c), **surfaces}
     force = _forces(s, c, T, airframe)
-    wide = np.convolve(kernel, (0.5, 0.5))
-    found = {axis: _windows(force[axis], len(wide), rows) @ wide for axis in airframe.axes[:3]}
+    force_kernel = np.convolve(kernel, (0.5, 0.5))
+    coefficients = {
+        axis: _windows(force[axis], len(force_kernel), rows) @ force_kernel
+        for axis in airframe.axes[:3]
+    }
     c = {key: _on_intervals(row) for key, row in c.items()}
     slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
     s = {
@@ -287,21 +289,30 @@ def histories_of(
         for key, row in s.items()
     }
     T = _on_intervals(T, held=held)
-    moved = {key: _on_intervals(row, held=held) for key, row in surfaces.items()}
-    signals = {**_common_signals(s, c), **moved}
+    surface_signals = {key: _on_intervals(row, held=held) for key, row in surfaces.items()}
+    signals = {**_common_signals(s, c), **surface_signals}
     s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
-    found |= _moments(s, c, angular_acceleration, mean, at, T)
+    coefficients |= _moments(s, c, angular_acceleration, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
-    force_sigmas = _force_noise(noises, wide, half, step, airframe)
+    force_sigmas = _force_noise(noises, force_kernel, half, step, airframe)
     scatter = _coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
-    sigma = {axis: scatter[axis] for axis in found}
-    width = bandwidth_of(half, 1.0 / step)
-    left = _signal_noise(noises, wide, half, c1, s1)
+    sigma = {axis: scatter[axis] for axis in coefficients}
+    signal_noise = _signal_noise(noises, force_kernel, half, c1, s1)
     by_alpha = {}
     if airframe.wind_axes:
-        by_alpha = {"CD": {"alpha": found["CL"]}, "CL": {"alpha": -found["CD"]}}
+        by_alpha = {"CD": {"alpha": coefficients["CL"]}, "CL": {"alpha": -coefficients["CD"]}}
     return Histories(
-        name, time[at], signals, samples, found, sigma, kernel, rows, width, left, by_alpha
+        name,
+        time[at],
+        signals,
+        samples,
+        coefficients,
+        sigma,
+        kernel,
+        rows,
+        bandwidth_of(half, 1.0 / step),
+        signal_noise,
+        by_alpha,
     )
 
 
@@ -312,14 +323,14 @@ def _on_intervals(
     smooth: bool = False,
     held: bool = False,
 ) -> np.ndarray:
-    """A channel ``(N,)`` at the beginning, the middle and the end of each interval, ``(3, N - 1)``.
+    """Return a channel at the beginning, the middle and the end of each interval, ``(3, N - 1)``.
 
     Parameters
     ----------
-    values : ``(N,)``.
-    slope_jumps : ``(N,)`` jumps of the slope at the samples, times the step between samples.
-    smooth : between the jumps a cubic through four samples.
-    held : constant until the next sample.
+    values : ``(N,)`` of the channel.
+    slope_jumps : ``(N,)`` jumps of its slope at the samples, times the step between samples.
+    smooth : the channel is a cubic through four samples; otherwise it is linear between samples.
+    held : the channel is constant until the next sample.
     """
     first, last = values[:-1], values[:-1] if held else values[1:]
     middle = 0.5 * (first + last)
@@ -330,12 +341,15 @@ def _on_intervals(
 
 
 def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
+    """Return the constants of an airframe, with defaults for those that it does not give."""
     defaults = {"cg_x": 0.0, "cg_y": 0.0, "cg_z": 0.0, "thrust_arm": 0.0, "thrust_angle": 0.0}
     return list({**defaults, "speed_of_sound": 340.294, **airframe.constants}.items())
 
 
 def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarray]:
-    """Channels less the noise above the bandwidth, by local polynomials of the fourth degree."""
+    """Return the channels without the noise above the bandwidth, by local polynomials of degree
+    4.
+    """
     from scipy.signal import savgol_filter
 
     width = max(2 * half + 1, 7)
@@ -363,12 +377,12 @@ def _acceleration_jumps(
     flow = [step * np.gradient(smooth[name], step)[1:-1] for name in (*"pqr", "alpha", "beta")]
     columns = np.array([*moves, *flow]).T
     scale = np.maximum(np.max(np.abs(columns), axis=0), 1e-300)
-    found = {}
+    jumps = {}
     for rate in ("p", "q", "r"):
         sides = np.diff(channels[rate], 2) / step
         values = np.linalg.lstsq(columns / scale, sides, rcond=1e-10)[0] / scale
-        found[rate] = np.pad(0.5 * columns[:, : len(moves)] @ values[: len(moves)], 1)
-    return found
+        jumps[rate] = np.pad(0.5 * columns[:, : len(moves)] @ values[: len(moves)], 1)
+    return jumps
 
 
 def _at_centre_of_gravity(
@@ -399,24 +413,26 @@ def _at_centre_of_gravity(
 
 
 def _slope(values: np.ndarray, step: float, slope_jumps: np.ndarray | float = 0.0) -> np.ndarray:
-    """Return the time derivative ``(N,)`` of a channel by differences that are exact to the fourth
-    degree, but at both ends; ``slope_jumps`` as of ``_on_intervals``.
+    """Return the time derivative ``(N,)`` of a channel by differences that are exact to degree 4,
+    but for both ends. ``slope_jumps`` is as in `_on_intervals`.
     """
-    found = np.gradient(values, step)
+    slope = np.gradient(values, step)
     second = _second_differences(values, slope_jumps)
-    found[2:-2] -= (second[2:] - second[:-2]) / (12.0 * step)
-    return np.asarray(found)
+    slope[2:-2] -= (second[2:] - second[:-2]) / (12.0 * step)
+    return np.asarray(slope)
 
 
 def _second_differences(values: np.ndarray, slope_jumps: np.ndarray | float) -> np.ndarray:
-    """Second differences ``(N - 2,)`` of a channel without the jumps of its slope."""
+    """Return the second differences ``(N - 2,)`` of a channel without the jumps of its slope."""
     return np.asarray(np.diff(values, 2) - np.broadcast_to(slope_jumps, values.shape)[1:-1])
 
 
 def _common_signals(
     s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Signals of terms that every aircraft has: angles, Mach number, non-dimensional rates."""
+    """Return the signals of terms that every aircraft has: flow angles, Mach number,
+    non-dimensional rates.
+    """
     half = 0.5 / s["airspeed"]
     return {
         "alpha": s["alpha"],
@@ -460,13 +476,13 @@ def _moments(
     Y = c["mass"] * s["ay"]
     Z = c["mass"] * s["az"] + T * np.sin(c["thrust_angle"])
     x, y, z = c["cg_x"], c["cg_y"], c["cg_z"]
-    rest = {
+    other_moments = {
         "Cl": (Iz - Iy) * q * r - Ixz * p * q + (y * Z - z * Y),
         "Cm": (Ix - Iz) * p * r + Ixz * (p * p - r * r) - T * c["thrust_arm"] + (z * X - x * Z),
         "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
     }
     qS_windows, span, chord = qS[1, at], c["span"], c["chord"]
-    turning = {
+    inertial_moments = {
         "Cl": (Ix[1, at] * angular_acceleration["p"] - Ixz[1, at] * angular_acceleration["r"])
         / (qS_windows * span[1, at]),
         "Cm": Iy[1, at] * angular_acceleration["q"] / (qS_windows * chord[1, at]),
@@ -474,8 +490,8 @@ def _moments(
         / (qS_windows * span[1, at]),
     }
     return {
-        axis: turning[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
-        for axis, row in rest.items()
+        axis: inertial_moments[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
+        for axis, row in other_moments.items()
     }
 
 
@@ -502,7 +518,8 @@ def _force_noise(
     noise: Mapping[str, float], wide: np.ndarray, half: int, step: float, airframe: Airframe
 ) -> dict[str, float]:
     """Return the standard deviations of the averaged specific forces at the centre of gravity,
-    m/s2: those of the accelerometers, and of the rates whose slopes move them there.
+    m/s2, by the noise of the accelerometers and that of the rates, whose slopes correct for the
+    place of the accelerometers.
     """
     from scipy.signal import savgol_coeffs
 
@@ -552,11 +569,11 @@ def _coefficient_sigmas(
 
 
 def filled(values: np.ndarray, valid: np.ndarray, name: str, where: str) -> np.ndarray:
-    """Return a channel with straight lines over missing samples.
+    """Return a channel ``(N,)`` with straight lines over missing samples.
 
     Raises
     ------
-    RecordError : less than half of it is there.
+    RecordError : where more than half of the samples are missing.
     """
     if int(np.sum(valid)) * 2 < len(valid):
         raise RecordError(

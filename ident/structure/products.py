@@ -1,15 +1,16 @@
 """Least squares on sums of products, with the noise of the signals taken out of them.
 
-All columns of terms are multiplied with each other and with the coefficient and summed over each
-maneuver, so that fifty maneuvers cost as much as one, and whole maneuvers are left out by
-subtraction. A term is formed of measured signals. Their noise makes its sum of squares too large,
-and the value of the term too small: by 4 % where the noise has a fifth of the size of the motion.
-The noise of the signals is known, and so is what it adds to the sums on the average [1]_,
+The products of all columns of terms with each other and with the coefficient are summed over each
+maneuver. The number of samples then hardly matters, and a maneuver is left out by subtraction.
+
+A term is a function of measured signals. Their noise makes its sum of squares too large, and its
+estimated value too small: by 4 % where the noise is a fifth of the motion. The noise of the signals
+is known, and so is its mean contribution to the sums [1]_,
 
     E[X' X] = X0' X0 + sum_s D_s' D_s,   E[X' z] = X0' z0 + sum_s D_s' d_s,
 
-with D_s, d_s the slopes of the terms and of the coefficient by signal s, times the standard
-deviation of its noise. Both are subtracted.
+with D_s and d_s the derivatives of the terms and of the coefficient with respect to signal s, times
+the standard deviation of its noise. Both contributions are subtracted.
 
 References
 ----------
@@ -28,29 +29,29 @@ import numpy as np
 from ident.structure.coefficients import Histories
 from sim.aerodynamics import Term
 
-LARGE_RESIDUAL_RATIO = 1.3  # residual over noise, above which a share of the residual is enough
-OF_RESIDUAL = 0.02
-# share of a column that the others leave, below which it is no column of its own
+LARGE_RESIDUAL_RATIO = 1.3  # a residual is large where it exceeds this times the noise
+OF_RESIDUAL = 0.02  # share of a large residual that a term has to explain
+# a column depends on others where less than this share of its sum of squares is independent of them
 INDEPENDENT_COLUMN_SHARE = 1e-9
-# share of that part which has to be motion; the rest is noise of the signals
+# smallest share of the independent part of a column that is motion and not noise of the signals
 LEAST_MOTION_SHARE = 0.3
-_WINDOW_LAGS = 8  # of windows that overlap by half
+_WINDOW_LAGS = 8  # largest lag of autocovariances, in windows that overlap by half
 
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Sums of products over maneuvers: of all columns with each other and with the coefficient.
+    """Sums of products of k columns and a coefficient over each of g maneuvers.
 
     Attributes
     ----------
-    terms : k columns.
-    gram : ``(g, k, k)`` by maneuver.
-    cross : ``(g, k)`` with the coefficient.
-    total, squares : ``(g,)`` its sum and sum of squares.
+    terms : the k terms, one for each column.
+    gram : ``(g, k, k)`` columns with each other.
+    cross : ``(g, k)`` columns with the coefficient.
+    total, squares : ``(g,)`` sum and sum of squares of the coefficient.
     counts : ``(g,)`` samples.
-    gram_noise, cross_noise : what the noise of the signals adds to ``gram`` and ``cross``; 0 where
-        it is unknown.
-    noise : sum of squares that the sensors' noise explains; infinite where it is unknown.
+    gram_noise, cross_noise : mean contribution of the noise of the signals to ``gram`` and
+        ``cross``; 0 where it is unknown.
+    noise : sum of squares that is noise of the sensors; infinite where it is unknown.
     """
 
     terms: tuple[Term, ...]
@@ -64,43 +65,41 @@ class Products:
     noise: float = math.inf
 
     def least_gain(self, least: float, sse: float) -> float:
-        """Sum of squares that a term has to explain where ``sse`` is left: ``least`` of the
-        variance, or less while the residual is clearly larger than the noise.
+        """Return the sum of squares that a term has to explain: the share ``least`` of the
+        variance, or less while the residual, with sum of squares ``sse``, is large.
         """
         of_variance = least * self.spread
-        return (
-            min(of_variance, OF_RESIDUAL * sse)
-            if sse > LARGE_RESIDUAL_RATIO**2 * self.noise
-            else of_variance
-        )
+        if sse > LARGE_RESIDUAL_RATIO**2 * self.noise:
+            return min(of_variance, OF_RESIDUAL * sse)
+        return of_variance
 
     @property
     def spread(self) -> float:
-        """Sum of squares about the mean, over all maneuvers."""
+        """Sum of squares of the coefficient about its mean, over all maneuvers."""
         n = float(self.counts.sum())
         return float(self.squares.sum()) - float(self.total.sum()) ** 2 / n
 
 
 def columns_of(history: Histories, terms: Sequence[Term], axis: str) -> np.ndarray:
-    """Averaged values of terms, ``(M, k)``, as they go with a coefficient."""
+    """Return the values ``(M, k)`` of terms, averaged as the coefficient ``axis`` is."""
     return np.stack([history.column(term, axis) for term in terms], axis=1)
 
 
 def noise_columns(history: Histories, terms: Sequence[Term]) -> np.ndarray:
-    """Return the slopes of terms by each signal times the standard deviation of its noise, ``(s, M,
-    k)``; the signals in the order of ``signal_noise``.
+    """Return the derivatives ``(s, M, k)`` of terms with respect to each signal, times the standard
+    deviation of its noise. The signals are in the order of ``signal_noise``.
     """
     at = history.rows + len(history.averaging) // 2
-    found = np.zeros((len(history.signal_noise), len(at), len(terms)))
-    if not len(found):
-        return found
+    derivatives = np.zeros((len(history.signal_noise), len(at), len(terms)))
+    if not len(derivatives):
+        return derivatives
     values = {name: row[at] for name, row in history.samples.items()}
-    for row, (name, std) in zip(found, history.signal_noise.items(), strict=True):
+    for row, (name, std) in zip(derivatives, history.signal_noise.items(), strict=True):
         high, low = ({**values, name: values[name] + 0.5 * sign * std} for sign in (1.0, -1.0))
-        for place, term in enumerate(terms):
+        for column, term in enumerate(terms):
             if name in term.signals and std > 0.0:
-                row[:, place] = term.of(high) - term.of(low)
-    return found
+                row[:, column] = term.of(high) - term.of(low)
+    return derivatives
 
 
 def products_of(
@@ -109,21 +108,21 @@ def products_of(
     terms: Sequence[Term],
     noises: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Products:
-    """Return the products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver.
+    """Return the sums of products over each maneuver.
 
     Parameters
     ----------
-    blocks, rows : by maneuver.
-    terms : k.
-    noises : by maneuver, of `noise_columns` and ``(s, M)`` of the coefficient by the same signals.
+    blocks : ``(M, k)`` columns of each maneuver.
+    rows : ``(M,)`` coefficient of each maneuver.
+    terms : the k terms.
+    noises : of each maneuver, the result of `noise_columns`, and the noise ``(s, M)`` of the
+        coefficient by the same signals.
     """
     k = len(terms)
     gram_noise, cross_noise = np.zeros((len(blocks), k, k)), np.zeros((len(blocks), k))
     for g, (columns, own) in enumerate(noises):
-        gram_noise[g] = sum((each.T @ each for each in columns), np.zeros((k, k)))
-        cross_noise[g] = sum(
-            (each.T @ z for each, z in zip(columns, own, strict=True)), np.zeros(k)
-        )
+        gram_noise[g] = sum((D.T @ D for D in columns), np.zeros((k, k)))
+        cross_noise[g] = sum((D.T @ d for D, d in zip(columns, own, strict=True)), np.zeros(k))
     return Products(
         tuple(terms),
         np.array([block.T @ block for block in blocks]),
@@ -138,17 +137,17 @@ def products_of(
 
 @dataclass(frozen=True, eq=False)
 class ScaledEquations:
-    """Normal equations of chosen columns, each scaled to a unit sum of squares.
+    """Normal equations of n chosen columns among k, each scaled to a unit sum of squares.
 
     Attributes
     ----------
-    chosen : their places.
-    scale : ``(k,)`` of all columns.
-    gram, cross : of all, scaled, as measured.
-    clean_gram, clean_cross : without the noise of the signals.
-    inverse : ``(n, n)`` of the chosen ones, clean.
-    share : of the noise that was taken out; below 1 where more would leave less of some direction
-        than ``LEAST_MOTION_SHARE``.
+    chosen : positions of the chosen columns.
+    scale : ``(k,)`` scale of each column.
+    gram, cross : ``(k, k)`` and ``(k,)`` scaled products as measured.
+    clean_gram, clean_cross : the same without the noise of the signals.
+    inverse : ``(n, n)`` inverse of ``clean_gram`` of the chosen columns.
+    share : share of the noise that was subtracted. It is below 1 where some direction would keep
+        less motion than ``LEAST_MOTION_SHARE``.
     """
 
     chosen: list[int]
@@ -167,19 +166,23 @@ class ScaledEquations:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variances of the scaled values for residuals of unit variance, ``(n,)``."""
+        """Variances ``(n,)`` of the scaled values, for white residuals of unit variance."""
         part = self.gram[np.ix_(self.chosen, self.chosen)]
         return np.asarray(np.diag(self.inverse @ part @ self.inverse))
 
     def left(self, squares: float) -> float:
-        """Sum of squares of the residual as measured; ``squares`` is that of the coefficient."""
+        """Return the sum of squares of the measured residual; ``squares`` is that of the
+        coefficient.
+        """
         values = self.values
         part = self.gram[np.ix_(self.chosen, self.chosen)]
         sse = squares - 2.0 * values @ self.cross[self.chosen] + values @ part @ values
         return max(float(sse), 0.0)
 
     def clean_left(self, squares: float) -> float:
-        """The same without what the noise of the signals adds to it; it may be negative."""
+        """Return the sum of squares of the residual without the contribution of the noise of the
+        signals; it may be negative.
+        """
         return squares - float(self.values @ self.clean_cross[self.chosen])
 
 
@@ -187,7 +190,7 @@ def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
     """Return the normal equations of the chosen columns over all maneuvers."""
     at = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
-    gram, cross, gram_noise, cross_noise = (each.sum(axis=0) for each in sums)
+    gram, cross, gram_noise, cross_noise = (part.sum(axis=0) for part in sums)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram, gram_noise = gram / np.outer(scale, scale), gram_noise / np.outer(scale, scale)
     cross, cross_noise = cross / scale, cross_noise / scale
@@ -197,8 +200,8 @@ def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
 
 
 def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the inverse of a scaled matrix of products less that of its noise, and the share of
-    the noise that was subtracted.
+    """Return the inverse of ``gram`` minus ``noise``, both scaled ``(n, n)``, and the share of the
+    noise that was subtracted.
     """
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     if not np.any(noise):
@@ -210,26 +213,27 @@ def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, floa
 
 def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     """Return the values of the chosen columns, ``(n,)``."""
-    found = normal_of(products, chosen)
-    return np.asarray(found.values / found.scale[found.chosen])
+    equations = normal_of(products, chosen)
+    return np.asarray(equations.values / equations.scale[equations.chosen])
 
 
 def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     """Return the variances of the chosen values for white residuals of unit variance, ``(n,)``."""
-    found = normal_of(products, chosen)
-    return np.asarray(found.variance / found.scale[found.chosen] ** 2)
+    equations = normal_of(products, chosen)
+    return np.asarray(equations.variance / equations.scale[equations.chosen] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
 class FurtherColumns:
-    """What each column would bring to a model; columns scaled to a unit sum of squares.
+    """Gain of each of k columns when it is added to a model alone; columns are scaled to a unit sum
+    of squares.
 
     Attributes
     ----------
-    value : ``(k,)`` of each beside the chosen ones.
-    clean, measured : sums of squares of its part independent of the others, without and with the
-        noise of the signals.
-    good : columns whose part is motion and not mostly noise; no chosen one is.
+    value : ``(k,)`` estimated value in addition to the chosen columns.
+    clean, measured : ``(k,)`` sum of squares of the part that is independent of the chosen columns,
+        without and with the noise of the signals.
+    good : ``(k,)`` whether a column is not chosen and its independent part is not mostly noise.
     """
 
     value: np.ndarray
@@ -239,18 +243,18 @@ class FurtherColumns:
 
     @property
     def gains(self) -> np.ndarray:
-        """Square of the value over its variance for residuals of unit variance, ``(k,)``."""
+        """Square of the value over its variance, ``(k,)``, for residuals of unit variance."""
         own = np.maximum(self.measured, INDEPENDENT_COLUMN_SHARE)
         return np.where(self.good, (self.value * self.clean) ** 2 / own, 0.0)
 
     @property
     def reductions(self) -> np.ndarray:
-        """By how much `ScaledEquations.clean_left` becomes smaller, ``(k,)``."""
+        """Decrease of `ScaledEquations.clean_left`, ``(k,)``."""
         return np.where(self.good, self.value**2 * self.clean, 0.0)
 
 
 def further_of(n: ScaledEquations) -> FurtherColumns:
-    """Return what each column would bring to the model of some normal equations."""
+    """Return the gain of each further column in the model of the normal equations ``n``."""
     weights = n.inverse @ n.clean_gram[n.chosen]
     clean = np.diag(n.clean_gram) - np.einsum("ij,ij->j", n.clean_gram[n.chosen], weights)
     part = n.clean_cross - n.clean_cross[n.chosen] @ weights
@@ -266,10 +270,8 @@ def further_of(n: ScaledEquations) -> FurtherColumns:
 
 
 def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
-    """Return the sum of squares that each further column would explain, ``(k,)``, and the present
-    residual's.
-
-    A column explains nothing if its part independent of the others is mostly noise.
+    """Return the sum of squares ``(k,)`` that each further column would explain, and that of the
+    residual. It is zero where the independent part of a column is mostly noise.
     """
     n = normal_of(products, chosen)
     return further_of(n).gains, n.left(float(products.squares.sum()))
@@ -285,13 +287,15 @@ def losses_of(products: Products, chosen: Sequence[int]) -> tuple[list[float], f
 
 
 def ratio_of(products: Products, gain: float, sse: float, count: int) -> float:
-    """Partial F ratio of a term that explains ``gain``, with ``sse`` left by ``count`` terms."""
+    """Return the partial F ratio of a term that explains the sum of squares ``gain``; ``sse`` is
+    that of the residual of ``count`` terms.
+    """
     freedom = float(products.counts.sum()) - count
     return float(gain / max(sse / max(freedom, 1.0), 1e-300))
 
 
 def held_out_of(products: Products, chosen: Sequence[int]) -> float:
-    """R2 of maneuvers that the others predict; NaN with one maneuver."""
+    """Return R2 of the maneuvers, each predicted by the others; NaN with one maneuver."""
     groups = len(products.counts)
     if groups < 2:
         return math.nan
@@ -301,9 +305,9 @@ def held_out_of(products: Products, chosen: Sequence[int]) -> float:
     outer = np.outer(scale, scale)
     gram, cross = products.gram[block] / outer, products.cross[:, at] / scale
     clean = gram - whole.share * products.gram_noise[block] / outer
-    aimed = cross - whole.share * products.cross_noise[:, at] / scale
+    clean_cross = cross - whole.share * products.cross_noise[:, at] / scale
     others = np.linalg.pinv(clean.sum(axis=0) - clean, rcond=1e-12, hermitian=True)
-    values = np.einsum("gij,gj->gi", others, aimed.sum(axis=0) - aimed)
+    values = np.einsum("gij,gj->gi", others, clean_cross.sum(axis=0) - clean_cross)
     model = np.einsum("gi,gij,gj->g", values, gram, values)
     error = float(np.sum(products.squares - 2.0 * np.sum(values * cross, axis=1) + model))
     return 1.0 - error / max(products.spread, 1e-300)
@@ -318,21 +322,25 @@ def covariance_of(
     local: bool = True,
     unbiased: bool = False,
 ) -> np.ndarray:
-    """Return the covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as
-    of one variance throughout, and where ``local`` as of residuals that are larger in places, as
-    where a noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+    """Return the covariance ``(n, n)`` of the values for autocorrelated residuals.
 
-    Lags are weighted by a trapezoid, 1 up to half of them [1]_: noise of angular accelerations is
-    weak at low frequencies, which Bartlett's triangle hides. The triangle serves where the
-    trapezoid leaves a variance that is not positive.
+    The residuals have one variance. With ``local`` they may be larger in some parts of a maneuver
+    (White; Newey and West), as where a noisy alpha turns a large lift into drag. The larger one of
+    both covariances is returned.
+
+    Lags have the weights of a trapezoid, which is 1 up to half of them [1]_. Noise of angular
+    accelerations is weak at low frequencies, and Bartlett's triangle hides this. The triangle is
+    used where the trapezoid makes a variance that is not positive.
 
     Parameters
     ----------
-    parts, residuals : ``(M, n)`` and ``(M,)`` by maneuver.
-    drifts : ``(n,)`` by maneuver, mean of column times residual, by the noise of the signals.
-    noise : ``(n, n)`` that the noise of the signals adds to the products of the columns.
-    unbiased : autocovariances as of `autocovariances_of` where all variances are then positive;
-        else as if each lag lost by the fit what the variance loses.
+    parts : ``(M, n)`` columns of each maneuver.
+    residuals : ``(M,)`` of each maneuver.
+    drifts : ``(n,)`` of each maneuver, mean of columns times residual by the noise of the signals.
+    noise : ``(n, n)`` contribution of the noise of the signals to the products of the columns.
+    local : see above.
+    unbiased : take the autocovariances of `autocovariances_of` where all variances are then
+        positive. Otherwise the fit is taken to reduce each lag as much as the variance.
 
     References
     ----------
@@ -350,34 +358,38 @@ def covariance_of(
     lags = range(_lags(residuals))
     uneven = [sum(each[: len(each) - lag].T @ each[lag:] for each in scores) for lag in lags]
     lagged = _lagged(parts, scale, len(lags))
-    for fair in (unbiased, False):
-        together = autocovariances_of(parts, residuals, unbiased=fair)
-        even = _over_lags([row * X for row, X in zip(together, lagged, strict=True)])
+    for corrected in (unbiased, False):
+        autocovariances = autocovariances_of(parts, residuals, unbiased=corrected)
+        even = _over_lags([row * X for row, X in zip(autocovariances, lagged, strict=True)])
         if _positive(even):
             break
-    one = inverse @ even @ inverse
-    other = freedom * inverse @ _over_lags(uneven) @ inverse
-    larger = np.maximum(local * np.diag(other) / np.maximum(np.diag(one), 1e-300), 1.0)
-    return np.asarray(one * np.sqrt(np.outer(larger, larger)) / np.outer(scale, scale))
+    even_covariance = inverse @ even @ inverse
+    uneven_covariance = freedom * inverse @ _over_lags(uneven) @ inverse
+    larger = np.maximum(
+        local * np.diag(uneven_covariance) / np.maximum(np.diag(even_covariance), 1e-300), 1.0
+    )
+    return np.asarray(even_covariance * np.sqrt(np.outer(larger, larger)) / np.outer(scale, scale))
 
 
 def autocovariances_of(
     parts: Sequence[np.ndarray], residuals: Sequence[np.ndarray], *, unbiased: bool = True
 ) -> np.ndarray:
-    """Autocovariances of the noise from what a fit leaves, from lag 0 to the last of the window.
+    """Return the autocovariances of the noise from the residuals of a fit, from lag 0 to
+    ``_WINDOW_LAGS``.
 
-    A fit takes most from the residual where its columns are slow, and so more from the products at
-    larger lags than from the variance. With R the matrix that makes residuals of noise, D_l the
-    shift by l samples and r_k the autocovariances,
+    A fit removes the slow part of the noise, and so reduces the products at larger lags more than
+    the variance. Let R be the matrix that makes residuals from noise, D_l the shift by l samples
+    and r_k the autocovariances. Then
 
         E[e' D_l e] = sum_k r_k tr(R D_l R S_k),   S_0 = I,  S_k = D_k + D_k',
 
-    which is solved for r_k [1]_. Where the solution is no autocovariance (one larger than the
-    variance), and without ``unbiased``, each product is divided by the samples less the columns.
+    is solved for r_k [1]_. Where the solution has an autocovariance larger than the variance, and
+    without ``unbiased``, each product is divided by the number of samples minus that of columns.
 
     Parameters
     ----------
-    parts, residuals : ``(M, n)`` and ``(M,)`` by maneuver.
+    parts : ``(M, n)`` columns of each maneuver.
+    residuals : ``(M,)`` of each maneuver.
 
     References
     ----------
@@ -405,14 +417,16 @@ def autocovariances_of(
     lost = np.einsum("lni,kni->lk", behind, both) + np.einsum("lni,kni->lk", ahead, both)
     kept = np.diag([float(sum(len(Q) - lag for Q in basis)) for lag in range(lags)])
     matrix = kept - lost + np.einsum("lij,kji->lk", *inside)
-    found = np.linalg.lstsq(matrix, sums, rcond=None)[0]
-    return np.asarray(found if np.all(np.abs(found) <= found[0]) else plain)
+    solution = np.linalg.lstsq(matrix, sums, rcond=None)[0]
+    return np.asarray(solution if np.all(np.abs(solution) <= solution[0]) else plain)
 
 
 def _scaled_inverse(
     parts: Sequence[np.ndarray], noise: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths of the columns, and the inverse of their products at unit length without noise."""
+    """Return the lengths of the columns, and the inverse of their products at unit length without
+    the noise of the signals.
+    """
     gram = np.asarray(sum(part.T @ part for part in parts))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     outer = np.outer(scale, scale)
@@ -420,18 +434,20 @@ def _scaled_inverse(
 
 
 def _lags(residuals: Sequence[np.ndarray]) -> int:
-    """Return how many lags the window has, lag 0 included."""
+    """Return the number of lags, with lag 0."""
     return min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1
 
 
 def _lagged(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[np.ndarray]:
-    """Products of the columns at unit length with themselves some samples later, by lag."""
+    """Return for each lag the products ``(n, n)`` of the columns at unit length with themselves
+    shifted by the lag.
+    """
     pairs = [X / scale for X in parts]
     return [np.asarray(sum(X[: len(X) - lag].T @ X[lag:] for X in pairs)) for lag in range(lags)]
 
 
 def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
-    """Weighted sum of ``(n, n)`` products by lag and their transposes."""
+    """Return the weighted sum of products ``(n, n)`` over lags and of their transposes."""
     triangle = 1.0 - np.arange(len(products)) / (_WINDOW_LAGS + 1.0)
     for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
         weights[0] = 0.5
@@ -443,4 +459,5 @@ def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _positive(matrix: np.ndarray) -> bool:
+    """Return whether a symmetric matrix is positive definite."""
     return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)

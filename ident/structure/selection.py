@@ -1,16 +1,17 @@
 """Terms of a coefficient chosen by stepwise regression or by orthogonal functions.
 
-Both work on the products of all columns summed over each maneuver, so that fifty maneuvers cost as
-much as one, and whole maneuvers are left out by subtraction. Stepwise regression adds the term with
-the largest partial F ratio while that exceeds a threshold, and removes terms whose ratio falls
-below it [1]_; where none enters, a term is exchanged for one that explains clearly more in its
-place [3]_. The orthogonal functions are those of the offered terms, each made orthogonal to the
-ones before it; they enter in the order of what they explain, as many as make the predicted squared
-error
+Both methods work on sums of products over each maneuver. The number of samples then hardly matters,
+and a maneuver is left out by subtraction.
+
+Stepwise regression adds the term with the largest partial F ratio as long as this exceeds a
+threshold, and removes terms whose ratio falls below it [1]_. Where no further term enters, a term
+may be exchanged for one that explains clearly more in its place [3]_.
+
+Orthogonal functions are made from the offered terms: each one is orthogonal to those before it.
+They enter in the order of the sum of squares that they explain. Their number minimises the
+predicted squared error [2]_
 
     PSE = SSE / N + s2_max n / N,   s2_max = sum (z - mean z)^2 / N
-
-smallest [2]_.
 
 References
 ----------
@@ -46,14 +47,19 @@ from ident.structure.products import (
 from sim.aerodynamics import Term, is_linear, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
-LEAST_VARIANCE_SHARE = 2e-4  # share of the variance that a term has to explain
-NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
-CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term that is clear, or any, moves another value
-CLEAR_F_RATIO = 5.0  # partial F ratio of such a term
-# variance inflation factor above which two terms are not told apart
+LEAST_VARIANCE_SHARE = 2e-4  # smallest share of the variance that a term has to explain
+NO_WORSE = 4.0  # a simpler term may explain less by this partial F ratio (two sigmas)
+# a weak linear term is a confounder where it changes the value of another one by more sigmas than
+# CHANGED, if its own F ratio exceeds CLEAR_F_RATIO, or than MUCH otherwise
+CHANGED, MUCH = 1.0, 2.0
+CLEAR_F_RATIO = 5.0
+# two terms cannot be distinguished where the variance inflation factor is larger
 LARGEST_VARIANCE_INFLATION = 10.0
-# largest relative difference of equal gains: of two such terms the one offered first enters
+# gains with a smaller relative difference count as equal: the term offered first then enters
 AS_GOOD = 1e-6
+# largest number of lacking terms, and the smallest share of the residual that one has to explain
+_MOST_LACKING, _LEAST_LACKING_SHARE = 3, 0.03
+_STEPS_PAST_MINIMUM = 3  # steps of orthogonal functions after the least predicted squared error
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
 
@@ -63,12 +69,12 @@ class SelectionStep:
 
     Attributes
     ----------
-    term : that came or went.
-    added : False where it went.
+    term : the term that was added or removed.
+    added : whether it was added.
     F : its partial F ratio.
-    r2 : of the model after the step.
-    pse : predicted squared error.
-    held_out : R2 on maneuvers left out, each predicted by the others; NaN with one maneuver.
+    r2 : coefficient of determination of the model after the step.
+    pse : predicted squared error of this model.
+    held_out : R2 of each maneuver as the others predict it; NaN with one maneuver.
     """
 
     term: Term
@@ -81,13 +87,13 @@ class SelectionStep:
 
 @dataclass(frozen=True, eq=False)
 class TermColumns:
-    """Values of terms by maneuver, as they go with the forces or with the moments.
+    """Values of k terms, averaged as a coefficient is.
 
     Attributes
     ----------
-    terms : k.
-    blocks : ``(M, k)`` by maneuver.
-    noises : ``(s, M, k)``, see `noise_columns`.
+    terms : the k terms.
+    blocks : ``(M, k)`` of each maneuver.
+    noises : ``(s, M, k)`` of each maneuver, see `noise_columns`.
     """
 
     terms: tuple[Term, ...]
@@ -96,24 +102,26 @@ class TermColumns:
 
     @classmethod
     def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
-        """Return the term columns of histories, for the coefficient ``axis``, all averaged
-        alike.
+        """Return the columns of terms for the coefficient ``axis``, from the histories of all
+        maneuvers.
         """
         blocks = [columns_of(h, terms, axis) for h in histories]
         return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
 
     def products(self, histories: Sequence[Histories], axis: str) -> Products:
-        """Sums of products with the coefficient ``axis``, and what noise adds to them."""
+        """Return the sums of products with the coefficient ``axis``, and the part that noise adds
+        to them.
+        """
         rows = [h.coefficients[axis] for h in histories]
-        own = [h.coefficient_noise(axis) for h in histories]
-        pairs = list(zip(self.noises, own, strict=True))
-        return products_of(self.blocks, rows, self.terms, pairs)
+        coefficient_noises = [h.coefficient_noise(axis) for h in histories]
+        noises = list(zip(self.noises, coefficient_noises, strict=True))
+        return products_of(self.blocks, rows, self.terms, noises)
 
     def residuals(
         self, rows: Sequence[np.ndarray], chosen: Sequence[int], values: np.ndarray
     ) -> list[np.ndarray]:
-        """Return the residuals of the coefficient ``rows`` after the chosen columns, by
-        maneuver.
+        """Return the residuals ``(M,)`` of each maneuver: its coefficient in ``rows`` minus the
+        chosen columns times their values.
         """
         pairs = zip(rows, self.blocks, strict=True)
         return [row - block[:, chosen] @ values for row, block in pairs]
@@ -143,19 +151,21 @@ class Selection:
 
     Attributes
     ----------
-    axis : its name.
+    axis : name of the coefficient.
     method : ``stepwise`` or ``orthogonal``.
-    steps : in order.
-    terms, values, sigma : chosen, ``(n,)``.
-    covariance : ``(n, n)``.
-    ratios : partial F ratio of each beside all others, ``(n,)``.
-    r2, held_out : of the chosen model.
+    steps : steps of the selection, in order.
+    terms : the n chosen terms.
+    values, sigma : ``(n,)`` their values and standard deviations.
+    covariance : ``(n, n)`` of the values.
+    ratios : ``(n,)`` partial F ratio of each term with all others in the model.
+    r2, held_out : of the chosen model, as in `SelectionStep`.
     rms : of the residual.
-    noise : rms of the noise that the sensors explain.
-    lacking : terms that were not offered and would explain the residual, with their F ratios.
+    noise : rms of the part of the residual that is noise of the sensors.
+    lacking : terms that were not offered and would explain the residual, each with its F ratio and
+        the share of the residual.
     confounders : weak terms that were chosen because the values of others depend on them.
-    alternative : terms added and removed in another model that makes standard deviations clearly
-        larger, and its probability.
+    alternative : another model that makes standard deviations clearly larger: the term that it
+        adds, the term that it lacks, and its probability.
     """
 
     axis: str
@@ -181,7 +191,7 @@ class Selection:
 
     @property
     def ratio(self) -> float:
-        """Residual over noise."""
+        """Rms of the residual over that of the noise."""
         return self.rms / self.noise if self.noise > 0.0 else math.inf
 
 
@@ -192,23 +202,23 @@ def stepwise(
 
     Parameters
     ----------
-    products : the constant term's column, if offered, begins in the model.
-    first : columns that enter before the others, whatever they explain: two terms that mask each
-        other explain little alone. They leave as all terms do.
-    hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
+    products : sums of products; the constant term is in the model from the start.
+    first : columns that enter before the others with any F ratio, since two terms that mask each
+        other explain little alone. They are removed as other terms are.
+    hierarchical : a product enters only after its linear terms, where these are offered.
 
-    A term enters with a partial F ratio of at least ``F_IN``, and if it explains
-    ``LEAST_VARIANCE_SHARE`` of the variance; ``OF_RESIDUAL`` of it is enough while the residual is
-    above ``LARGE_RESIDUAL_RATIO`` times the noise.
+    A term enters if its partial F ratio is at least ``F_IN`` and it explains
+    ``LEAST_VARIANCE_SHARE`` of the variance. While the residual is larger than
+    ``LARGE_RESIDUAL_RATIO`` times the noise, ``OF_RESIDUAL`` of the residual is enough.
     """
     above = _parents(products.terms, hierarchical)
-    chosen, steps = _entered(products, first)
+    chosen, steps = _first_columns(products, first)
     seen: set[frozenset[int]] = set()
     chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
-        gains = np.where([each.issubset(chosen) for each in above], gains, 0.0)
+        gains = np.where([required.issubset(chosen) for required in above], gains, 0.0)
         best = _best(gains) if len(gains) else -1
         F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST_VARIANCE_SHARE, sse):
@@ -221,9 +231,11 @@ def stepwise(
     return chosen, steps
 
 
-def _entered(products: Products, first: Sequence[int]) -> tuple[list[int], list[SelectionStep]]:
-    """Return the constant and the columns ``first``, those that explain most before the others;
-    without those whose own part is mostly noise.
+def _first_columns(
+    products: Products, first: Sequence[int]
+) -> tuple[list[int], list[SelectionStep]]:
+    """Return the constant and the columns ``first``, in the order of their gains, and the steps.
+    Columns whose independent part is mostly noise are left out.
     """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
@@ -246,7 +258,9 @@ def _supported(
     f_in: float,
     least: float,
 ) -> list[int]:
-    """Return the chosen columns without those that explain too little; ``steps`` is continued."""
+    """Return the chosen columns without those that explain too little; their removals are added to
+    ``steps``.
+    """
     while len(chosen) > 2:
         losses, sse = losses_of(products, chosen)
         needed = _needed(products.terms, chosen, above)
@@ -255,50 +269,56 @@ def _supported(
         F = ratio_of(products, losses[worst], sse, len(chosen))
         if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
             break
-        gone = chosen[worst]
-        chosen = [i for i in chosen if i != gone]
-        steps.append(_step(products, chosen, gone, False, F))
+        removed = chosen[worst]
+        chosen = [i for i in chosen if i != removed]
+        steps.append(_step(products, chosen, removed, False, F))
     return chosen
 
 
 def _exchanged(
     products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Return one term in the place of another, by partial F ratios in what the rest leaves.
+    """Return the chosen columns with one term exchanged for another, and the steps; unchanged where
+    no exchange is better.
 
-    It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
-    later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
-    mach hardly moves, ``rudder`` for ``rudder^3`` after pulses of one size.
+    A term is exchanged for one that explains clearly more, by a partial F ratio of ``f_in``: it may
+    have entered for an effect that a later term explains. It is also exchanged for a simpler term
+    that explains no less but for noise: ``beta*mach`` for ``beta`` where mach hardly changes, or
+    ``rudder^3`` for ``rudder`` after pulses of one size.
     """
     needed = _needed(products.terms, chosen, above)
     swaps = []
-    for gone in (i for i in chosen if i not in needed):
-        rest = [i for i in chosen if i != gone]
-        gains, sse = gains_of(products, rest)
-        gains = np.where([each.issubset(rest) for each in above], gains, 0.0)
-        come = _best(gains)
-        if gains[come] > (1.0 + AS_GOOD) * gains[gone]:
-            more = ratio_of(products, gains[come] - gains[gone], sse - gains[come], len(chosen))
-            swaps += [(more, gone, come)] if more > f_in else []
-        for come in _simpler(products.terms, gone):
-            less = ratio_of(products, gains[gone] - gains[come], sse - gains[gone], len(chosen))
-            swaps += [(-less, gone, come)] if less < NO_WORSE else []
+    for removed in (i for i in chosen if i not in needed):
+        others = [i for i in chosen if i != removed]
+        gains, sse = gains_of(products, others)
+        gains = np.where([required.issubset(others) for required in above], gains, 0.0)
+        added = _best(gains)
+        if gains[added] > (1.0 + AS_GOOD) * gains[removed]:
+            more = ratio_of(
+                products, gains[added] - gains[removed], sse - gains[added], len(chosen)
+            )
+            swaps += [(more, removed, added)] if more > f_in else []
+        for added in _simpler(products.terms, removed):
+            less = ratio_of(
+                products, gains[removed] - gains[added], sse - gains[removed], len(chosen)
+            )
+            swaps += [(-less, removed, added)] if less < NO_WORSE else []
     if not swaps:
         return chosen, []
-    _, gone, come = max(swaps)
-    both, last = [*chosen, come], [i for i in [*chosen, come] if i != gone]
-    losses, sse = losses_of(products, last)
-    own = ratio_of(products, losses[-1], sse, len(last))
+    _, removed, added = max(swaps)
+    both, exchanged = [*chosen, added], [i for i in [*chosen, added] if i != removed]
+    losses, sse = losses_of(products, exchanged)
+    added_ratio = ratio_of(products, losses[-1], sse, len(exchanged))
     losses, sse = losses_of(products, both)
-    beside = ratio_of(products, losses[both.index(gone)], sse, len(both))
-    return last, [
-        _step(products, both, come, True, own),
-        _step(products, last, gone, False, beside),
+    removed_ratio = ratio_of(products, losses[both.index(removed)], sse, len(both))
+    return exchanged, [
+        _step(products, both, added, True, added_ratio),
+        _step(products, exchanged, removed, False, removed_ratio),
     ]
 
 
 def _simpler(terms: Sequence[Term], at: int) -> list[int]:
-    """Return the terms made of some of the signals of another one, and its linear parents."""
+    """Return the columns of terms with fewer signals of term ``at``, and of its linear parents."""
     term, above = terms[at], parents(terms[at])
     return [
         i
@@ -308,7 +328,7 @@ def _simpler(terms: Sequence[Term], at: int) -> list[int]:
 
 
 def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
-    """Columns of each term's parents among those offered; where not ``hierarchical`` none."""
+    """Return for each term the columns of its offered parents; none unless ``hierarchical``."""
     if not hierarchical:
         return [frozenset()] * len(terms)
     at = {term: i for i, term in enumerate(terms)}
@@ -316,8 +336,8 @@ def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
 
 
 def _linear(terms: Sequence[Term], axis: str) -> list[int]:
-    """Return the columns of linear terms that the symmetry of the aircraft allows; Mach number is
-    none, as it hardly moves.
+    """Return the columns of the linear terms that the symmetry of the aircraft allows, but for Mach
+    number, which hardly changes in a maneuver.
     """
     return [i for i, each in enumerate(terms) if is_linear(each, axis) and each.signals != {"mach"}]
 
@@ -325,7 +345,7 @@ def _linear(terms: Sequence[Term], axis: str) -> list[int]:
 def _needed(
     terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
 ) -> set[int]:
-    """Return the columns that stay: the constant, and parents of others."""
+    """Return the chosen columns that must stay: the constant, and parents of other terms."""
     return {i for i in chosen if not terms[i].factors}.union(*(above[i] for i in chosen))
 
 
@@ -337,10 +357,10 @@ def _without_weak(
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Drop the terms whose F ratio is small by standard deviations for coloured residuals of one
-    variance (a short maneuver says little of where they are larger).
+    """Return the columns and steps without the terms whose F ratio is small for coloured residuals.
 
-    The partial F ratios of the search take residuals as white.
+    The partial F ratios of the search are those of white residuals. The residuals are taken as of
+    one variance, since a short maneuver shows little of where they are larger.
     """
     above = _parents(products.terms, hierarchical)
     while True:
@@ -351,9 +371,9 @@ def _without_weak(
         weak = [(F, i) for F, i in zip(ratios, chosen, strict=True) if i not in needed and F < F_IN]
         if not weak:
             return chosen, steps
-        F, gone = min(weak)
-        chosen = [i for i in chosen if i != gone]
-        steps = [*steps, _step(products, chosen, gone, False, float(F))]
+        F, removed = min(weak)
+        chosen = [i for i in chosen if i != removed]
+        steps = [*steps, _step(products, chosen, removed, False, float(F))]
 
 
 def _with_confounders(
@@ -364,10 +384,10 @@ def _with_confounders(
     rows: Sequence[np.ndarray],
     axis: str,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Add the linear terms that are too weak for the search and change the values of other linear
-    ones.
+    """Return the columns and steps with the confounders: linear terms that are too weak for the
+    search, but change the values of other linear terms.
 
-    Left out, they would be a bias of those values that no standard deviation holds [1]_.
+    Without them these values have a bias that the standard deviations do not contain [1]_.
 
     References
     ----------
@@ -379,29 +399,31 @@ def _with_confounders(
         gains, _ = gains_of(products, chosen)
         values = values_of(products, chosen)
         sigma = np.sqrt(np.diag(columns.covariance(products, chosen, values, rows)))
-        asked = np.array([i in offered for i in chosen])
-        found = []
-        for come in (i for i in offered if i not in chosen and gains[i] > 0.0):
-            more = [*chosen, come]
-            full = values_of(products, more)
-            variance = np.diag(columns.covariance(products, more, full, rows))[-1]
-            F = float(full[-1] ** 2 / max(variance, 1e-300))
-            moved = np.abs(full[:-1] - values) / np.maximum(sigma, 1e-300)
-            change = float(np.max(moved, where=asked, initial=0.0))
+        is_linear_term = np.array([i in offered for i in chosen])
+        confounders = []
+        for candidate in (i for i in offered if i not in chosen and gains[i] > 0.0):
+            extended = [*chosen, candidate]
+            extended_values = values_of(products, extended)
+            variance = np.diag(columns.covariance(products, extended, extended_values, rows))[-1]
+            F = float(extended_values[-1] ** 2 / max(variance, 1e-300))
+            changes = np.abs(extended_values[:-1] - values) / np.maximum(sigma, 1e-300)
+            change = float(np.max(changes, where=is_linear_term, initial=0.0))
             if (
                 change > (CHANGED if F > CLEAR_F_RATIO else MUCH)
                 or change**2 > LARGEST_VARIANCE_INFLATION * F
             ):
-                found.append((change, F, come))
-        if not found:
+                confounders.append((change, F, candidate))
+        if not confounders:
             return chosen, steps
-        _, F, come = max(found)
-        chosen = [*chosen, come]
-        steps = [*steps, _step(products, chosen, come, True, F)]
+        _, F, candidate = max(confounders)
+        chosen = [*chosen, candidate]
+        steps = [*steps, _step(products, chosen, candidate, True, F)]
 
 
 def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
-    """Columns whose orthogonal functions make the predicted squared error least, and the steps."""
+    """Return the columns whose orthogonal functions minimise the predicted squared error, and the
+    steps.
+    """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     best, kept, steps = math.inf, list(chosen), []
     counted = 0
@@ -416,14 +438,14 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
         steps.append(_step(products, chosen, place, True, F))
         if steps[-1].pse < best:
             best, kept, counted = steps[-1].pse, list(chosen), len(steps)
-        elif len(steps) > counted + 3:
+        elif len(steps) > counted + _STEPS_PAST_MINIMUM:
             break
     return kept, steps[:counted]
 
 
 def _best(gains: np.ndarray) -> int:
-    """Return the first column whose gain is the largest but for rounding: simple terms are offered
-    first, and where one signal stands still its product with another is that other's multiple.
+    """Return the first column whose gain is the largest but for rounding. Simple terms are offered
+    first: where a signal is constant, its product with another one is a multiple of the latter.
     """
     return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
 
@@ -444,18 +466,18 @@ def select(
     Parameters
     ----------
     histories : of all maneuvers.
-    axis : the coefficient.
-    terms : offered; the constant first.
+    axis : name of the coefficient.
+    terms : the offered terms, the constant first.
     method : ``stepwise`` or ``orthogonal``.
-    further : terms that are not offered, by which a residual is explained that is larger than the
-        noise.
-    columns : of ``terms`` where they are known.
+    further : terms that are not offered; a residual larger than the noise is compared with them.
+    columns : columns of ``terms``; None computes them.
     hierarchical : see ``stepwise``.
-    baseline : increments to a model that has the linear terms, which then need not enter first.
+    baseline : the coefficient is an increment to a model that has the linear terms, so that these
+        need not enter first.
 
     Returns
     -------
-    Selection, its standard deviations corrected for residuals that are not white [1]_ and for the
+    Selection. Its standard deviations include residuals that are not white [1]_ and the uncertain
     choice of terms.
 
     References
@@ -468,7 +490,7 @@ def select(
     rows = [h.coefficients[axis] for h in histories]
     noise_squares = _noise_squares(histories, axis, {})
     linear = _linear(terms, axis)
-    for _ in range(2):  # the noise of the signals is known when terms have values
+    for _ in range(2):  # the values of the first round give the noise by the signals
         products = replace(products, noise=noise_squares)
         if method == STEPWISE:
             first = () if baseline else linear
@@ -483,13 +505,13 @@ def select(
         table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
-    losses, left = losses_of(products, chosen)
-    covariance, other = _reported_covariance(products, chosen, values, columns, rows, linear)
+    losses, residual_squares = losses_of(products, chosen)
+    covariance, alternative = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
     rms = math.sqrt(sse / max(n - len(chosen), 1.0))
-    found = Selection(
+    selection = Selection(
         axis,
         method,
         tuple(steps),
@@ -497,17 +519,17 @@ def select(
         values,
         np.sqrt(np.diag(covariance)),
         covariance,
-        np.array([ratio_of(products, loss, left, len(chosen)) for loss in losses]),
+        np.array([ratio_of(products, loss, residual_squares, len(chosen)) for loss in losses]),
         1.0 - sse / products.spread if products.spread > 0.0 else 0.0,
         held,
         rms,
         noise,
         confounders=tuple(terms[i] for i in chosen[strong:]),
-        alternative=None if other is None else _as_terms(other, terms),
+        alternative=None if alternative is None else _as_terms(alternative, terms),
     )
     if not further or rms < LARGE_RESIDUAL_RATIO * noise:
-        return found
-    return _with_lacking(found, histories, further, products.spread)
+        return selection
+    return _with_lacking(selection, histories, further, products.spread)
 
 
 def _reported_covariance(
@@ -518,15 +540,17 @@ def _reported_covariance(
     rows: Sequence[np.ndarray],
     linear: Sequence[int],
 ) -> tuple[np.ndarray, Alternative | None]:
-    """Return the covariance of the values over the models that explain the data as well, and the
-    likeliest other model where it matters.
+    """Return the covariance of the values, averaged over the models that explain the data as well,
+    and the most probable other model where it matters.
     """
-    whole, even = (
+    local_covariance, even_covariance = (
         columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
         for local in (True, False)
     )
     constituents = [_simpler(products.terms, i) for i in range(len(products.terms))]
-    return averaged_covariance(products, chosen, whole, np.diag(even), linear, constituents)
+    return averaged_covariance(
+        products, chosen, local_covariance, np.diag(even_covariance), linear, constituents
+    )
 
 
 def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
@@ -535,30 +559,34 @@ def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, T
 
 
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:
-    """Sum of squares that the noise of the sensors explains, that of the terms' signals as well."""
+    """Return the sum of squares that is noise of the sensors, in the coefficient and in the signals
+    of its terms.
+    """
     return sum(float(np.sum(h.sigma[axis] ** 2 + h.noise_variance(table, axis))) for h in histories)
 
 
 def _with_lacking(
-    found: Selection,
+    selection: Selection,
     histories: Sequence[Histories],
     further: Sequence[Term],
     spread: float,
 ) -> Selection:
-    """Return the same with the terms, not offered, that explain the residual best."""
-    every = (*found.terms, *further)
-    products = TermColumns.of(histories, found.axis, every).products(histories, found.axis)
-    gains, sse = gains_of(products, list(range(len(found.terms))))
+    """Return the selection with the terms that were not offered and explain its residual best."""
+    all_terms = (*selection.terms, *further)
+    products = TermColumns.of(histories, selection.axis, all_terms).products(
+        histories, selection.axis
+    )
+    gains, sse = gains_of(products, list(range(len(selection.terms))))
     significant = [
         (
-            every[i],
-            ratio_of(products, gains[i], sse - gains[i], len(found.terms) + 1),
+            all_terms[i],
+            ratio_of(products, gains[i], sse - gains[i], len(selection.terms) + 1),
             gains[i] / sse,
         )
-        for i in np.argsort(gains)[::-1][:3]
-        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST_VARIANCE_SHARE * spread
+        for i in np.argsort(gains)[::-1][:_MOST_LACKING]
+        if gains[i] > _LEAST_LACKING_SHARE * sse and gains[i] > 0.1 * LEAST_VARIANCE_SHARE * spread
     ]
-    return replace(found, lacking=tuple(each for each in significant if each[1] > F_IN))
+    return replace(selection, lacking=tuple(entry for entry in significant if entry[1] > F_IN))
 
 
 def _step(

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt over whole records, and profiled refits.
 
-The cost is minus the log likelihood of the noise model, plus the prior's term. By default each
-output's noise variance is concentrated out: 0.5 sum_i N_i ln(sigma_i^2). A step is accepted on the
-defect-corrected residual, see `ident.whole_record.linearise`.
+The cost is minus the log likelihood of the noise model, plus the term of the prior. By default the
+noise variance of each output is concentrated out, which leaves 0.5 sum_i N_i ln(sigma_i^2). The
+cost of a step is that of the defect-corrected residuals, see `ident.whole_record.linearise`.
 """
 
 from __future__ import annotations
@@ -38,37 +38,44 @@ from ident.whole_record.layout import (
 )
 from ident.whole_record.linearise import Linearisation, linearise
 
-# ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
+# ---- Levenberg-Marquardt over whole records, for every maximum-likelihood fit
 
-_REMEMBERED_STEPS = 4  # most recent steps whose change of gradient gives curvature
+# number of recent steps whose changes of gradient correct the information matrix
+_REMEMBERED_STEPS = 4
 # largest gain of log likelihood that is negligible (0.04 sigmas along a poorly known direction)
 _NEGLIGIBLE_GAIN = 1e-3
-# largest gain of log likelihood by a step whose change of gradient counts as curvature at the
-# optimum
+# largest gain of log likelihood by a step near the optimum; only the changes of gradient of these
+# steps correct the information matrix
 _CURVATURE_GAIN = 1.0
-_LEAST_CURVATURE = 0.1  # smallest curvature of a step, relative to the expected one
-# a step that gains less than this share of the undamped step's prediction makes slow progress in a
-# valley
+# smallest measured curvature along a step that is used, over that of the information matrix
+_LEAST_CURVATURE = 0.1
+# progress along a valley is slow where a step gains less than this share of the gain that the
+# quadratic model predicts for the undamped step
 _CREEPING_GAIN_SHARE = 0.1
-# share of the undamped step over which the curvature of a valley is measured
+# finite-difference step that measures the curvature of a valley, over the undamped step
 _CURVATURE_STEP_SHARE = 0.1
 # shares of a curved step, tried in turn until one gains
 _CURVED_STEP_SHARES = (1.0, 0.5, 0.25, 0.125)
 # most successive trials without progress before the fit of a model comparison ends
 _MOST_IDLE_TRIALS = 3
+# largest difference of guess and corrected trajectory at the end of a fit, over the largest state;
+# and the same for a model comparison
+_CLOSED_GAP, _COMPARISON_GAP = 1e-13, 1e-6
+_MOST_CORRECTIONS = 3  # most corrections of a trajectory at the end of a fit
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit, finished or on its way.
+    """A fit at one point of its iteration, or at the end.
 
     Attributes
     ----------
-    theta : ``(n,)`` unknowns: the layout's, then the noise model's.
+    theta : ``(n,)`` unknowns of the layout, then those of the noise model.
+    guesses : trajectory ``(nx, K + 1)`` of each record about which it was linearised.
     lines : outputs and sensitivities of each record.
     weighted : whitened residuals and sensitivities.
-    counts : ``(m,)`` samples.
-    cost : see the module.
+    counts : ``(m,)`` valid samples of each output in all records.
+    cost : minus the log likelihood, as in the head of this module.
     """
 
     problem: FitProblem
@@ -93,39 +100,39 @@ class Fit:
 
     @property
     def residuals(self) -> tuple[np.ndarray, ...]:
-        """Independent residuals ``(m, N)`` a record, zero where a sample is missing: measured minus
-        fitted, or whitened.
+        """Residuals ``(m, N)`` of each record, zero where a sample is missing: measured minus
+        fitted, or whitened innovations.
         """
         return self.weighted.residuals
 
     @property
     def jacobians(self) -> tuple[np.ndarray, ...]:
-        """Sensitivities ``(m, N, c)`` of each record that go with ``residuals``."""
+        """Derivatives ``(m, N, c)`` of the fitted outputs, in the units of ``residuals``."""
         return self.weighted.jacobians
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of ``residuals``, ``(m,)``: of each output's noise, or ones where they are
-        whitened.
+        """Variance ``(m,)`` of ``residuals``: the noise variance of each output, or ones where
+        the residuals are whitened.
         """
         return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
-        """Return the columns ``(m, N, c)`` of record ``r`` in the outputs' units, whitened to unit
-        variance.
+        """Return columns ``(m, N, c)`` of record ``r``, whitened to unit variance; ``columns`` are
+        in the units of the outputs.
         """
         return self.weighted.filters[r].whiten(columns)
 
     @property
     def log_likelihood(self) -> float:
-        """Gaussian log likelihood of the data at the estimated variances; the prior's term
-        included.
+        """Gaussian log likelihood of the data at the estimated variances, plus the term of the
+        prior.
         """
         return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``;
-        cached and read-only.
+        """Return the information matrix ``(n, n)`` and the gradient ``(n,)`` of the log likelihood.
+        Both are cached: do not change them in place.
         """
         return self._equations
 
@@ -139,12 +146,13 @@ class Fit:
             gradient[prior.positions] += prior.information @ (
                 prior.mean - self.theta[prior.positions]
             )
-        terms = self.noise_model.covariance_terms(
+        covariance_terms = self.noise_model.covariance_terms(
             self.layout, self.theta, self.lines, self.weighted
         )
-        if terms is not None:
-            gradient += terms[0]
-            normal += terms[1]
+        if covariance_terms is not None:
+            noise_gradient, noise_information = covariance_terms
+            gradient += noise_gradient
+            normal += noise_information
         for r, (problem, residual) in enumerate(
             zip(self.layout.problems, self.residuals, strict=True)
         ):
@@ -156,47 +164,54 @@ class Fit:
 
 
 def fit_whole_records(
-    problem: FitProblem, guesses: list[np.ndarray] | None = None, begun: Fit | None = None
+    problem: FitProblem, guesses: list[np.ndarray] | None = None, start_fit: Fit | None = None
 ) -> Fit | None:
-    """Minimise the cost from ``problem.start``; None when not even the start has a finite cost.
+    """Minimise the cost from ``problem.start``.
 
-    ``guesses`` : starting trajectories; None takes them from the measured channels. ``begun`` : the
-    start, if it was evaluated before. Outcomes: ``CONVERGED`` or ``MAX_ITERATIONS``; the caller
-    tests whether all parameters are determined.
+    Parameters
+    ----------
+    guesses : trajectory ``(nx, K + 1)`` of each record to start from; None takes them from the
+        measured channels.
+    start_fit : the start, where the caller has already evaluated it.
+
+    Returns
+    -------
+    The fit with the outcome ``CONVERGED`` or ``MAX_ITERATIONS``; None where the start has no finite
+    cost. The caller tests whether all parameters are determined.
     """
-    fit = _finite_or_none(begun) or _evaluated_start(problem, guesses)
+    fit = _finite_or_none(start_fit) or _evaluated_start(problem, guesses)
     if fit is None:
         return None
     settings = problem.layout.settings
     search = _Search(problem)
     descent = Descent(search.model, search.trial, search.settled, search.shortcut, search.least)
-    found = minimise(descent, fit, settings.iterations)
-    fit, done = found.point, found.steps
-    # The optimum also needs a small undamped step. Steps along an undetermined direction may stay
-    # long; then the likelihood decides.
-    ended = done == settings.iterations or search.idle == _MOST_IDLE_TRIALS
-    converged = (
-        search.near or found.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
-    ) and has_converged(found.model, fit.theta, settings)
+    minimum = minimise(descent, fit, settings.iterations)
+    fit = minimum.point
+    # Steps along an undetermined direction may stay long; then the gain of likelihood decides.
+    ended = minimum.steps == settings.iterations or search.idle == _MOST_IDLE_TRIALS
+    stands_still = search.near or minimum.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
+    converged = stands_still and has_converged(minimum.model, fit.theta, settings)
     return replace(
         _finite_or_none(with_exact_trajectory(fit)) or fit,
         outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
-        iterations=done,
+        iterations=minimum.steps,
     )
 
 
 @dataclass(eq=False)
 class _Search:
-    """State of a search over whole records, and the functions that its `Descent` is made of.
+    """State of the descent of one fit, and the functions that `Descent` calls.
 
     Attributes
     ----------
-    gain : of log likelihood by the last step taken; none is infinite.
-    near : whether that step was small.
-    idle : trials in a row that changed the likelihood by less than is enough.
-    refused : damping of the last step that was not taken.
-    moves : the last steps with their changes of gradient.
-    curved : whether the noise's levels are unknowns, for which these are used.
+    gain : gain of log likelihood by the last accepted step; infinite before the first one.
+    near : whether the last accepted step was small.
+    idle : successive trials without a change of the likelihood worth another step.
+    refused : damping of the last rejected step; 0 after an accepted one.
+    moves : recent steps ``(n,)``, each with its change of gradient ``(n,)``.
+    noise_unknowns : whether noise levels are unknowns; only then ``moves`` are used.
+    bare : the fit problem without sensitivities.
+    used_moves : those of ``moves`` that correct the information matrix; none after a curved step.
     """
 
     problem: FitProblem
@@ -207,31 +222,32 @@ class _Search:
     moves: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.curved = bool(self.problem.noise_model.names)
+        self.noise_unknowns = bool(self.problem.noise_model.names)
         self.bare = without_sensitivities(self.problem)
         self.valley = _Valley(self.bare)
-        self.used: list[tuple[np.ndarray, np.ndarray]] = []
+        self.used_moves: list[tuple[np.ndarray, np.ndarray]] = []
 
     def model(self, fit: Fit) -> LocalModel:
-        """Return the quadratic model at a fit, with the curvature of recent steps; after a valley
-        step without it.
+        """Return the quadratic model of the cost at a fit; recent steps correct its information
+        matrix.
         """
         information, gradient = fit.normal_equations()
-        information = _with_curvature(information, self.used)
+        information = _with_curvature(information, self.used_moves)
         return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
 
     def least(self) -> float:
-        """Return the least damping: near the optimum none is needed, and any slows progress in
-        poorly determined directions.
+        """Return the least damping. Near the optimum it is nearly zero, since damping slows
+        progress in poorly determined directions.
         """
-        steady = not self.curved or self.gain <= _CURVATURE_GAIN
-        return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
+        near_optimum = not self.noise_unknowns or self.gain <= _CURVATURE_GAIN
+        return LEAST_DAMPING if near_optimum else self.problem.layout.settings.least_damping
 
     def settled(self, fit: Fit, model: LocalModel) -> bool:
         """Return whether the fit has converged.
 
-        The last step and the undamped next one must both be small; damping or a bound may shorten
-        the former. The fit of a model comparison also ends without further gain.
+        The last step and the undamped next step must both be small, since damping or a bound may
+        have shortened the last one. A fit for a model comparison also ends after
+        ``_MOST_IDLE_TRIALS`` trials without a gain.
         """
         settings = self.problem.layout.settings
         if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
@@ -239,57 +255,61 @@ class _Search:
         return self.near and has_converged(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
-        """Return a curved step along a valley of the cost; None with process noise, whose
-        innovations have another curvature than these residuals.
+        """Return the fit after a curved step along a valley of the cost; None where no curved step
+        gains. Fits with unknown noise levels take none: the curvature of their innovations is not
+        that of the residuals.
         """
-        if self.curved:
+        if self.noise_unknowns:
             return None
         problem = self.problem
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)
-        bent = self.valley.along(fit, model, low, high)
-        if bent is not None:
-            self.gain, self.near, self.used = fit.cost - bent.cost, False, []
-        return bent
+        curved_fit = self.valley.along(fit, model, low, high)
+        if curved_fit is not None:
+            self.gain, self.near, self.used_moves = fit.cost - curved_fit.cost, False, []
+        return curved_fit
 
     def trial(self, fit: Fit, model: LocalModel, damping: float) -> Fit | None:
         """Return the fit after a damped step; None where the cost rises or is not finite."""
         problem, settings = self.problem, self.problem.layout.settings
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        # A damping that failed lately may fail again; the cost alone is cheaper to test.
-        first = self.bare if damping <= self.refused else problem
-        trial = evaluate(first, theta, predicted_trajectories(fit, theta))
-        most_cost = fit.cost + unresolved(float(fit.counts.sum()))
-        level = trial is not None and abs(trial.cost - fit.cost) < max(
+        # A damping that was rejected may fail again. The cost alone is cheaper to compute.
+        cost_first = damping <= self.refused
+        trial = evaluate(
+            self.bare if cost_first else problem, theta, predicted_trajectories(fit, theta)
+        )
+        highest_cost = fit.cost + unresolved(float(fit.counts.sum()))
+        no_change = trial is not None and abs(trial.cost - fit.cost) < max(
             settings.enough, _NEGLIGIBLE_GAIN
         )
-        self.idle = self.idle + 1 if level else 0
-        if first is self.bare and trial is not None and trial.cost <= most_cost:
+        self.idle = self.idle + 1 if no_change else 0
+        if cost_first and trial is not None and trial.cost <= highest_cost:
             trial, self.refused = evaluate(problem, theta, predicted_trajectories(fit, theta)), 0.0
-        if trial is None or not trial.cost <= most_cost or _finite_or_none(trial) is None:
+        if trial is None or not trial.cost <= highest_cost or _finite_or_none(trial) is None:
             self.refused = damping
             return None
         small = np.abs(trial.theta - fit.theta) < np.maximum(
             settings.tolerance * model.scale, ROUNDING_SHARE * np.abs(fit.theta)
         )
-        self.gain = self.valley.slow = fit.cost - trial.cost
+        self.gain = self.valley.last_gain = fit.cost - trial.cost
         self.near = bool(np.all(small)) or self.gain < settings.enough
-        if self.curved and self.gain < _CURVATURE_GAIN:
+        if self.noise_unknowns and self.gain < _CURVATURE_GAIN:
             change = fit.normal_equations()[1] - trial.normal_equations()[1]
             self.moves = [*self.moves[-_REMEMBERED_STEPS + 1 :], (trial.theta - fit.theta, change)]
-        self.used = self.moves
+        self.used_moves = self.moves
         return trial
 
 
 def _evaluated_start(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
-    """Return the start, with trajectories from ``guesses`` or the measured channels; None where its
-    cost is not finite.
+    """Return the fit at the start, with trajectories from ``guesses`` or else the measured
+    channels; None where its cost is not finite.
     """
     start, layout = problem.start, problem.layout
-    given = None if guesses is None else _finite_or_none(evaluate(problem, start, guesses))
-    if given is not None or (guesses is not None and not layout.problems):
-        return given
+    if guesses is not None:
+        start_fit = _finite_or_none(evaluate(problem, start, guesses))
+        if start_fit is not None or not layout.problems:
+            return start_fit
     return _finite_or_none(evaluate(problem, start, layout.guesses(start)))
 
 
@@ -298,16 +318,16 @@ class _Valley:
     """Curved steps along a valley of the cost, where straight steps are slow (geodesic acceleration
     [1]_).
 
-    Strongly correlated unknowns make a curved valley. Straight steps leave its floor and are
-    damped: hundreds of them are needed.
+    Strongly correlated unknowns make a curved valley. Straight steps along it must be short, and a
+    fit may take hundreds of them.
 
     Attributes
     ----------
-    bare : the fit without sensitivities.
-    slow : gain of log likelihood by the last step.
-    straight : steps until the next curved one.
-    wait : the same after a failure.
-    share : of the last successful curved step.
+    bare : the fit problem without sensitivities.
+    last_gain : gain of log likelihood by the last straight step; 0 after a curved one.
+    straight : number of straight steps until the next curved one.
+    wait : value of ``straight`` after the next failure; each failure doubles it.
+    share : share of the last successful curved step, one of ``_CURVED_STEP_SHARES``.
 
     References
     ----------
@@ -316,74 +336,81 @@ class _Valley:
     """
 
     bare: FitProblem
-    slow: float = np.inf
+    last_gain: float = np.inf
     straight: int = 0
     wait: int = 1
     share: float = _CURVED_STEP_SHARES[0]
 
     def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
-        """Return the fit after a curved step within bounds ``(n,)``; None where the last straight
-        step was not slow, or no curved step gains.
+        """Return the fit after a curved step within the bounds ``low`` and ``high``, ``(n,)`` each;
+        None where the last straight step gained enough, or no curved step gains.
         """
         self.straight -= 1
-        enough = max(fit.layout.settings.enough, self.slow / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN)
-        if self.straight >= 0 or model.promised <= enough:
+        least_gain = max(
+            fit.layout.settings.enough, self.last_gain / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN
+        )
+        if self.straight >= 0 or model.promised <= least_gain:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
-        bend = self._second_order_term(fit, model, step, low, high)
+        acceleration = self._second_order_term(fit, model, step, low, high)
         for share in _CURVED_STEP_SHARES:
-            if bend is None or share > 2.0 * self.share:
+            if acceleration is None or share > 2.0 * self.share:
                 continue
-            theta = np.clip(fit.theta + share * step + 0.5 * share**2 * bend, low, high)
-            tried = self._at(fit, theta)
-            asked = 0.5 * (2.0 - share) * share * model.promised
-            if tried is not None and fit.cost - tried.cost > asked:
-                found = _finite_or_none(
-                    evaluate(fit.problem, theta, [line.states for line in tried.lines])
+            theta = np.clip(fit.theta + share * step + 0.5 * share**2 * acceleration, low, high)
+            trial = self._cost_at(fit, theta)
+            # half of the gain that the quadratic model predicts for this share of the step
+            required_gain = 0.5 * (2.0 - share) * share * model.promised
+            if trial is not None and fit.cost - trial.cost > required_gain:
+                curved_fit = _finite_or_none(
+                    evaluate(fit.problem, theta, [line.states for line in trial.lines])
                 )
-                if found is not None and found.cost < fit.cost:
-                    self.slow, self.wait, self.share = 0.0, 1, share
-                    return found
+                if curved_fit is not None and curved_fit.cost < fit.cost:
+                    self.last_gain, self.wait, self.share = 0.0, 1, share
+                    return curved_fit
         self.straight, self.wait, self.share = self.wait, 2 * self.wait, _CURVED_STEP_SHARES[0]
         return None
 
-    def _at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
-        """Return the cost at ``theta``, with a trajectory that nearly obeys the equations."""
-        first = evaluate(self.bare, theta, predicted_trajectories(fit, theta))
-        if first is None:
+    def _cost_at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
+        """Return the fit at ``theta`` without sensitivities. A second correction of its trajectory
+        makes the defects negligible.
+        """
+        first_pass = evaluate(self.bare, theta, predicted_trajectories(fit, theta))
+        if first_pass is None:
             return None
-        return evaluate(self.bare, theta, [line.states for line in first.lines])
+        return evaluate(self.bare, theta, [line.states for line in first_pass.lines])
 
     def _second_order_term(
         self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> np.ndarray | None:
-        """Return the second-order term ``(n,)`` of the curve that starts along ``step``."""
-        near = self._at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
-        if near is None:
+        """Return the second-order term ``(n,)`` of the curve that starts along ``step``: the
+        geodesic acceleration, by finite differences of the residuals.
+        """
+        nearby = self._cost_at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
+        if nearby is None:
             return None
-        pull = np.zeros(len(step))
-        for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
+        gradient = np.zeros(len(step))
+        for r, (before, after) in enumerate(zip(fit.residuals, nearby.residuals, strict=True)):
             columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
-            second = (after - before + jacobian @ (_CURVATURE_STEP_SHARE * step[columns])) * (
-                2.0 / _CURVATURE_STEP_SHARE**2
-            )
-            pull[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
-        curved: np.ndarray = replace(model, gradient=model.scale * pull).step(LEAST_DAMPING)
-        return model.scale * curved
+            second_difference = after - before + jacobian @ (_CURVATURE_STEP_SHARE * step[columns])
+            second = second_difference * (2.0 / _CURVATURE_STEP_SHARE**2)
+            gradient[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
+        scaled: np.ndarray = replace(model, gradient=model.scale * gradient).step(LEAST_DAMPING)
+        return model.scale * scaled
 
 
 def has_converged(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Return whether the undamped step is shorter than the tolerance or rounding, or its predicted
-    gain is negligible.
+    """Return whether the quadratic model predicts no gain worth another step: the undamped step is
+    shorter than the tolerance or rounding, or its gain is negligible.
     """
-    resolved = max(
-        settings.tolerance, float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
-    )
-    return model.promised < max(settings.enough, 0.5 * resolved**2, _NEGLIGIBLE_GAIN)
+    rounding = float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
+    shortest_step = max(settings.tolerance, rounding)  # in sigmas
+    return model.promised < max(settings.enough, 0.5 * shortest_step**2, _NEGLIGIBLE_GAIN)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
-    """Return the cost, residuals and sensitivities at ``theta``; None where they are not finite."""
+    """Return the fit at ``theta`` ``(n,)`` by linearising each record about its trajectory in
+    ``guesses``; None where outputs, sensitivities or the likelihood are not finite.
+    """
     layout = problem.layout
     lines: list[Linearisation] = []
     residuals: list[np.ndarray] = []
@@ -403,41 +430,40 @@ def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) 
         return None
     cost = weighted.cost
     if layout.prior is not None:
-        away = theta[layout.prior.positions] - layout.prior.mean
-        cost += 0.5 * float(away @ layout.prior.information @ away)
+        deviation = theta[layout.prior.positions] - layout.prior.mean
+        cost += 0.5 * float(deviation @ layout.prior.information @ deviation)
     return Fit(problem, theta, tuple(guesses), tuple(lines), weighted, counts, cost)
 
 
 def without_sensitivities(problem: FitProblem) -> FitProblem:
-    """Return the fit problem without sensitivities, which gives the same cost."""
-    bare = tuple(
-        replace(each, free=(), starts=(), moving=(), increment=each.increment[:0])
-        for each in problem.layout.problems
+    """Return the fit problem without sensitivities; its cost is the same."""
+    bare_problems = tuple(
+        replace(recorded, free=(), starts=(), moving=(), increment=recorded.increment[:0])
+        for recorded in problem.layout.problems
     )
-    return replace(problem, layout=replace(problem.layout, problems=bare))
+    return replace(problem, layout=replace(problem.layout, problems=bare_problems))
 
 
 def with_exact_trajectory(fit: Fit) -> Fit:
-    """Return the fit at the same parameters, with a trajectory that obeys the equations to
-    rounding.
+    """Return the fit at the same parameters, with trajectories that obey the equations.
 
-    For model comparisons the gaps need not vanish: their effect on the cost is of second order.
+    At most ``_MOST_CORRECTIONS`` corrections are made. They end when the trajectory changes by less
+    than ``_CLOSED_GAP``; a model comparison stops at ``_COMPARISON_GAP``, since the gap changes the
+    cost to second order only.
     """
-    closed = 1e-13 if fit.layout.settings.enough == 0.0 else 1e-6
-    for _ in range(3):
+    closed = _CLOSED_GAP if fit.layout.settings.enough == 0.0 else _COMPARISON_GAP
+    for _ in range(_MOST_CORRECTIONS):
         gap = max(
             np.max(np.abs(line.states - guess), initial=0.0)
             for line, guess in zip(fit.lines, fit.guesses, strict=True)
         )
         size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
-        again = (
-            evaluate(fit.problem, fit.theta, [line.states for line in fit.lines])
-            if gap > closed * size
-            else None
-        )
-        if again is None:
+        if not gap > closed * size:
             break
-        fit = again
+        corrected = evaluate(fit.problem, fit.theta, [line.states for line in fit.lines])
+        if corrected is None:
+            break
+        fit = corrected
     return fit
 
 
@@ -447,11 +473,13 @@ def _finite_or_none(fit: Fit | None) -> Fit | None:
         return None
     with np.errstate(all="ignore"):
         equations = fit.normal_equations()
-    return fit if all(bool(np.all(np.isfinite(each))) for each in equations) else None
+    return fit if all(bool(np.all(np.isfinite(part))) for part in equations) else None
 
 
 def predicted_trajectories(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
-    """Return trajectory guesses at other parameters, by the sensitivities of this fit."""
+    """Return trajectories ``(nx, K + 1)`` of the records at ``theta``, extrapolated from a fit by
+    its sensitivities.
+    """
     step = theta - fit.theta
     return [
         np.array(line.states + line.by_state @ step[fit.layout.columns(r)])
@@ -462,26 +490,28 @@ def predicted_trajectories(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
 def _with_curvature(
     information: np.ndarray, moves: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Return the expected information, changed to map recent steps to their changes of gradient
-    (BFGS).
+    """Return the information matrix with a BFGS update by each of the recent steps, so that it maps
+    a step to its change of gradient.
 
-    With unknown noise levels the expected information alone converges slowly.
+    With unknown noise levels, a fit with the expected information alone converges slowly.
     """
     for step, change in moves:
-        pressed = information @ step
-        work, seen = float(step @ change), float(step @ pressed)
-        if work > _LEAST_CURVATURE * seen > 0.0:
+        expected_change = information @ step
+        measured, expected = float(step @ change), float(step @ expected_change)
+        if measured > _LEAST_CURVATURE * expected > 0.0:
             information = (
-                information + np.outer(change, change) / work - np.outer(pressed, pressed) / seen
+                information
+                + np.outer(change, change) / measured
+                - np.outer(expected_change, expected_change) / expected
             )
     return information
 
 
 # ---- Refits with one fixed parameter, for profile-likelihood intervals
 
-# smallest gain of log likelihood of a refit; it moves an end of the interval by 1/4000
+# a refit ends when a step gains less log likelihood; this moves an end of the interval by 1/4000
 SETTLED_LOG_LIKELIHOOD = 1e-3
-MOST_ITERATIONS = 30
+MOST_ITERATIONS = 30  # of a refit
 
 
 def profile_intervals(
@@ -490,13 +520,15 @@ def profile_intervals(
     covariance: np.ndarray,
     noise_at: Callable[[Fit, np.ndarray], NoiseModel] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Return the intervals of the shared parameters ``names`` of a settled fit.
+    """Return the profile-likelihood intervals of the shared parameters ``names`` of a converged
+    fit.
 
     Parameters
     ----------
-    covariance : ``(s, s)`` of the shared parameters as reported; its ratio to that of white
-        residuals widens the threshold.
-    noise_at : returns the noise model started at a theta; None keeps it.
+    covariance : ``(s, s)`` reported covariance of the shared parameters; the threshold of the
+        likelihood grows with its ratio to the covariance for white residuals.
+    noise_at : function of a fit and of theta ``(n,)`` that returns the noise model with its start
+        at this theta; None keeps the noise model of the fit.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
     layout, noise_model_at = fit.layout, noise_at or (lambda at, theta: at.noise_model)
@@ -510,15 +542,17 @@ def profile_intervals(
 def _refit(
     fit: Fit, j: int, along: np.ndarray, noise_at: Callable[[Fit, np.ndarray], NoiseModel]
 ) -> Callable[[float, Fit | None], tuple[float, Fit] | None]:
-    """Return the cost with unknown ``j`` fixed at a value; the others start at the optimum of the
-    quadratic model.
+    """Return a function that fits all other unknowns with unknown ``j`` fixed at a value.
+
+    ``along`` ``(n,)`` is the change of all unknowns for a unit change of unknown ``j``, by the
+    quadratic model: each refit starts there.
     """
     settings = replace(
         fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS
     )
 
-    def refit(value: float, begun: Fit | None) -> tuple[float, Fit] | None:
-        near = begun or fit
+    def refit(value: float, neighbour: Fit | None) -> tuple[float, Fit] | None:
+        near = neighbour or fit
         theta = np.clip(
             near.theta + along * (value - near.theta[j]), fit.problem.low, fit.problem.high
         )
@@ -527,9 +561,9 @@ def _refit(
         low, high = fit.layout.low.copy(), fit.layout.high.copy()
         low[j] = high[j] = value
         layout = replace(fit.layout, settings=settings, start=theta[:count], low=low, high=high)
-        found = fit_whole_records(
+        refitted = fit_whole_records(
             FitProblem(layout, noise_at(near, theta)), predicted_trajectories(near, theta)
         )
-        return None if found is None else (found.cost, found)
+        return None if refitted is None else (refitted.cost, refitted)
 
     return refit

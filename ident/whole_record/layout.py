@@ -1,7 +1,8 @@
 """Unknowns of a whole-record fit laid out over its records, and the noise model.
 
-A NoiseModel whitens residuals and sensitivities. Its own unknowns, if any, follow those of the
-layout in theta. `ident.process_noise.innovations_model` has the model with a Kalman filter.
+A NoiseModel whitens residuals and sensitivities. It may have unknowns of its own, which follow
+those of the layout in theta. `ident.process_noise.innovations_model` is the noise model with a
+Kalman filter.
 """
 
 from __future__ import annotations
@@ -36,25 +37,25 @@ ROUNDING_SHARE = 1e-11  # relative rounding error of a whole-record computation
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a whole-record fit runs.
+    """Settings of a whole-record fit.
 
     Attributes
     ----------
     max_step : longest integration sub-step, s.
-    iterations : limit of accepted and rejected steps together.
+    iterations : largest number of steps, accepted and rejected ones together.
     tolerance : the fit has converged when a step moves no parameter by more than this share of its
         sigma.
     use_priors : add the Gaussian priors of parameters and initial states to the cost.
     coloured : correct the covariance for residuals that are not white.
-    enough : the fit also ends when a step lowers the cost by less than this: for comparing models
-        it need not be lower.
-    quick : leave out how derivatives move the gains of a filter with process noise: for comparing
-        models, its optimum hardly moves.
-    exact : derivatives by complex steps; ten times dearer than differences, which are good to a
-        millionth.
-    least_damping : of a step where noise levels are unknowns: less is of no use there and would
-        have to be undone after a step too far. Only a motion that grows needs less: what its
-        records know best they know by e^15 better than the rest.
+    enough : the fit also ends when a step lowers the cost by less than this. A comparison of models
+        needs no lower cost.
+    quick : neglect that the parameters change the gains of the filter, in a fit with process noise.
+        This hardly moves the optimum, and a comparison of models may do so.
+    exact : differentiate by complex steps. They take ten times as long as forward differences,
+        whose relative error is about a millionth.
+    least_damping : smallest damping where noise levels are unknowns. A smaller one makes steps that
+        are too long and must be repeated. Only an unstable motion needs a smaller one: its
+        best-determined direction is known e^15 times better than the others.
     """
 
     max_step: float = 0.01
@@ -70,8 +71,13 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Gaussian prior of some unknowns: ``mean (k,)`` and ``information (k, k)`` at ``positions`` of
-    theta.
+    """Gaussian prior of k unknowns.
+
+    Attributes
+    ----------
+    positions : ``(k,)`` positions of these unknowns in theta.
+    mean : ``(k,)``.
+    information : ``(k, k)`` inverse covariance.
     """
 
     positions: np.ndarray
@@ -81,19 +87,21 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class FitLayout:
-    """The unknowns of a fit: shared parameters, then for each record its local parameters and
-    initial states.
+    """The unknowns of a fit: the shared parameters, then the local parameters and initial states of
+    each record in turn.
 
     Attributes
     ----------
-    problems : the records laid out.
-    shared, local : names of parameters.
-    starts : positions of free initial states.
-    start, low, high : of all unknowns, ``(n,)``.
-    order : positions of shared and local among the System's parameters.
-    prior : None where no unknown has one.
-    used : ``(m,)`` outputs with at least one sample.
-    smallest : ``(m,)`` variance below which an output is exact to rounding.
+    problems : one for each record.
+    shared : names of the parameters with one value for all records.
+    local : names of the parameters with one value for each record.
+    starts : positions of the free initial states among the states.
+    order : positions of the shared, then the local parameters among those of the System.
+    start : ``(n,)`` starting values of all unknowns.
+    low, high : ``(n,)`` bounds of all unknowns.
+    prior : prior of some unknowns; None where no unknown has one.
+    used : ``(m,)`` whether an output has at least one valid sample.
+    smallest : ``(m,)`` residual variance below which an output is fitted to rounding.
     """
 
     system: System
@@ -112,40 +120,39 @@ class FitLayout:
 
     @property
     def own(self) -> int:
-        """Unknowns of each record alone."""
+        """Number of unknowns that belong to one record."""
         return len(self.local) + len(self.starts)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all unknowns; with several records, local ones end with the record's number from
-        1.
+        """Names of all unknowns. With several records, the name of a local unknown ends with the
+        number of its record, counted from 1.
         """
-        mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
-        many = len(self.problems) > 1
-        each = (
-            f"{name}, record {r + 1}" if many else name
-            for r in range(len(self.problems))
-            for name in mine
-        )
-        return (*self.shared, *each)
+        local_names = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
+        if len(self.problems) == 1:
+            return (*self.shared, *local_names)
+        numbers = range(1, len(self.problems) + 1)
+        return (*self.shared, *(f"{name}, record {k}" for k in numbers for name in local_names))
 
     def columns(self, r: int) -> np.ndarray:
-        """Return the positions in theta of the unknowns of record ``r``."""
+        """Return the positions in theta of the shared unknowns and those of record ``r``."""
         shared, own = len(self.shared), self.own
         if not r:
             return np.arange(shared + own)
         return np.concatenate([np.arange(shared), shared + r * own + np.arange(own)])
 
     def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return all parameters and the initial state of record ``r``."""
-        mine = theta[self.columns(r)]
+        """Return all parameters ``(np,)`` and the initial state ``(nx,)`` of record ``r``; what is
+        not free has its declared value.
+        """
+        unknowns = theta[self.columns(r)]
         p, x0 = self.system.parameters.values(), self.system.initial.values()
-        p[list(self.order)] = mine[: len(self.order)]
-        x0[list(self.starts)] = mine[len(self.order) :]
+        p[list(self.order)] = unknowns[: len(self.order)]
+        x0[list(self.starts)] = unknowns[len(self.order) :]
         return p, x0
 
     def guesses(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return starting trajectories from the measured channels, one a record."""
+        """Return a starting trajectory ``(nx, K + 1)`` of each record from measured channels."""
         return [
             guess_states(problem, *self.split(theta, r)) for r, problem in enumerate(self.problems)
         ]
@@ -165,12 +172,14 @@ def lay_out(
     Parameters
     ----------
     local : further parameters, besides ``bias_*``, of which each record has its own.
-    masks : ``(m, N)`` a record, False where a sample is set aside; None uses all that are valid.
-    start : ``(n,)`` all unknowns; from the System and the first samples when None.
+    masks : ``(m, N)`` of each record, False where a sample does not count; None uses all valid
+        samples.
+    start : ``(n,)`` starting values of all unknowns; None takes them from the System and from the
+        first samples.
 
     Raises
     ------
-    ModelError : a record without any of the outputs, or nothing to estimate.
+    ModelError : where a record has none of the outputs, or nothing is free.
     """
     parameters, initial = system.parameters, system.initial
     for record in records:
@@ -182,12 +191,12 @@ def lay_out(
             )
     recorded = {name for record in records for name in record.output_names}
     free = [
-        n
-        for n in parameters.free_names
-        if not (n.startswith("bias_") and n.removeprefix("bias_") not in recorded)
+        name
+        for name in parameters.free_names
+        if not name.startswith("bias_") or name.removeprefix("bias_") in recorded
     ]
-    apart = {name for name in free if name.startswith("bias_") or name in local}
-    shared, own = tuple(n for n in free if n not in apart), tuple(n for n in free if n in apart)
+    shared = tuple(name for name in free if not name.startswith("bias_") and name not in local)
+    own = tuple(name for name in free if name not in shared)
     starts = tuple(i for i, item in enumerate(initial) if item.free)
     if not free and not starts:
         raise ModelError(
@@ -208,20 +217,19 @@ def lay_out(
         )
         for r, record in enumerate(records)
     )
-    mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
-    items = [parameters[name] for name in shared] + mine * len(records)
+    record_items = [parameters[name] for name in own] + [initial.items[i] for i in starts]
+    items = [parameters[name] for name in shared] + record_items * len(records)
     low = np.array([item.bounds[0] for item in items])
     high = np.array([item.bounds[1] for item in items])
-    first = np.array([item.value for item in items], dtype=float)
-    if start is None and not settings.use_priors:
-        _seed_initial_states(first, records, system, starts, len(shared), len(own))
-    first = np.clip(first if start is None else start, low, high)
+    if start is None:
+        start = np.array([item.value for item in items], dtype=float)
+        if not settings.use_priors:
+            _seed_initial_states(start, records, system, starts, len(shared), len(own))
+    outputs = range(len(system.outputs))
     size = np.array(
-        [
-            max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems)
-            for i in range(len(system.outputs))
-        ]
+        [max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems) for i in outputs]
     )
+    used = np.array([any(np.any(problem.valid[i]) for problem in problems) for i in outputs])
     return FitLayout(
         system,
         settings,
@@ -230,30 +238,26 @@ def lay_out(
         own,
         starts,
         order,
-        first,
+        np.clip(start, low, high),
         low,
         high,
         _declared_prior(items) if settings.use_priors else None,
-        np.array(
-            [
-                any(np.any(problem.valid[i]) for problem in problems)
-                for i in range(len(system.outputs))
-            ]
-        ),
+        used,
         np.maximum(ROUNDING_SHARE * size, 1e-30) ** 2,
     )
 
 
 def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
-    known = [i for i, item in enumerate(items) if math.isfinite(item.prior_std)]
-    if not known:
+    """Return the declared priors of the unknowns ``items``; None where none has one."""
+    positions = [i for i, item in enumerate(items) if math.isfinite(item.prior_std)]
+    if not positions:
         return None
-    information = np.diag([items[i].prior_std ** -2 for i in known])
-    return Prior(np.array(known), np.array([items[i].value for i in known]), information)
+    information = np.diag([items[i].prior_std ** -2 for i in positions])
+    return Prior(np.array(positions), np.array([items[i].value for i in positions]), information)
 
 
-# Gauss-Newton iterations, and the largest step in units of states
-_ITERATIONS, _LARGEST_STEP = 30, 0.3
+_ITERATIONS = 30  # Gauss-Newton steps for initial states
+_LARGEST_STEP = 0.3  # largest change of a state in one of them, in the unit of the state
 
 
 def _seed_initial_states(
@@ -264,27 +268,31 @@ def _seed_initial_states(
     shared: int,
     local: int,
 ) -> None:
-    asked = [i for i in starts if system.initial.items[i].source == FROM_OUTPUTS]
+    """Set the initial states in ``theta`` that the first samples of the records show.
+
+    ``shared`` and ``local`` are the numbers of shared parameters and of local ones of a record.
+    """
+    from_outputs = [i for i in starts if system.initial.items[i].source == FROM_OUTPUTS]
     for r, record in enumerate(records):
-        known = known_states(record, system)
-        found = {i: float(values[0]) for i, (_, values) in known.items()}
-        if asked:
-            found |= _states_from_outputs(record, system, found, asked)
+        measured = known_states(record, system)
+        first = {i: float(values[0]) for i, (_, values) in measured.items()}
+        if from_outputs:
+            first |= _states_from_outputs(record, system, first, from_outputs)
         for c, i in enumerate(starts):
-            if i in found:
-                theta[shared + r * (local + len(starts)) + local + c] = found[i]
+            if i in first:
+                theta[shared + r * (local + len(starts)) + local + c] = first[i]
 
 
 def _states_from_outputs(
-    record: Record, system: System, known: Mapping[int, float], asked: Sequence[int]
+    record: Record, system: System, known: Mapping[int, float], wanted: Sequence[int]
 ) -> dict[int, float]:
-    """Return the states at the first sample whose outputs are nearest to the recorded ones
-    (Gauss-Newton); angles within half a turn.
+    """Return the states at the first sample whose outputs are nearest to the recorded ones, by
+    Gauss-Newton; empty where the steps diverge. Differences of angles count within half a turn.
 
     Parameters
     ----------
-    known : by position, states that are measured.
-    asked : positions of those to find.
+    known : position of a measured state -> its value.
+    wanted : positions of the states to estimate.
     """
     x0, p = system.initial.values(), system.parameters.values().tolist()
     for i, value in known.items():
@@ -295,50 +303,54 @@ def _states_from_outputs(
     angle = np.array([system.outputs[i].unit == "rad" for i in rows])
     u = [float(record[name].values[0]) for name in system.input_names]
 
-    def read(part: Sequence[Any]) -> list[Any]:
+    def simulated(values: Sequence[Any]) -> list[Any]:
         x: list[Any] = x0.tolist()
-        for i, value in zip(asked, part, strict=True):
+        for i, value in zip(wanted, values, strict=True):
             x[i] = value
         outputs = system.h(float(record.time[0]), x, u, p)
         return [outputs[i] for i in rows]
 
-    best = x0[list(asked)]
+    states = x0[list(wanted)]
     for _ in range(_ITERATIONS):
-        slopes = complex_step_jacobian(read, best.tolist())
-        left = measured - np.array(read(best.tolist()))
-        left = np.where(angle, (left + np.pi) % (2.0 * np.pi) - np.pi, left)
-        move = np.linalg.lstsq(slopes, left, rcond=1e-9)[0]
-        best = best + move * min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(move))), 1e-300))
-    if not np.all(np.isfinite(best)):
+        slopes = complex_step_jacobian(simulated, states.tolist())
+        residual = measured - np.array(simulated(states.tolist()))
+        residual = np.where(angle, (residual + np.pi) % (2.0 * np.pi) - np.pi, residual)
+        step = np.linalg.lstsq(slopes, residual, rcond=1e-9)[0]
+        states = states + step * min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
+    if not np.all(np.isfinite(states)):
         return {}
-    return dict(zip(asked, best.tolist(), strict=True))
+    return dict(zip(wanted, states.tolist(), strict=True))
 
 
 # ---- Information of a record on the parameters, to first order
 
-MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
+MAX_STEP = 0.01  # longest integration sub-step, s, as in whole-record fits
 
 
 def weighted_sensitivities(
     record: Record, system: System, noise_std: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names of the free parameters and the slopes ``(M, n)`` of all measured samples by
-    them, over the noise standard deviation ``(m,)``.
+    """Return the names of the n free parameters and the sensitivities ``S (M, n)`` of all M valid
+    samples to them, each over the noise standard deviation of its output.
 
-    At the parameters of ``system``, by complex steps. Biases and initial states are nuisance
-    parameters and projected out, with the priors that the system declares of them. The information
-    of the record is ``S' S``; singular values of ``S`` show directions without influence to
-    rounding; those of ``S' S`` lose half the digits.
+    They hold at the parameters of ``system`` and come from complex steps. Biases and initial states
+    are nuisance parameters: they are projected out, with their declared priors. The information
+    matrix of the record is ``S' S``. A direction without influence is better seen in the singular
+    values of ``S`` than in those of ``S' S``, which lose half the digits.
+
+    Parameters
+    ----------
+    noise_std : ``(m,)`` standard deviation of the noise of each output.
 
     Raises
     ------
-    ModelError : the simulation leaves all measure.
+    ModelError : where the simulation diverges.
     """
     layout = lay_out([record], system, FitSettings(max_step=MAX_STEP, use_priors=True, exact=True))
     problem, n = layout.problems[0], len(layout.shared)
     p, x0 = layout.split(layout.start, 0)
     line = linearise(problem, p, x0, layout.guesses(layout.start)[0])
-    line = linearise(problem, p, x0, line.states)
+    line = linearise(problem, p, x0, line.states)  # about the corrected trajectory
     if not np.all(np.isfinite(line.jacobian)):
         raise ModelError(
             "the simulation leaves all measure",
@@ -349,10 +361,10 @@ def weighted_sensitivities(
     items = [system.parameters[name] for name in layout.local] + [
         system.initial.items[i] for i in layout.starts
     ]
-    known = np.array(
+    prior_slopes = np.diag(
         [1.0 / item.prior_std if np.isfinite(item.prior_std) else 0.0 for item in items]
     )
-    nuisance = np.vstack([slopes[:, n:], np.diag(known)])
+    nuisance = np.vstack([slopes[:, n:], prior_slopes])
     shared = np.vstack([slopes[:, :n], np.zeros((len(items), n))])
     basis = np.linalg.qr(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300))[0]
     return layout.shared, shared - basis @ (basis.T @ shared)
@@ -362,9 +374,7 @@ def weighted_sensitivities(
 
 
 class LaidOut(Protocol):
-    """The part of a layout that a noise model reads; implemented by
-    `ident.whole_record.layout.FitLayout`.
-    """
+    """The attributes of a layout that a noise model reads; `FitLayout` has them."""
 
     @property
     def system(self) -> System: ...
@@ -388,8 +398,8 @@ class ResidualFilter(Protocol):
     """Whitening filter of one record."""
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Return the columns ``(m, N, c)`` in the outputs' units whitened to unit variance, zero
-        where a sample is missing.
+        """Return ``columns (m, N, c)``, given in the units of the outputs, whitened to unit
+        variance; zero where a sample is missing.
         """
         ...
 
@@ -400,11 +410,11 @@ class WeightedResiduals:
 
     Attributes
     ----------
-    residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample
-        is missing.
-    variance : ``(m,)`` of the residuals.
-    cost : minus the log likelihood, without 0.5 (1 + ln 2 pi) a sample.
-    filters : one a record, for further columns.
+    residuals : ``(m, N)`` of each record, zero where a sample is missing.
+    jacobians : ``(m, N, c)`` of each record, derivatives of the fitted outputs.
+    variance : ``(m,)`` variance of the residuals.
+    cost : minus the log likelihood, without its constant 0.5 (1 + ln 2 pi) for each sample.
+    filters : one for each record; they whiten further columns in the same way.
     """
 
     residuals: tuple[np.ndarray, ...]
@@ -417,11 +427,17 @@ class WeightedResiduals:
 class NoiseModel(Protocol):
     """Model of the random part of the data.
 
-    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns
-    None where its likelihood is not finite. ``covariance_terms`` are gradient ``(n,)`` and expected
-    information ``(n, n)`` of the log likelihood through the dependence of the residuals' covariance
-    on the unknowns; None where there is none. ``step_bounds`` are the lowest and highest values of
-    all unknowns, ``(n,)`` each, after one step from ``theta``.
+    Attributes
+    ----------
+    names, start, low, high : names, starting values and bounds of its own unknowns.
+
+    Methods
+    -------
+    weight_residuals : whitened residuals; None where the likelihood is not finite.
+    covariance_terms : gradient ``(n,)`` and expected information ``(n, n)`` that the log likelihood
+        has because the unknowns change the covariance of the residuals; None where they do not.
+    step_bounds : lowest and highest values of all unknowns, ``(n,)`` each, that one step from
+        ``theta`` may reach.
     """
 
     @property
@@ -452,7 +468,13 @@ class NoiseModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Standardised:
-    """Division by each output's standard deviation: ``valid (m, N)``, ``variance (m,)``."""
+    """Whitening of one record with white noise: division by the standard deviation of each output.
+
+    Attributes
+    ----------
+    valid : ``(m, N)`` False where a sample is missing.
+    variance : ``(m,)`` noise variance of each output.
+    """
 
     valid: np.ndarray
     variance: np.ndarray
@@ -481,18 +503,18 @@ class WithoutUnknowns:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """None: no unknown changes the covariance of the residuals."""
+        """Return None: no unknown changes the covariance of the residuals."""
         return None
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds of the layout."""
+        """Return the bounds of the layout: a step may reach them at once."""
         return layout.low, layout.high
 
 
 @dataclass(frozen=True)
 class White(WithoutUnknowns):
-    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of
-    the residual.
+    """White Gaussian noise on each output. Its variance is concentrated out: it is the mean square
+    of the residual.
     """
 
     def weight_residuals(
@@ -503,13 +525,14 @@ class White(WithoutUnknowns):
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Return the residuals and sensitivities unchanged."""
+        """Return the residuals and sensitivities unchanged, with the variances and the cost."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
-        found = squares / np.maximum(counts, 1)
-        variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
-        # A variance at its lower bound is constant: the cost then needs the squared residuals.
-        held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
-        cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
+        mean_square = squares / np.maximum(counts, 1)
+        variance = np.where(layout.used, np.maximum(mean_square, layout.smallest), 1.0)
+        # A variance at its lower bound does not follow the residuals: the cost needs their squares.
+        at_bound = np.where(mean_square < layout.smallest, squares / variance - counts, 0.0)
+        terms = np.where(layout.used, counts * np.log(variance) + at_bound, 0.0)
+        cost = 0.5 * float(np.sum(terms))
         filters = tuple(Standardised(problem.valid, variance) for problem in layout.problems)
         return WeightedResiduals(
             tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters
@@ -524,7 +547,7 @@ WHITE = White()
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """A layout and a noise model; the noise model's unknowns follow those of the layout in
+    """A layout and a noise model. The unknowns of the noise model follow those of the layout in
     theta.
     """
 
@@ -538,15 +561,15 @@ class FitProblem:
 
     @property
     def start(self) -> np.ndarray:
-        """Starting values of the fit, ``(n,)``."""
+        """Starting values of all unknowns, ``(n,)``."""
         return np.concatenate([self.layout.start, self.noise_model.start])
 
     @property
     def low(self) -> np.ndarray:
-        """Lowest values, ``(n,)``."""
+        """Lower bounds of all unknowns, ``(n,)``."""
         return np.concatenate([self.layout.low, self.noise_model.low])
 
     @property
     def high(self) -> np.ndarray:
-        """Highest values, ``(n,)``."""
+        """Upper bounds of all unknowns, ``(n,)``."""
         return np.concatenate([self.layout.high, self.noise_model.high])

@@ -1,13 +1,13 @@
 """A whole record linearised at once: outputs and all their sensitivities about a trajectory guess.
 
-Every node interval is integrated at the same time, for the base and for a complex step in each
-state and parameter; one banded triangular solve then joins the intervals. The guess need not obey
-the equations: its defects are corrected to first order by the same solve (a multiple-shooting
-Gauss-Newton step with the intermediate states condensed out; Bock 1981). For equations linear in
-the states one correction is exact, and at convergence the trajectory equals the sequential
-simulation to rounding.
+All node intervals are integrated at the same time, for the base and for a complex step in each
+state and parameter. One banded triangular solve then joins the intervals. The guess need not obey
+the equations: the same solve corrects its defects to first order. This is a Gauss-Newton step of
+multiple shooting with the intermediate states condensed out (Bock 1981). One correction is exact
+for equations linear in the states. At convergence the trajectory equals the sequential simulation
+to rounding.
 
-The first guess takes states from the measured channels.
+The first guess takes the states from the measured channels.
 """
 
 from __future__ import annotations
@@ -35,59 +35,67 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-SLOPE_PARTS = 60  # a slope is fitted over two sixtieths of the record
+# the half-width of the window of a slope is the length of the record over this
+SLOPE_PARTS = 60
+_FEWEST_SLOPE_SAMPLES = 12  # a record with no more samples of a state gives no slopes
+_MEDIAN_SAMPLES = 5  # samples of the running median before a slope is taken
+_LARGEST_GUESS = 1e12  # largest size of a state in a guessed trajectory
 
 
 def known_states(
     record: Record, system: System, p: Sequence[float] | np.ndarray | None = None
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return position of a state -> times ``(k,)`` and values ``(k,)``, for the states that the
-    record shows; good enough to start a fit.
+    """Return times ``(k,)`` and values ``(k,)`` of the states that the record shows, by the
+    position of the state. They are accurate enough to start a fit.
 
-    Sensor biases are subtracted, at parameters ``p`` (None: the System's own). Rates are slopes of
-    lines over a window, after a running median of five samples.
+    A state is measured, or is the rate of a measured one. Sensor biases at parameters ``p`` (None:
+    those of the System) are subtracted. A rate is the slope of a line over a window, after a
+    running median.
     """
     names = system.state_names
-    found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for i, name in enumerate(names):
         if name in record.output_names:
             channel = record[name]
-            found[i] = (
+            known[i] = (
                 record.time[channel.valid],
                 channel.values[channel.valid] - _bias(system, name, p),
             )
-    if len(found) in (0, len(names)):
-        return found
+    if len(known) in (0, len(names)):
+        return known
     for source, rate in rate_relations(system, record.time).items():
         i, j = names.index(source), names.index(rate)
-        if i in found and j not in found and len(found[i][0]) > 12:
-            time, values = found[i]
-            padded = np.pad(values, 2, mode="edge")
-            calm = np.median([padded[k : k + len(values)] for k in range(5)], axis=0)
+        if i in known and j not in known and len(known[i][0]) > _FEWEST_SLOPE_SAMPLES:
+            time, values = known[i]
+            padded = np.pad(values, _MEDIAN_SAMPLES // 2, mode="edge")
+            shifted = [padded[k : k + len(values)] for k in range(_MEDIAN_SAMPLES)]
+            smooth = np.median(shifted, axis=0)
             fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SLOPE_PARTS), 1)
-            slope = np.sum(fit.slope * fit.gather(calm), axis=1)
-            found[j] = time[fit.usable], slope[fit.usable]
-    return found
+            slope = np.sum(fit.slope * fit.gather(smooth), axis=1)
+            known[j] = time[fit.usable], slope[fit.usable]
+    return known
 
 
 def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> float:
+    """Return the sensor bias of a state at parameters ``p``; zero where the System has none."""
     parameters, bias = system.parameters, f"bias_{name}"
     if bias not in parameters.names:
         return 0.0
     return parameters[bias].value if p is None else float(p[parameters.index(bias)])
 
 
-# largest gap, relative to the state, if the simulated states are linear in themselves
+# largest defect after one correction, relative to the state, where the rates of the simulated
+# states are linear in these states
 LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
     problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Return a starting trajectory ``(nx, K + 1)``: measured states from the record, the others
-    simulated.
+    """Return a starting trajectory ``(nx, K + 1)``: the record gives the measured states, and the
+    others are simulated with these as inputs.
 
-    It is bounded even where the simulation of all states from a wrong start would diverge.
+    It stays bounded even where a simulation of all states from a wrong start would diverge.
     """
     system, grid, record = problem.system, problem.grid, problem.record
     measured = {
@@ -97,10 +105,10 @@ def guess_states(
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
     drive = driven_by(record, system, p, grid)
-    found = simulated_at_once(problem, measured, drive, p, x0) if measured else None
-    if found is None:
-        found = simulated_in_turn(problem, measured, drive, p, x0)
-    return np.nan_to_num(np.clip(found, -1e12, 1e12))
+    states = simulated_at_once(problem, measured, drive, p, x0) if measured else None
+    if states is None:
+        states = simulated_in_turn(problem, measured, drive, p, x0)
+    return np.nan_to_num(np.clip(states, -_LARGEST_GUESS, _LARGEST_GUESS))
 
 
 def simulated_at_once(
@@ -110,8 +118,10 @@ def simulated_at_once(
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray | None:
-    """Return the states ``(nx, K + 1)``, unmeasured ones by one banded solve; None if these are not
-    linear in themselves.
+    """Return the states ``(nx, K + 1)``, the unmeasured ones by one banded solve; None where the
+    rates of these are not linear in them, or the simulation diverges.
+
+    ``measured`` maps the position of a measured state to its values at the nodes, ``(K + 1,)``.
     """
     free = [i for i in range(len(x0)) if i not in measured]
     X = np.repeat(np.array(x0, dtype=float)[:, None], len(problem.grid.nodes), axis=1)
@@ -119,20 +129,14 @@ def simulated_at_once(
         X[i] = values
     start = np.array(x0, dtype=float)[free]
     with np.errstate(all="ignore"):  # a divergent simulation is repeated node by node
-        for last in (False, True):
+        for corrected in (False, True):
             ends = _interval_ends(problem, X, drive, p, free)
             defects = ends[:, 0].real - X[free, 1:]
             if not np.all(np.abs(ends) < LARGEST_NUMBER):
                 return None
-            if last:
-                return (
-                    X
-                    if np.all(
-                        np.abs(defects)
-                        <= LARGEST_TRAJECTORY_GAP * np.max(np.abs(X[free]), axis=1, keepdims=True)
-                    )
-                    else None
-                )
+            if corrected:
+                size = np.max(np.abs(X[free]), axis=1, keepdims=True)
+                return X if np.all(np.abs(defects) <= LARGEST_TRAJECTORY_GAP * size) else None
             slopes = ends[:, 1:].imag / COMPLEX_STEP
             X[free] += join_intervals(
                 slopes, np.zeros((len(free), 0, len(defects[0]))), defects, (), start - X[free, 0]
@@ -147,8 +151,8 @@ def _interval_ends(
     p: Sequence[float] | np.ndarray,
     free: Sequence[int],
 ) -> np.ndarray:
-    """Return the states ``free`` at the end of each interval, from ``X`` at its beginning and from
-    a complex step of each: ``(f, 1 + f, K)``.
+    """Return the f states ``free`` at the end of each interval, ``(f, 1 + f, K)``: from the states
+    ``X`` at its beginning, and with a complex step in each free state.
     """
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
@@ -162,17 +166,17 @@ def simulated_in_turn(
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray:
-    """Return the states ``(nx, K + 1)``, simulated node by node; a state keeps its value on
-    overflow.
+    """Return the states ``(nx, K + 1)``, the unmeasured ones simulated node by node; on overflow
+    they keep their values. ``measured`` is as in `simulated_at_once`.
     """
     grid = problem.grid
     stages = [[row.tolist() for row in stage] for stage in drive.stages]
-    x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
+    x, states = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
     times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
     for k in range(len(grid.nodes)):
         for i, values in measured.items():
             x[i] = float(values[k])
-        out[:, k] = x
+        states[:, k] = x
         if k < len(grid.nodes) - 1:
             for s in range(k * grid.substeps, (k + 1) * grid.substeps):
                 u = (
@@ -180,18 +184,22 @@ def simulated_in_turn(
                     [row[s] for row in stages[1]],
                     [row[s] for row in stages[2]],
                 )
-                # on overflow the last state is kept
                 with suppress(ArithmeticError, ValueError):
                     x = problem.step(problem.system.f, times[s], x, u, p, steps[s])
-    return out
+    return states
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Outputs and sensitivities at a point, of the defect-corrected trajectory.
+    """Defect-corrected trajectory of a record, with its outputs and sensitivities.
 
-    ``y (m, N)``; ``jacobian (m, N, c)`` by the wanted parameters, then the wanted initial states;
-    ``states (nx, K + 1)`` at the nodes; ``by_state (nx, K + 1, c)``.
+    Attributes
+    ----------
+    y : ``(m, N)`` outputs at the samples.
+    jacobian : ``(m, N, c)`` derivatives of ``y`` with respect to the c unknowns: the unknown
+        parameters, then the unknown initial states.
+    states : ``(nx, K + 1)`` at the nodes.
+    by_state : ``(nx, K + 1, c)`` derivatives of ``states`` with respect to the unknowns.
     """
 
     y: np.ndarray
@@ -203,15 +211,15 @@ class Linearisation:
 def linearise(
     problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray
 ) -> Linearisation:
-    """Return outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a
-    trajectory guess.
+    """Return outputs and sensitivities at parameters ``p (np,)`` and initial state ``x0 (nx,)``,
+    about the trajectory ``guess (nx, K + 1)``.
 
-    One batch: column 0 is the base, the next ones change one state each, then one parameter of the
-    dynamics each. The layout ``(c, K)`` in memory keeps the operations fast.
+    All columns are integrated in one batch: column 0 is the base, then each state is changed in one
+    column, then each parameter of the dynamics. The order ``(c, K)`` in memory is the fastest.
     """
-    linear = linear_record(problem, p, x0, guess)
-    if linear is not None:
-        return Linearisation(*linear)
+    linear_line = linear_record(problem, p, x0, guess)
+    if linear_line is not None:
+        return Linearisation(*linear_line)
     n_x, n_p, moving = len(problem.system.states), len(problem.free), list(problem.moving)
     by_parameter, by_state = _increments(problem, guess)
     width = 1 + n_x + len(moving)
@@ -240,7 +248,9 @@ def linearise(
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the differentiation step of each parameter and each state."""
+    """Return the differentiation steps of the unknown parameters ``(np,)`` and of the states
+    ``(nx,)``.
+    """
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
     size = np.sqrt(np.mean(guess**2, axis=1))
@@ -248,22 +258,23 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _slopes(
-    problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray
+    problem: RecordProblem, changed: np.ndarray, base: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Return the derivatives from the changed columns ``moved (..., c, n)`` and the unchanged
-    ``base (..., n)``.
+    """Return the derivatives ``(..., c, n)`` from the columns ``changed (..., c, n)`` by ``steps
+    (c,)`` and from the unchanged ``base (..., n)``.
     """
-    return (
-        moved.imag / COMPLEX_STEP
-        if problem.exact
-        else (moved - base[..., None, :]) / steps[:, None]
-    )
+    if problem.exact:
+        return np.asarray(changed.imag / COMPLEX_STEP)
+    return np.asarray((changed - base[..., None, :]) / steps[:, None])
 
 
 def _changed_parameters(
     problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
 ) -> list[Any]:
-    """Return the parameters as rows; each column has one parameter changed."""
+    """Return all parameters for a batch of ``width`` columns: numbers, and a row ``(width,)`` for
+    each changed one. ``columns`` maps the position of an unknown parameter to the column in which
+    it is changed by its step.
+    """
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
         row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
@@ -274,50 +285,64 @@ def _changed_parameters(
 
 @dataclass(frozen=True, eq=False)
 class _Driven:
-    """Inputs at the vehicle, with one further column for each parameter of the input path;
-    ``acting`` are its positions among the wanted ones.
+    """Inputs at the vehicle, with one further column for each unknown parameter of the input path.
+
+    Attributes
+    ----------
+    drive : rows ``(M,)``, or ``(M, 1 + a)`` with one column for each of the a parameters.
+    acting : positions of these a parameters among the unknown ones.
     """
 
     drive: Drive
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """Return the inputs spread over the columns of the batch, rows ``(c, M)``; ``columns`` maps
-        a parameter to its column.
+        """Return the inputs in the ``width`` columns of a batch, rows ``(c, M)``; ``columns`` maps
+        the position of an unknown parameter to its column.
         """
         if not self.acting:
             return self.drive
         take = np.zeros(width, dtype=int)
-        for column, q in enumerate(self.acting):
-            if q in columns:
-                take[columns[q]] = 1 + column
+        for column, position in enumerate(self.acting):
+            if position in columns:
+                take[columns[position]] = 1 + column
         return changed_rows(self.drive, lambda row: row.T[take] if np.ndim(row) == 2 else row)
 
 
 def _driven_inputs(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
-    """Return the inputs at the vehicle for the base and for each parameter of the input path."""
+    """Return the inputs at the vehicle for the base and with each unknown parameter of the input
+    path changed by its step.
+    """
     if problem.drive is not None:
         return _Driven(problem.drive, ())
     system = problem.system
     acting = tuple(
-        q
-        for q, index in enumerate(problem.free)
+        position
+        for position, index in enumerate(problem.free)
         if system.parameters.items[index].name in system.input_parameters
     )
-    few = _changed_parameters(
-        problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting)
-    )
-    return _Driven(driven_by(problem.record, system, few, problem.grid), acting)
+    columns = {position: 1 + column for column, position in enumerate(acting)}
+    parameters = _changed_parameters(problem, p, columns, steps, 1 + len(acting))
+    return _Driven(driven_by(problem.record, system, parameters, problem.grid), acting)
 
 
 def join_intervals(
     A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray
 ) -> np.ndarray:
-    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K +
-    1)``.
+    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] at all nodes.
 
-    ``A (nx, nx, K)`` by the state at the beginning in its second axis, ``B (nx, np, K)``, ``defects
-    (nx, K)``.
+    Parameters
+    ----------
+    A : ``(nx, nx, K)`` transition of each interval; the second axis is the state at its beginning.
+    B : ``(nx, np, K)`` derivatives of the state at the end with respect to the parameters.
+    defects : ``(nx, K)`` the d[k].
+    starts : positions of the ns unknown initial states.
+    first : ``(nx,)`` dx[0].
+
+    Returns
+    -------
+    ``(nx, 1 + np + ns, K + 1)``: dx, then its derivatives with respect to the parameters and to the
+    initial states.
     """
     from scipy.linalg.lapack import dtbtrs
 
@@ -347,8 +372,9 @@ def _outputs(
     by_state: np.ndarray,
     steps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outputs at the samples, and their derivatives ``(m, c, N)`` along each column of
-    ``by_state (nx, c, K + 1)``.
+    """Return the outputs ``(m, N)`` and their derivatives ``(m, c, N)`` with respect to the c
+    unknowns, from those of the states, ``by_state (nx, c, K + 1)``; ``steps (c,)`` are the
+    differentiation steps.
     """
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}

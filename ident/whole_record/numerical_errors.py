@@ -1,12 +1,13 @@
 """Numerical errors of estimates, from integration and sampling.
 
 Residuals as small as the integration error are not noise, and sigmas from them are meaningless.
-With y_h the outputs at step h of an order-4 method, y - y_h = 16/15 (y_{h/2} - y_h) to leading
-order (Richardson). An error dy of the outputs changes an output-error estimate by (J' W J)^-1 J' W
-dy.
+Let y_h be the outputs of an integrator of order 4 with step h. Its error is y - y_h = 16/15
+(y_{h/2} - y_h) to leading order (Richardson extrapolation). An error dy of the outputs changes an
+output-error estimate by (J' W J)^-1 J' W dy.
 
-Equation error uses slopes over windows and smoothed regressors. A simulation at the estimate,
-sampled like the record, has the same errors and a known truth.
+Equation error has sampling errors, since it takes slopes and means over windows of samples. The
+records are therefore simulated at the estimate with the same sampling. The estimate from the
+simulation differs from its known true values by the sampling error.
 """
 
 from __future__ import annotations
@@ -30,25 +31,23 @@ from ident.whole_record.record_problem import record_problem
 from sim.declaration.model import System
 from sim.record import Channel, Record
 
-# largest noise, relative to the motion, at which integration errors matter
+# integration errors matter where the noise is less than this share of the motion
 QUIET_NOISE_SHARE = 1e-3
 RICHARDSON_FACTOR = 16.0 / 15.0  # factor on the difference between steps h and h/2, order 4
-# largest residual over that of a simulation without noise: a larger one shows noise in the record
+# a record has noise where its residuals exceed this times those of a simulation without noise
 LARGEST_SMOOTHING_RATIO = 3.0
 
 
 def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an output-error estimate whose covariance includes the integration error, if a record
-    has hardly any noise.
+    """Return an output-error estimate; where a record has hardly any noise, its covariance includes
+    the integration error.
 
-    The message names parameters whose error exceeds the sigma. A fit at its iteration limit is
-    included: its last steps are shorter than this error.
+    The message says so where an error exceeds the sigma. This also serves a fit at its iteration
+    limit: its last steps are shorter than the integration error.
     """
-    error = (
-        integration_error(fit)
-        if estimate.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-        else None
-    )
+    error = None
+    if estimate.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
+        error = integration_error(fit)
     if error is None:
         return estimate
     step = max(float(np.max(problem.grid.steps)) for problem in fit.layout.problems)
@@ -62,10 +61,10 @@ def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
 
 def integration_error(fit: Fit) -> np.ndarray | None:
     """Return the error of all unknowns ``(n,)`` from the finite steps of the integration; None
-    where the noise is larger than ``QUIET_NOISE_SHARE`` or it fails.
+    where every output has noise, the fit has priors, or the error is not finite.
     """
     layout = fit.layout
-    if not _quiet(fit) or layout.prior is not None:
+    if not _has_quiet_output(fit) or layout.prior is not None:
         return None
     finer = tuple(
         record_problem(
@@ -81,21 +80,21 @@ def integration_error(fit: Fit) -> np.ndarray | None:
         for r, problem in enumerate(layout.problems)
     )
     bare = without_sensitivities(FitProblem(replace(layout, problems=finer), fit.noise_model))
-    coarse_fit = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
-    if coarse_fit is None:
+    half_step_fit = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
+    if half_step_fit is None:
         return None
-    better, gradient = with_exact_trajectory(coarse_fit), np.zeros(len(fit.theta))
+    half_step_fit, gradient = with_exact_trajectory(half_step_fit), np.zeros(len(fit.theta))
     for r, problem in enumerate(layout.problems):
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
-        moved = weight * (better.lines[r].y - fit.lines[r].y)
-        gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], moved)
+        difference = weight * (half_step_fit.lines[r].y - fit.lines[r].y)
+        gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], difference)
     error = RICHARDSON_FACTOR * (
         inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient
     )
     return error if np.all(np.isfinite(error)) else None
 
 
-def _quiet(fit: Fit) -> bool:
+def _has_quiet_output(fit: Fit) -> bool:
     """Return whether some output has less noise than ``QUIET_NOISE_SHARE`` of its motion."""
     for i in np.flatnonzero(fit.layout.used):
         rows = [problem.z[i, problem.valid[i]] for problem in fit.layout.problems]
@@ -108,24 +107,24 @@ def _quiet(fit: Fit) -> bool:
 def with_sampling_error(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> Estimate:
-    """Return an equation-error estimate whose covariance includes the sampling error, if a record
-    has hardly any noise.
+    """Return an equation-error estimate; where a record has hardly any noise, its covariance
+    includes the sampling error.
 
-    The estimate is unchanged if the records have noise or their simulation overflows. The message
-    names parameters whose error exceeds the sigma.
+    The estimate is unchanged where the records have noise or their simulation overflows. The
+    message says so where an error exceeds the sigma.
     """
     if estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return estimate
-    calm = _simulated(estimate, records, system, settings)
-    if calm is None:
+    simulated = _simulated(estimate, records, system, settings)
+    if simulated is None:
         return estimate
-    again = run_equation_error(calm, system)
+    second = run_equation_error(simulated, system)
     quiet = np.any(
-        (estimate.noise_std < LARGEST_SMOOTHING_RATIO * again.noise_std) & (again.noise_std > 0.0)
+        (estimate.noise_std < LARGEST_SMOOTHING_RATIO * second.noise_std) & (second.noise_std > 0.0)
     )
-    error = again.values - estimate.values
+    error = second.values - estimate.values
     if (
-        again.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
+        second.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
         or not quiet
         or not np.all(np.isfinite(error))
     ):
@@ -138,11 +137,11 @@ def with_sampling_error(
     )
 
 
-def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
-    """Return an estimate with an error ``(n,)`` added to its covariance, and a sentence if the
-    error exceeds a sigma.
+def _widened(estimate: Estimate, error: np.ndarray, warning: str) -> Estimate:
+    """Return an estimate with an error ``(n,)`` added to its covariance; the ``warning`` is its
+    message where the error of a parameter exceeds the sigma.
     """
-    message = said if np.any(np.abs(error) > estimate.std) else ""
+    message = warning if np.any(np.abs(error) > estimate.std) else ""
     return replace(
         estimate,
         covariance=estimate.covariance + np.outer(error, error),
@@ -153,26 +152,31 @@ def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
 def _simulated(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> list[Record] | None:
-    """Return the records with outputs simulated at an estimate from their first samples, without
-    noise and biases; None where they overflow.
+    """Return the records with their outputs replaced by a simulation at the estimate, from their
+    first samples, without noise and biases; None on overflow.
     """
-    known = replace(system, parameters=system.parameters.with_values(estimate.as_dict()))
+    fitted_system = replace(system, parameters=system.parameters.with_values(estimate.as_dict()))
     layout = lay_out(
-        records, known, replace(settings, max_step=0.5 * settings.max_step, use_priors=False)
+        records,
+        fitted_system,
+        replace(settings, max_step=0.5 * settings.max_step, use_priors=False),
     )
     bare = without_sensitivities(FitProblem(layout))
-    first_fit = evaluate(bare, layout.start, layout.guesses(layout.start))
-    if first_fit is None:
+    simulation = evaluate(bare, layout.start, layout.guesses(layout.start))
+    if simulation is None:
         return None
-    lines = with_exact_trajectory(first_fit).lines
-    out = []
+    lines = with_exact_trajectory(simulation).lines
+    simulated = []
     for record, line in zip(records, lines, strict=True):
-        rows = dict(zip(known.output_names, line.y, strict=True))
+        rows = dict(zip(fitted_system.output_names, line.y, strict=True))
         outputs = tuple(
-            Channel.of(each.name, each.unit, np.where(each.valid, rows[each.name], np.nan))
-            if each.name in rows
-            else each
-            for each in record.outputs
+            _replaced(channel, rows[channel.name]) if channel.name in rows else channel
+            for channel in record.outputs
         )
-        out.append(replace(record, outputs=outputs))
-    return out
+        simulated.append(replace(record, outputs=outputs))
+    return simulated
+
+
+def _replaced(channel: Channel, values: np.ndarray) -> Channel:
+    """Return a channel with other values ``(N,)`` at its valid samples."""
+    return Channel.of(channel.name, channel.unit, np.where(channel.valid, values, np.nan))

@@ -1,10 +1,10 @@
 """Output-error fit: maximum likelihood without process noise; its starts, and failed fits.
 
-Equation error needs no simulation, so that it also works for unstable aircraft; output error may
-start from its result.
+See Maine and Iliff, NASA RP-1138, and Jategaonkar, Flight Vehicle System Identification, ch. 4.
+All records share the parameters. Each record has its own initial states and local parameters.
 
-Maine and Iliff, NASA RP-1138; Jategaonkar, Flight Vehicle System Identification, ch. 4. Parameters
-are shared by all records; initial states and the parameters named local belong to one record each.
+A fit may start from the result of equation error, which simulates nothing and so also works for an
+unstable aircraft.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import chain
 from math import ceil
 
 import numpy as np
@@ -42,98 +43,96 @@ from sim.record import Record
 
 # ---- Starts of an output-error fit
 
-# largest growth, in e-foldings, of a record that is fitted whole: with 15 a fit takes 50 steps, in
-# two pieces 4
+# largest growth, in e-foldings, of a record that is not cut: a record that grows by 15 takes 50
+# steps as a whole and 4 steps in two pieces
 MOST_EFOLDINGS_IN_ONE_FIT = 10.0
-# largest growth of a piece, in e-foldings: sigmas grow by at most a tenth, with 6 by half
+# largest growth of a piece, in e-foldings: cutting then raises sigmas by at most a tenth; pieces
+# that grow by 6 would raise them by half
 MOST_EFOLDINGS_PER_PIECE = 8.0
 FEWEST_PIECE_SAMPLES = 50  # fewest samples of a piece, which has five or more unknowns of its own
 # largest difference of log likelihood between fits in the same minimum
 SAME_MINIMUM_LOG_LIKELIHOOD = 0.1
-# smallest rms residual of a divergent simulation, over the rms of the channel about its mean; a
-# vehicle at rest gives about 1
+# a simulation diverges where the rms residual of a channel is larger than this times the rms of
+# the channel about its mean; a simulation at rest gives about 1
 RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
     """Return the output-error fit of a layout; None where no start has a finite cost.
 
-    It starts from the declared values if their simulation follows the record. If this fit does not
-    converge, it also starts from equation error, provided that the record has all states and no
-    priors are used. The first converged fit is returned, else the one of least cost.
+    The first start are the declared values, provided that their simulation follows the record. If
+    this fit does not converge, a second one starts from equation error. This needs a record with
+    all states, and no priors. The first converged fit is returned, else the one of least cost.
     """
-    first_fit = None
-    if layout.shared and layout.prior is None and quiet(layout):
-        first_fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
-    if (
-        not layout.shared
-        or layout.prior is not None
-        or (first_fit is not None and not runs_away(first_fit))
-    ):
-        first = fit_whole_records(FitProblem(layout), begun=first_fit)
-        if (
-            (first is not None and first.outcome is Outcome.CONVERGED)
-            or not layout.shared
-            or layout.prior is not None
-        ):
-            return first
-        return _first_converged([first], from_regression(layout))
-    return _first_converged([], from_regression(layout), iter([layout]))
+    if not layout.shared or layout.prior is not None:
+        return fit_whole_records(FitProblem(layout))
+    start_fit = None
+    if quiet(layout):
+        start_fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
+    if start_fit is None or simulation_diverges(start_fit):
+        return _first_converged([], regression_starts(layout), iter([layout]))
+    fit = fit_whole_records(FitProblem(layout), start_fit=start_fit)
+    if fit is not None and fit.outcome is Outcome.CONVERGED:
+        return fit
+    return _first_converged([fit], regression_starts(layout))
 
 
 def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
     """Return the output-error fits of two models to the same records, each at the lowest minimum
-    over the starts of both.
+    over the starts of both; None for a model without a finite cost.
 
-    Each starts from the declared values and from the estimate of the other, so that the comparison
-    does not depend on the starts. If one has ended in a higher minimum, equation error gives a
-    further start to both. None for a model without a finite cost.
+    Each model is fitted from its declared values and from the estimate of the other model, so that
+    the comparison does not depend on the starts. If this lowers the minimum of one of them, both
+    are also fitted from equation error.
     """
-    old, new = fit_from_best_start(first), fit_from_best_start(second)
+    first_fit, second_fit = fit_from_best_start(first), fit_from_best_start(second)
     if not first.shared or first.prior is not None or second.prior is not None:
-        return old, new
-    begun = old, new
-    old = _least(old, [_with_starts(first, _values(new))] if new is not None else [])
-    new = _least(new, [_with_starts(second, _values(old))] if old is not None else [])
-    if _at_lowest_minimum(begun[0], old) and _at_lowest_minimum(begun[1], new):
-        return old, new
-    for each in from_regression(first):
-        regressed = dict(zip(each.shared, each.start.tolist(), strict=False))
-        old, new = (
-            _least(old, [_with_starts(first, regressed)]),
-            _least(new, [_with_starts(second, regressed)]),
-        )
-    return old, new
+        return first_fit, second_fit
+    from_declared = first_fit, second_fit
+    if second_fit is not None:
+        first_fit = _least_cost(first_fit, _with_starts(first, _values(second_fit)))
+    if first_fit is not None:
+        second_fit = _least_cost(second_fit, _with_starts(second, _values(first_fit)))
+    if _same_minimum(from_declared[0], first_fit) and _same_minimum(from_declared[1], second_fit):
+        return first_fit, second_fit
+    for started in regression_starts(first):
+        regressed = dict(zip(started.shared, started.start.tolist(), strict=False))
+        first_fit = _least_cost(first_fit, _with_starts(first, regressed))
+        second_fit = _least_cost(second_fit, _with_starts(second, regressed))
+    return first_fit, second_fit
 
 
-def _at_lowest_minimum(begun: Fit | None, best: Fit | None) -> bool:
-    """Return whether a fit was already at its lowest minimum."""
-    return begun is best or (
-        begun is not None
-        and best is not None
-        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME_MINIMUM_LOG_LIKELIHOOD)
+def _same_minimum(fit: Fit | None, best: Fit | None) -> bool:
+    """Return whether the best fit is hardly better than a fit: both are in the same minimum."""
+    if fit is best:
+        return True
+    if fit is None or best is None:
+        return False
+    return fit.cost - best.cost <= max(best.layout.settings.enough, SAME_MINIMUM_LOG_LIKELIHOOD)
+
+
+def _least_cost(fit: Fit | None, started: FitLayout) -> Fit | None:
+    """Return the better one of a fit and the fit from a further start."""
+    fits = [candidate for candidate in (fit, _fit_from(started)) if candidate is not None]
+    return min(
+        (candidate for candidate in fits if np.isfinite(candidate.cost)),
+        key=lambda candidate: candidate.cost,
+        default=None,
     )
 
 
-def _least(found: Fit | None, starts: Sequence[FitLayout]) -> Fit | None:
-    """Return the fit of least cost among a fit and those from further starts."""
-    fits = [
-        found,
-        *(
-            fit_whole_records(FitProblem(each)) if quiet(each) else fit_unstable(each)
-            for each in starts
-        ),
-    ]
-    known = [fit for fit in fits if fit is not None and np.isfinite(fit.cost)]
-    return min(known, key=lambda fit: fit.cost, default=None)
+def _fit_from(layout: FitLayout) -> Fit | None:
+    """Return the fit from the start of a layout, by parts where its motion is unstable."""
+    return fit_whole_records(FitProblem(layout)) if quiet(layout) else fit_unstable(layout)
 
 
 def _values(fit: Fit) -> dict[str, float]:
+    """Return the estimates of the shared parameters by name."""
     return dict(zip(fit.layout.shared, fit.theta.tolist(), strict=False))
 
 
 def _with_starts(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
-    """Return the layout with starting values of some shared parameters replaced."""
+    """Return the layout with other starting values of shared parameters, within the bounds."""
     start = layout.start.copy()
     for i, name in enumerate(layout.shared):
         start[i] = np.clip(values.get(name, start[i]), layout.low[i], layout.high[i])
@@ -147,54 +146,56 @@ def in_pieces(
     local: Collection[str] = (),
     whole: FitLayout | None = None,
 ) -> list[list[Record]]:
-    """Return each record as one piece, or cut into pieces that are short against the growth of an
-    unstable motion.
+    """Return the pieces of each record: the record itself, or short pieces where an unstable motion
+    grows too much along it.
 
-    Each piece has its own initial state and biases. Records stay whole for models with lags or
-    delays of inputs, and for fits with priors. ``whole`` is the layout of the records as they are,
-    where there is one already.
+    Each piece has its own initial state and biases. Records are not cut for models with lags or
+    delays of inputs, nor for fits with priors. ``whole`` is the layout of the uncut records; None
+    makes it.
     """
     layout = whole or lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
         return [[record] for record in records]
-    rate = fastest(next(from_regression(layout), layout))
+    rate = fastest(next(regression_starts(layout), layout))
     return [_cut(record, rate * _duration(record)) for record in records]
 
 
-def started_unstable(
+def with_unstable_start(
     records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()
 ) -> System | None:
-    """Return the System started at the derivatives of equation error, where its motion grows at
-    these and not at the declared values; else None.
+    """Return the System with the estimates of equation error as starting values, where the aircraft
+    is unstable at these and stable at the declared values; else None.
 
-    Used if a fit from the declared values has not converged: these may hide that the aircraft is
-    unstable.
+    It serves where a fit from the declared values has not converged.
     """
     layout = lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or not quiet(layout):
         return None
-    first_fit = next(from_regression(layout), None)
-    if first_fit is None or quiet(first_fit):
+    started = next(regression_starts(layout), None)
+    if started is None or quiet(started):
         return None
-    return started_at(system, dict(zip(first_fit.shared, first_fit.start.tolist(), strict=False)))
+    values = dict(zip(started.shared, started.start.tolist(), strict=False))
+    return with_starting_values(system, values)
 
 
-def started_at(system: System, values: Mapping[str, float]) -> System:
+def with_starting_values(system: System, values: Mapping[str, float]) -> System:
     """Return the System with other starting values of some parameters."""
     return replace(system, parameters=system.parameters.with_values(values))
 
 
 def put_together(
-    parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
+    rows: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
 ) -> tuple[np.ndarray, ...]:
-    """Return the rows ``(m, N)`` of pieces as those of the records that they were cut from."""
-    left = iter(parts)
-    return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
+    """Return rows ``(m, N)`` of each record from the ``rows`` of its pieces."""
+    remaining = iter(rows)
+    return tuple(
+        np.concatenate([next(remaining) for _ in record_pieces], axis=1) for record_pieces in pieces
+    )
 
 
-def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
-    """Return a sentence if a record was cut, else an empty text."""
-    count = sum(len(each) for each in pieces)
+def pieces_message(pieces: Sequence[Sequence[Record]]) -> str:
+    """Return a sentence on the pieces if a record was cut, else an empty text."""
+    count = sum(len(record_pieces) for record_pieces in pieces)
     if count == len(pieces):
         return ""
     return (
@@ -203,14 +204,14 @@ def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
     )
 
 
-def _cut(record: Record, grown: float) -> list[Record]:
-    """Return pieces of a record whose motion grows by ``grown`` e-foldings, each with at least
+def _cut(record: Record, efoldings: float) -> list[Record]:
+    """Return pieces of a record whose motion grows by ``efoldings``, each with at least
     ``FEWEST_PIECE_SAMPLES`` samples.
     """
     count = min(
-        ceil(min(grown, 1e6) / MOST_EFOLDINGS_PER_PIECE), len(record) // FEWEST_PIECE_SAMPLES
+        ceil(min(efoldings, 1e6) / MOST_EFOLDINGS_PER_PIECE), len(record) // FEWEST_PIECE_SAMPLES
     )
-    if grown <= MOST_EFOLDINGS_IN_ONE_FIT or count < 2:
+    if efoldings <= MOST_EFOLDINGS_IN_ONE_FIT or count < 2:
         return [record]
     return [
         record.window(record.time[rows[0]], record.time[rows[-1]])
@@ -223,14 +224,11 @@ def _duration(record: Record) -> float:
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Return whether no mode grows enough to need a fit by parts, at ``theta`` (None: the
-    start).
+    """Return whether the motion at ``theta`` (None: at the start) grows so little that no fit by
+    parts is needed.
     """
-    return (
-        _start_growth(layout) <= MOST_EFOLDINGS_AT_ONCE
-        if theta is None
-        else growth(layout, theta) <= MOST_EFOLDINGS_AT_ONCE
-    )
+    efoldings = _start_growth(layout) if theta is None else growth(layout, theta)
+    return efoldings <= MOST_EFOLDINGS_AT_ONCE
 
 
 @lru_cache(maxsize=2)  # a fit needs its start several times
@@ -238,14 +236,16 @@ def _start_growth(layout: FitLayout) -> float:
     return growth(layout)
 
 
-def runs_away(fit: Fit) -> bool:
-    """Return whether the simulation differs from a record by ten times the record's own motion."""
+def simulation_diverges(fit: Fit) -> bool:
+    """Return whether the simulation differs from the measurement of an output by more than
+    ``RUNAWAY_RESIDUAL_RATIO`` times its motion.
+    """
     layout = fit.layout
     for i in np.flatnonzero(layout.used):
-        known = [problem.valid[i] for problem in layout.problems]
-        rows = [problem.z[i, valid] for problem, valid in zip(layout.problems, known, strict=True)]
+        masks = [problem.valid[i] for problem in layout.problems]
+        rows = [problem.z[i, valid] for problem, valid in zip(layout.problems, masks, strict=True)]
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
-        error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(known)])
+        error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(masks)])
         # a constant offset is a bias, which the first step of the fit removes
         error = error - np.mean(error)
         if np.sqrt(np.mean(error**2)) > RUNAWAY_RESIDUAL_RATIO * np.sqrt(np.mean(motion**2)) > 0.0:
@@ -253,33 +253,35 @@ def runs_away(fit: Fit) -> bool:
     return False
 
 
-def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
-    """Yield the layout started at the values of equation error; nothing if the record lacks states
-    or the regression fails.
+def regression_starts(layout: FitLayout) -> Iterator[FitLayout]:
+    """Yield the layout with the estimates of equation error as starting values; nothing if the
+    record lacks states or the regression fails.
     """
     try:
         records = [problem.record for problem in layout.problems]
-        found = run_equation_error(
+        estimate = run_equation_error(
             records, layout.system, RegressionSettings(tolerance=0.1, coloured=False)
         )
     except FlightidError:
         return
     if (
-        found.outcome is not Outcome.CONVERGED
-        or found.names != layout.shared
-        or not np.all(np.isfinite(found.values))
+        estimate.outcome is not Outcome.CONVERGED
+        or estimate.names != layout.shared
+        or not np.all(np.isfinite(estimate.values))
     ):
         return
     n, start = len(layout.shared), layout.start.copy()
-    start[:n] = np.clip(found.values, layout.low[:n], layout.high[:n])
+    start[:n] = np.clip(estimate.values, layout.low[:n], layout.high[:n])
     yield replace(layout, start=start)
 
 
-def _first_converged(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """Return the first converged fit over the starts, else the best of all, ``found`` included."""
-    fits = list(found)
-    for start in (each for some in starts for each in some):
-        fit = fit_whole_records(FitProblem(start)) if quiet(start) else fit_unstable(start)
+def _first_converged(earlier: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
+    """Return the first fit over the starts that converged at the lowest cost so far, else the fit
+    of least cost. The ``earlier`` fits count too.
+    """
+    fits = list(earlier)
+    for start in chain(*starts):
+        fit = _fit_from(start)
         if (
             fit is not None
             and fit.outcome is Outcome.CONVERGED
@@ -287,14 +289,14 @@ def _first_converged(found: list[Fit | None], *starts: Iterator[FitLayout]) -> F
         ):
             return fit
         fits.append(fit)
-    known = [fit for fit in fits if fit is not None]
-    return min(known, key=lambda fit: fit.cost, default=None)
+    finished = [fit for fit in fits if fit is not None]
+    return min(finished, key=lambda fit: fit.cost, default=None)
 
 
 # ---- Output-error fit
 
 METHOD = "output-error"
-_LEAST_NOISE_ROUNDINGS = 1e3  # largest residual, in roundings, of an exact fit
+_LEAST_NOISE_ROUNDINGS = 1e3  # a larger residual, over the rounding error, is noise
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -310,41 +312,42 @@ def fit_output_error(
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
-    system : not compiled on line; bounds, and with ``use_priors`` priors, from its declaration.
-    local : further parameters of which each record has its own; they are not returned.
+    system : model in its form for whole records; its declaration has the bounds and priors.
+    local : names of further parameters of which each record has its own value.
 
     Returns
     -------
-    Estimate of the shared free parameters; biases and initial states are nuisances, projected out
-    of the covariance. Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no
-    influence, ``DIVERGED`` when no finite cost was found, ``MAX_ITERATIONS`` when it had not
-    settled, ``DEGENERATE`` when an output is met exactly and another is not. Where the start is
-    unstable or its simulation runs away, or a fit from it does not settle, the fit begins from
-    equation error, and a motion that grows beyond what can be followed is cut, which ``message``
-    tells: see `ident.whole_record.output_error`.
+    Estimate of the shared free parameters. Biases, initial states and local parameters are
+    nuisances: they are projected out of the covariance. The outcome is ``NOT_IDENTIFIABLE`` where a
+    direction of the parameters has no influence, ``DIVERGED`` where no start has a finite cost,
+    ``MAX_ITERATIONS`` where the fit has not converged, and ``DEGENERATE`` where one output is
+    fitted exactly and another is not. The ``message`` says so where records of an unstable motion
+    were cut into pieces.
 
     Raises
     ------
-    ModelError : a record without any of the outputs, or nothing to estimate.
+    ModelError : where a record has none of the outputs, or nothing is free.
     """
     settings = settings or FitSettings()
-    found = _fitted(records, system, settings, local)
-    if found.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE):
-        return found
-    unstable = started_unstable(records, system, settings, local)
-    again = found if unstable is None else _fitted(records, unstable, settings, local)
-    return again if again.outcome is Outcome.CONVERGED else found
+    estimate = _fit_in_pieces(records, system, settings, local)
+    if estimate.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE):
+        return estimate
+    unstable = with_unstable_start(records, system, settings, local)
+    if unstable is None:
+        return estimate
+    second = _fit_in_pieces(records, unstable, settings, local)
+    return second if second.outcome is Outcome.CONVERGED else estimate
 
 
-def _fitted(
+def _fit_in_pieces(
     records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str]
 ) -> Estimate:
+    """Return the estimate from records that are cut where an unstable motion grows too much."""
     layout = lay_out(records, system, settings, local=local)
     pieces = in_pieces(records, system, settings, local, layout)
-    if sum(len(each) for each in pieces) > len(records):
-        layout = lay_out(
-            [piece for each in pieces for piece in each], system, settings, local=local
-        )
+    all_pieces = list(chain(*pieces))
+    if len(all_pieces) > len(records):
+        layout = lay_out(all_pieces, system, settings, local=local)
     if not layout.shared:
         raise ModelError(
             "no parameter is free",
@@ -352,16 +355,17 @@ def _fitted(
             remedy="release at least one",
         )
     fit = fit_from_best_start(layout)
-    found = failed_estimate(layout) if fit is None else estimate_of(fit)
-    message = "; ".join(
-        sentence for sentence in (said_of_pieces(pieces), found.message) if sentence
-    )
-    return replace(found, fitted=put_together(found.fitted, pieces), message=message)
+    estimate = failed_estimate(layout) if fit is None else estimate_of(fit)
+    sentences = (pieces_message(pieces), estimate.message)
+    message = "; ".join(sentence for sentence in sentences if sentence)
+    return replace(estimate, fitted=put_together(estimate.fitted, pieces), message=message)
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined; for
-    unstable motion the sensitivities are not squared.
+    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined.
+
+    For an unstable motion the other unknowns are projected out of the sensitivities, since the
+    information matrix would lose the digits.
     """
     n = len(fit.layout.shared)
     if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
@@ -371,16 +375,16 @@ def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether an output is fitted to rounding while another is not: the exact one then has
+    """Return whether an output is fitted to rounding and another is not: the exact one then has
     unlimited weight.
     """
-    above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
-    return bool(np.any(above <= 1.0) and np.any(above > _LEAST_NOISE_ROUNDINGS))
+    roundings = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
+    return bool(np.any(roundings <= 1.0) and np.any(roundings > _LEAST_NOISE_ROUNDINGS))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Return the covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the
-    settings say, and whether all are determined.
+    """Return the covariance of all unknowns ``(n, n)`` and whether all are determined; with the
+    setting ``coloured`` it is corrected for coloured residuals.
     """
     normal, _ = fit.normal_equations()
     inverse, determined = inverse_information(normal, fit.theta)
@@ -391,52 +395,49 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         (layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid)
         for r, problem in enumerate(layout.problems)
     ]
-    known = prior_information(fit)
+    fixed_information = prior_information(fit)
     if fit.noise_model.names:
-        # Information from innovation covariances and priors: coloured residuals do not change it.
-        known = np.array(normal)
+        # Coloured residuals do not change the information from innovation covariances and priors:
+        # it is all information without that from the residuals.
+        fixed_information = np.array(normal)
         for r, problem in enumerate(layout.problems):
             weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
             add_normal_equations(
-                known,
-                np.zeros(len(known)),
+                fixed_information,
+                np.zeros(len(fixed_information)),
                 layout.columns(r),
                 fit.jacobians[r],
                 fit.residuals[r],
                 weight,
             )
     if determined:
-        return corrected_covariance(inverse, parts, fit.variance, known), True
-    resolved, unknown = determined_and_open(normal, fit.theta)
-    return corrected_covariance(resolved, parts, fit.variance, known) + unknown, False
+        return corrected_covariance(inverse, parts, fit.variance, fixed_information), True
+    resolved, undetermined_part = determined_and_open(normal, fit.theta)
+    return corrected_covariance(
+        resolved, parts, fit.variance, fixed_information
+    ) + undetermined_part, False
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
-    """Return the information ``(n, n)`` of the priors about the unknowns of a fit; None if it has
-    no priors.
-    """
+    """Return the information ``(n, n)`` that the priors add; None for a fit without priors."""
     prior = fit.layout.prior
     if prior is None:
         return None
-    out = np.zeros((len(fit.theta), len(fit.theta)))
-    out[np.ix_(prior.positions, prior.positions)] = prior.information
-    return out
+    information = np.zeros((len(fit.theta), len(fit.theta)))
+    information[np.ix_(prior.positions, prior.positions)] = prior.information
+    return information
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """Return the shared parameters of a fit as an Estimate; its covariance includes the integration
-    error where it matters.
+    """Return the shared parameters of a fit as an Estimate. The covariance includes the integration
+    error where the record has hardly any noise.
     """
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = shared_covariance(fit)
-    outcome = (
-        Outcome.DEGENERATE
-        if degenerate(fit)
-        else fit.outcome
-        if determined
-        else Outcome.NOT_IDENTIFIABLE
-    )
-    found = Estimate(
+    outcome = fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
+    if degenerate(fit):
+        outcome = Outcome.DEGENERATE
+    estimate = Estimate(
         METHOD,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
@@ -449,12 +450,12 @@ def estimate_of(fit: Fit) -> Estimate:
         tuple(line.y for line in fit.lines),
         iterations=fit.iterations,
     )
-    return with_integration_error(found, fit) if quiet(layout, fit.theta) else found
+    return with_integration_error(estimate, fit) if quiet(layout, fit.theta) else estimate
 
 
 def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
-    """Return the start of a layout with sigmas equal to the values, for a fit without
-    finite cost.
+    """Return the estimate of a fit without a finite cost: the start of its layout, with sigmas as
+    large as the values and at least 1.
     """
     theta = layout.start[: len(layout.shared)]
     return Estimate(
@@ -481,76 +482,63 @@ def failed_simulation(
 ) -> str:
     """Return why simulated outputs do not fit the measurement; empty if they do.
 
-    A simulation diverged if it differs from a channel by ten times the channel's motion. A fit also
-    failed if constant channels would be likelier: a model at rest is always possible, so that such
-    a fit is in no minimum.
+    A simulation has diverged where the rms residual of a channel exceeds
+    ``RUNAWAY_RESIDUAL_RATIO`` times the rms of its motion. A fit has also failed where constant
+    channels would be likelier, since a model at rest would give a lower cost.
 
     Parameters
     ----------
-    channels : units by name.
-    measured, residuals : of each channel the valid samples of all records, ``(K,)``; measured ones
-        about each record's mean.
+    channels : name of each channel -> its unit.
+    measured : ``(K,)`` of each channel: valid samples of all records, minus each record's mean.
+    residuals : ``(K,)`` of each channel: residuals of these samples.
     """
-    apart = []
-    for values, left in zip(measured, residuals, strict=True):
-        motion, error = float(np.sqrt(np.mean(values**2))), float(np.sqrt(np.mean(left**2)))
-        apart.append((motion, error, len(values)))
-    known = [
-        (name, unit, *each)
-        for (name, unit), each in zip(channels.items(), apart, strict=True)
-        if each[0] > 0.0
-    ]
-    worst = max(known, key=lambda each: each[3] / each[2], default=None)
-    if worst is None:
+    moving = []
+    for (name, unit), values, residual in zip(channels.items(), measured, residuals, strict=True):
+        motion, error = float(np.sqrt(np.mean(values**2))), float(np.sqrt(np.mean(residual**2)))
+        if motion > 0.0:
+            moving.append((name, unit, motion, error, len(values)))
+    if not moving:
         return ""
-    name, unit, motion, error, _ = worst
+    name, unit, motion, error, _ = max(moving, key=lambda channel: channel[3] / channel[2])
     worst_error = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
     if not error <= RUNAWAY_RESIDUAL_RATIO * motion:
         return f"the free simulation runs away from the record ({worst_error})"
-    likelier = sum(
-        count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known
+    gain_of_constants = sum(
+        count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in moving
     )
-    return (
-        f"the fit explains nothing: constant levels are likelier ({worst_error})"
-        if likelier > 0.0
-        else ""
-    )
+    if gain_of_constants > 0.0:
+        return f"the fit explains nothing: constant levels are likelier ({worst_error})"
+    return ""
 
 
 def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
-    """Return whether no derivative is known within three times its declared size, from pairs of a
-    standard deviation and the declared value.
+    """Return whether the sigma of every derivative exceeds three times its declared size.
 
-    A vehicle file may be 30 % wrong; a sigma of ten times that adds no information. Values declared
-    as zero do not count.
+    A vehicle file may be 30 % wrong; a sigma of ten times that adds no information. Derivatives
+    declared as zero do not count. ``sigmas`` are pairs of a sigma and the declared value.
     """
-    known = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
-    return bool(known) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in known)
+    pairs = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
+    return bool(pairs) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in pairs)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
-    """Return why an output-error fit has failed, and a remedy; both empty if it has not.
-    ``declared`` values by parameter.
+    """Return why an output-error fit has failed, and a remedy; both are empty if it has not.
+    ``declared`` maps a parameter to its declared value.
     """
     layout = fit.layout
     names, problems = layout.system.output_names, layout.problems
     units = {output.name: output.unit for output in layout.system.outputs}
     used = [i for i in range(len(names)) if any(np.any(problem.valid[i]) for problem in problems)]
-    known = [
-        [
-            (problem.z[i, row] - np.mean(problem.z[i, row]))
-            for problem in problems
-            if np.any(row := problem.valid[i])
-        ]
-        for i in used
-    ]
-    left = [
-        [fit.residuals[r][i, problem.valid[i]] for r, problem in enumerate(problems)] for i in used
-    ]
+    measured, residuals = [], []
+    for i in used:
+        rows = [problem.z[i, problem.valid[i]] for problem in problems]
+        measured.append(np.concatenate([row - np.mean(row) for row in rows if row.size]))
+        masks = [problem.valid[i] for problem in problems]
+        residuals.append(
+            np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(masks)])
+        )
     channels = {names[i]: units[names[i]] for i in used}
-    why = failed_simulation(
-        channels, [np.concatenate(each) for each in known], [np.concatenate(each) for each in left]
-    )
+    why = failed_simulation(channels, measured, residuals)
     if not why:
         with np.errstate(all="ignore"):
             covariance, _ = fit_covariance(fit)
@@ -565,12 +553,12 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
 
 
 def _remedy(fit: Fit) -> str:
-    """Return the remedy for a failed fit; for an unstable motion, the longest usable record."""
+    """Return the remedy for a failed fit; for an unstable motion it says how long a record may
+    be.
+    """
     layout = fit.layout
     rate = max(fastest(layout), fastest(layout, fit.theta))
-    longest = max(
-        float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
-    )
+    longest = max(_duration(problem.record) for problem in layout.problems)
     if MOST_EFOLDINGS_AT_ONCE < rate * longest < math.inf:
         longest_fit = MOST_EFOLDINGS_IN_ONE_FIT / rate
         cut = f"cut the records to single maneuvers of at most {longest_fit:.2g} s (--from, --to)"

@@ -1,11 +1,12 @@
 """Whole-record fits of a motion that grows by itself: an aircraft that only its flight control
 system holds.
 
-A mode may grow by e^15 along a record. All unknowns then change the end of the trajectory
-enormously and almost alike, and Levenberg-Marquardt in all unknowns is slow. Here the unknowns of
-single records (initial states, biases) are projected out of the sensitivities of the shared
-parameters (variable projection: Golub and Pereyra 1973; Kaufman 1975), and solved for again after
-every step. Growing parts of the record are fitted in turn.
+A mode may grow by e^15 along a record. A small change of any unknown then changes the end of the
+trajectory much, and in nearly the same direction, so that Levenberg-Marquardt in all unknowns is
+slow. Here the unknowns of single records (initial states, biases) are projected out of the
+sensitivities to the shared parameters, and solved for again after every step. This is variable
+projection (Golub and Pereyra 1973; Kaufman 1975). The fit begins with a short part at the beginning
+of the records, and each further part is twice as long.
 """
 
 from __future__ import annotations
@@ -32,31 +33,34 @@ from ident.whole_record.layout import FitLayout, FitProblem
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian
 
-# smallest growth, in e-foldings along a record, that needs a fit by parts
+# largest growth, in e-foldings along a record, of a motion that is fitted without parts
 MOST_EFOLDINGS_AT_ONCE = 3.0
-_FIRST_PART_EFOLDINGS = 3.0  # e-foldings of the first part; each further part is twice as long
-_PART_TOLERANCE = 0.3  # tolerance of the parts before the last, in sigmas
-# most steps in a record's own unknowns, and the smallest gain of log likelihood that needs another
-_OWN_STEPS, _OWN_GAIN = 12, 0.1
+_FIRST_PART_EFOLDINGS = 3.0  # growth of the first part, in e-foldings
+_PART_TOLERANCE = 0.3  # tolerance of the fits of parts before the last, in sigmas
+_OWN_STEPS = 12  # most steps in the unknowns of single records, after a step in the shared ones
+_OWN_GAIN = 0.1  # these steps end when one gains less log likelihood
+# smallest singular value of the scaled sensitivities, over the largest, of a determined direction
+_RESOLVED_SHARE = 1e-13
 
 
 def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Return the growth rate (1/s) of the fastest mode at rest, at ``theta`` (None: the start);
-    zero if stable, infinite if it overflows.
+    """Return the growth rate (1/s) of the fastest unstable mode without inputs, at the initial
+    states of ``theta`` (None: the start); zero if all modes are stable, infinite on overflow.
     """
     theta = layout.start if theta is None else theta
-    system, most = layout.system, 0.0
+    system, rate = layout.system, 0.0
     for r in range(len(layout.problems)):
         p, x0 = layout.split(theta, r)
         with np.errstate(all="ignore"):
-            slopes = complex_step_jacobian(partial(_rates_at_rest, system, p.tolist()), x0.tolist())
+            rates = partial(_rates_without_inputs, system, p.tolist())
+            slopes = complex_step_jacobian(rates, x0.tolist())
         if not np.all(np.isfinite(slopes)):
             return np.inf
-        most = max(most, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)))
-    return most
+        rate = max(rate, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)))
+    return rate
 
 
-def _rates_at_rest(system: System, p: list[float], x: list[Any]) -> Sequence[Any]:
+def _rates_without_inputs(system: System, p: list[float], x: list[Any]) -> Sequence[Any]:
     return system.f(0.0, x, [0.0] * len(system.inputs), p)
 
 
@@ -70,62 +74,66 @@ def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
 
 
 def fit_unstable(layout: FitLayout) -> Fit | None:
-    """Minimise the cost of output error from ``layout.start`` over parts of the records that grow
-    to the whole; None where no cost was finite.
+    """Return the output-error fit from ``layout.start``, over longer and longer parts of the
+    records; None where a cost is not finite.
 
-    Outcomes as of ``fit_whole_records``. No priors, and at least one shared parameter.
+    The outcomes are those of `fit_whole_records`. The layout has no priors and at least one shared
+    parameter.
     """
-    exact = replace(
-        layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
-    )
-    found, spent, left = None, 0, layout.settings.iterations
+    exact = _with_complex_steps(layout)
+    fit, iterations, remaining = None, 0, layout.settings.iterations
     for part in _growing_parts(exact):
-        found = _fit_part(replace(part, start=exact.start if found is None else found.theta), left)
-        if found is None:
+        start = exact.start if fit is None else fit.theta
+        fit = _fit_part(replace(part, start=start), remaining)
+        if fit is None:
             return None
-        spent += found.iterations
-        left = max(layout.settings.iterations - spent, 1)
-    return None if found is None else replace(found, iterations=spent)
+        iterations += fit.iterations
+        remaining = max(layout.settings.iterations - iterations, 1)
+    return None if fit is None else replace(fit, iterations=iterations)
+
+
+def _with_complex_steps(layout: FitLayout) -> FitLayout:
+    """Return the layout with exact derivatives."""
+    problems = tuple(replace(problem, exact=True) for problem in layout.problems)
+    return replace(layout, problems=problems)
 
 
 def projectable(layout: FitLayout) -> bool:
-    """Return whether there are shared parameters, and each prior is of one unknown by itself."""
-    tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
+    """Return whether a layout has shared parameters and no prior that couples unknowns."""
+    coupled = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
         layout.prior.mean
     )
-    return bool(layout.shared) and not tied
+    return bool(layout.shared) and not coupled
 
 
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Fit as ``fit_unstable`` does, from a start near enough to fit the whole record at once;
-    priors are counted, if ``projectable``.
+    """Return the fit as `fit_unstable` does, but of the whole records at once: the start must be
+    near the optimum. Priors are allowed where the layout is `projectable`.
+
+    ``guesses`` : starting trajectories; None takes them from the measured channels.
     """
-    exact = replace(
-        layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
-    )
-    return _fit_part(exact, layout.settings.iterations, guesses)
+    return _fit_part(_with_complex_steps(layout), layout.settings.iterations, guesses)
 
 
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Return the covariance of the shared parameters ``(s, s)`` with all others projected out,
-    corrected for colour as the settings say; all determined?
+    """Return the covariance of the shared parameters ``(s, s)``, and whether all are determined.
 
-    Equal to the block of ``fit_covariance``; the projection comes before squaring, which would lose
-    all digits for unstable motion.
+    It equals their block of `fit_covariance`. The other unknowns are projected out of the
+    sensitivities before these are squared, since squaring loses all digits for an unstable motion.
     """
-    n, left = len(fit.layout.shared), _projected(fit)
-    inverse, determined = inverse_information(left.information, fit.theta[:n])
+    n, projection = len(fit.layout.shared), _project(fit)
+    inverse, determined = inverse_information(projection.information, fit.theta[:n])
     if not fit.layout.settings.coloured:
         return inverse, determined
     sigma = np.sqrt(fit.variance)[:, None, None]
     parts, count = [], n
     for jacobian, own, residual, problem in zip(
-        left.jacobians, left.own, fit.residuals, fit.layout.problems, strict=True
+        projection.jacobians, projection.own, fit.residuals, fit.layout.problems, strict=True
     ):
-        # The noise that a record's own unknowns fit is missing from its residuals.
+        # The unknowns of a record fit a part of its noise, which its residuals lack.
         both = np.concatenate([jacobian, own[: residual.size].reshape(*residual.shape, -1)], axis=2)
-        at = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
-        parts.append((at, sigma * both, residual, problem.valid))
+        columns = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
+        parts.append((columns, sigma * both, residual, problem.valid))
         count += own.shape[1]
     whole = np.eye(count)
     whole[:n, :n] = inverse
@@ -133,12 +141,18 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Projected:
-    """Sensitivities by the shared parameters, with each record's own unknowns projected out, in
-    sigmas of the outputs.
+class _Projection:
+    """Sensitivities to the shared parameters with the unknowns of single records projected out.
 
-    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record:
-    orthonormal columns ``(mN, o)``; ``back``: the map ``(o, mN)`` to its unknowns.
+    All are in sigmas of the outputs.
+
+    Attributes
+    ----------
+    jacobians : ``(m, N, s)`` projected sensitivities of each record.
+    information : ``(s, s)`` of the shared parameters.
+    gradient : ``(s,)`` of the log likelihood.
+    own : ``(mN, o)`` of each record: orthonormal basis of the sensitivities to its own unknowns.
+    back : ``(o, mN)`` of each record: map of a residual to the step of its own unknowns.
     """
 
     jacobians: tuple[np.ndarray, ...]
@@ -148,8 +162,8 @@ class _Projected:
     back: tuple[np.ndarray, ...]
 
     def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
-        """Return the step ``(n,)`` of all unknowns for a step ``(s,)`` of the shared ones, with the
-        best step of each record's own.
+        """Return the step ``(n,)`` of all unknowns for the step ``shared (s,)`` of the shared ones:
+        the unknowns of each record go to their optimum.
         """
         step, n = np.zeros(len(fit.theta)), len(shared)
         step[:n] = shared
@@ -160,10 +174,10 @@ class _Projected:
 
 
 def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of
-    each output, zero where a sample is missing.
+    """Return the sensitivities ``(mN, c)`` and the residual ``(mN,)`` of a record, each over the
+    sigma of its output; zero where a sample is missing.
 
-    Priors of the record's own unknowns are added below, one row each.
+    Each prior of an unknown of this record adds one row below.
     """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
     jacobian = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1)
@@ -181,36 +195,37 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack([jacobian, rows]), np.concatenate([residual, away])
 
 
-def _projected(fit: Fit) -> _Projected:
+def _project(fit: Fit) -> _Projection:
+    """Return the projection of the sensitivities of a fit."""
     n = len(fit.layout.shared)
     information, gradient, jacobians, own, back = np.zeros((n, n)), np.zeros(n), [], [], []
     prior = fit.layout.prior
     if prior is not None:
-        known = np.flatnonzero(prior.positions < n)
-        at, block = prior.positions[known], prior.information[np.ix_(known, known)]
-        information[np.ix_(at, at)] += block
-        gradient[at] += block @ (prior.mean[known] - fit.theta[at])
+        known = np.flatnonzero(prior.positions < n)  # priors of shared parameters
+        positions, block = prior.positions[known], prior.information[np.ix_(known, known)]
+        information[np.ix_(positions, positions)] += block
+        gradient[positions] += block @ (prior.mean[known] - fit.theta[positions])
     for r in range(len(fit.layout.problems)):
         J, residual = _weighted(fit, r)
         size = np.linalg.norm(J[:, n:], axis=0)
         size = np.where(size > 0.0, size, 1.0)
         left, values, right = np.linalg.svd(J[:, n:] / size, full_matrices=False)
-        told = values > 1e-13 * max(float(np.max(values, initial=0.0)), 1e-300)
-        basis = left[:, told]
-        rest = J[:, :n]
-        for _ in range(2):  # twice, as the sensitivities may be nearly parallel
-            rest = rest - basis @ (basis.T @ rest)
-        information += rest.T @ rest
-        gradient += rest.T @ residual
-        jacobians.append(rest[: fit.residuals[r].size].reshape(*fit.residuals[r].shape, n))
+        determined = values > _RESOLVED_SHARE * max(float(np.max(values, initial=0.0)), 1e-300)
+        basis = left[:, determined]
+        shared = J[:, :n]
+        for _ in range(2):  # a second projection removes the rounding error of the first
+            shared = shared - basis @ (basis.T @ shared)
+        information += shared.T @ shared
+        gradient += shared.T @ residual
+        jacobians.append(shared[: fit.residuals[r].size].reshape(*fit.residuals[r].shape, n))
         own.append(basis)
-        back.append((right[told].T / values[told] @ basis.T) / size[:, None])
-    return _Projected(tuple(jacobians), information, gradient, tuple(own), tuple(back))
+        back.append((right[determined].T / values[determined] @ basis.T) / size[:, None])
+    return _Projection(tuple(jacobians), information, gradient, tuple(own), tuple(back))
 
 
 def _growing_parts(layout: FitLayout) -> Iterator[FitLayout]:
-    """Yield layouts of the beginnings of the records, each twice as long as the one before, then of
-    the whole.
+    """Yield the layout with only the beginning of each record valid, twice as long each time, and
+    at last the layout of the whole records. A part in which an output has no sample is left out.
     """
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
@@ -219,12 +234,12 @@ def _growing_parts(layout: FitLayout) -> Iterator[FitLayout]:
     rough = replace(layout.settings, tolerance=max(_PART_TOLERANCE, layout.settings.tolerance))
     while 0.0 < span < length:  # an infinite growth rate leaves no part
         problems = tuple(
-            replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))
-            for each in layout.problems
+            replace(whole, valid=whole.valid & (whole.record.time - whole.record.time[0] <= span))
+            for whole in layout.problems
         )
         if all(
-            np.all(each.valid.any(axis=1) == whole.valid.any(axis=1))
-            for each, whole in zip(problems, layout.problems, strict=True)
+            np.all(part.valid.any(axis=1) == whole.valid.any(axis=1))
+            for part, whole in zip(problems, layout.problems, strict=True)
         ):
             yield replace(layout, settings=rough, problems=problems)
         span *= 2.0
@@ -232,50 +247,54 @@ def _growing_parts(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Levenberg-Marquardt in the shared parameters, with each record's own solved for after every
-    step; at most ``limit`` steps.
+    """Return the fit by at most ``limit`` Levenberg-Marquardt steps in the shared parameters; after
+    each step the unknowns of each record go to their optimum.
     """
     problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
-    first_fit = evaluate(
-        problem, layout.start, layout.guesses(layout.start) if guesses is None else guesses
-    )
-    if first_fit is None and guesses is not None:
-        first_fit = evaluate(problem, layout.start, layout.guesses(layout.start))
-    if first_fit is None:
+    start_fit = None if guesses is None else evaluate(problem, layout.start, guesses)
+    if start_fit is None:
+        start_fit = evaluate(problem, layout.start, layout.guesses(layout.start))
+    if start_fit is None:
         return None
 
-    def model(at: tuple[Fit, _Projected]) -> LocalModel:
-        fit, left = at
+    def model(point: tuple[Fit, _Projection]) -> LocalModel:
+        fit, projection = point
         bounds = layout.low[:n], layout.high[:n]
-        return local_model(left.information, left.gradient, fit.theta[:n], *bounds)
+        return local_model(projection.information, projection.gradient, fit.theta[:n], *bounds)
 
     def trial(
-        at: tuple[Fit, _Projected], model: LocalModel, damping: float
-    ) -> tuple[Fit, _Projected] | None:
-        fit, left = at
-        step = left.own_steps(fit, model.scale * model.step(damping))
+        point: tuple[Fit, _Projection], model: LocalModel, damping: float
+    ) -> tuple[Fit, _Projection] | None:
+        fit, projection = point
+        step = projection.own_steps(fit, model.scale * model.step(damping))
         theta = np.clip(fit.theta + step, layout.low, layout.high)
-        tried = evaluate(problem, theta, predicted_trajectories(fit, theta))
-        tried = None if tried is None else _with_best_own(tried)
-        if tried is None or not tried.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+        moved = evaluate(problem, theta, predicted_trajectories(fit, theta))
+        if moved is None:
             return None
-        return tried, _projected(tried)
+        moved = _with_best_own(moved)
+        if not moved.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+            return None
+        return moved, _project(moved)
 
-    def settled(at: tuple[Fit, _Projected], model: LocalModel) -> bool:
-        return has_converged(model, at[0].theta[:n], settings)
+    def settled(point: tuple[Fit, _Projection], model: LocalModel) -> bool:
+        return has_converged(model, point[0].theta[:n], settings)
 
-    fit = _with_best_own(first_fit)
-    found = minimise(Descent(model, trial, settled), (fit, _projected(fit)), limit)
-    outcome = Outcome.CONVERGED if settled(found.point, found.model) else Outcome.MAX_ITERATIONS
-    return replace(with_exact_trajectory(found.point[0]), outcome=outcome, iterations=found.steps)
+    fit = _with_best_own(start_fit)
+    minimum = minimise(Descent(model, trial, settled), (fit, _project(fit)), limit)
+    converged = settled(minimum.point, minimum.model)
+    return replace(
+        with_exact_trajectory(minimum.point[0]),
+        outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
+        iterations=minimum.steps,
+    )
 
 
 def _with_best_own(fit: Fit) -> Fit:
-    """Return the fit with the own unknowns of each record at their optimum: one step for linear
-    motion, a few otherwise.
+    """Return the fit with the unknowns of each record at their optimum. This takes one step for a
+    linear motion and a few for any other.
     """
     for _ in range(_OWN_STEPS):
-        step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
+        step = _project(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
         theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
         moved = evaluate(fit.problem, theta, predicted_trajectories(fit, theta))
         if moved is None or moved.cost >= fit.cost:

@@ -34,7 +34,7 @@ ONCE_UNNOTICED = (
         ("fit.variance - noise**2", "fit.variance"),
         ("1e-4 * noise**2", "1e-4 * noise"),
         ("1e-4 * noise**2", "1e-2 * noise**2"),
-        ("np.sqrt(np.median(beyond[at]", "(np.median(beyond[at]"),
+        ("np.sqrt(np.median(excess[at]", "(np.median(excess[at]"),
         ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.01, 1000.0)"),
         ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.001, 100.0)"),
     ),
@@ -555,7 +555,7 @@ IDENT = (
     *changes(
         "ident/banks/bank.py",
         ("tests/unit/ident/banks/test_bank.py",),
-        ("active[again.sound & (moved >= SETTLED_SIGMAS)]", "active[again.sound]"),
+        ("active[next_pass.sound & (change >= SETTLED_SIGMAS)]", "active[next_pass.sound]"),
     ),
 )
 

@@ -12,15 +12,9 @@ import numpy as np
 
 from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
+from ident.compatibility.instruments import instruments_of, weigher
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import (
-    NO_AIRSPEED,
-    KinematicSignals,
-    instruments_of,
-    smoothed_walk,
-    weigher,
-    whitener,
-)
+from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
 from ident.compatibility.six_degrees.fitting import (
     Linear,
     NormalEquations,
@@ -61,21 +55,27 @@ from ident.compatibility.trials import (
 from ident.statistics.intervals import bounded_inverse
 from sim.record import Record
 
+_REGULARISATION = 1e-9  # added to the unit diagonal of scaled information before its inversion
+
 # ---- Biases of each record by both methods
 
 
 def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
-    """Return the biases of one record of a fit, the faults of which have their values."""
+    """Return the biases of record ``r`` by both methods, with the faults fixed at their values in
+    the fit.
+    """
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns, n = unknowns_of(s), len(own)
     prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
     slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
     white = weigher(s, kinematic_fit.noise)(slopes)
-    left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
+    innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
     flat = white.reshape(-1, white.shape[2])
     inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
-    scatter = sum(coloured(white[i], left[i]) for i in range(len(left))) + np.diag(prior)
-    wide = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
+    scatter = sum(coloured(white[i], innovations[i]) for i in range(len(innovations))) + np.diag(
+        prior
+    )
+    variances = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
     gram, gradient, spread = output_error_gram(
         s,
         kinematic_fit,
@@ -83,25 +83,30 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
         np.concatenate([slopes, kinematic_fit.residuals[r][:, :, None]], axis=2),
     )
     gradient[:n] -= prior[:n] * own
-    other = bounded_inverse(gram + np.diag(prior))
-    step, other_variance = other @ gradient, np.diag(other @ (spread + np.diag(prior)) @ other)
-    out = []
+    output_error_inverse = bounded_inverse(gram + np.diag(prior))
+    step, output_error_variances = (
+        output_error_inverse @ gradient,
+        np.diag(output_error_inverse @ (spread + np.diag(prior)) @ output_error_inverse),
+    )
+    estimates = []
     for i, item in enumerate(unknowns):
         if item.key[1] == BIAS:
             fault = SensorFault(item.key[0], BIAS)
-            value, variance = float(own[i]), float(wide[i])
-            by_other = float(own[i] + step[i])
-            its_variance = max(float(other_variance[i]), variance)
+            value, variance = float(own[i]), float(variances[i])
+            output_error_value = float(own[i] + step[i])
+            output_error_variance = max(float(output_error_variances[i]), variance)
             determined = 0.0 < variance < fault.plausible**2
-            difference = (
-                difference_in_sigmas(by_other, its_variance, value, variance) if determined else 0.0
-            )
+            difference = 0.0
+            if determined:
+                difference = difference_in_sigmas(
+                    output_error_value, output_error_variance, value, variance
+                )
             gain = 0.5 * value**2 / variance if variance > 0 else 0.0
             quantities = (
-                FaultQuantity(by_other, math.sqrt(its_variance)),
+                FaultQuantity(output_error_value, math.sqrt(output_error_variance)),
                 FaultQuantity(value, math.sqrt(variance)),
             )
-            out.append(
+            estimates.append(
                 SensorEstimate(
                     fault.name,
                     fault.channel,
@@ -114,25 +119,25 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
                     determined,
                 )
             )
-    return tuple(out)
+    return tuple(estimates)
 
 
 def bias_findings(
     lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """Return the biases of record r that are large and significant (the share of false alarms
-    counts all of them), each with the faults that explain it as well.
+    """Return the biases of record ``r`` that are large and significant, each with the faults that
+    explain the record as well. ``false_alarm`` is the probability of any false finding.
     """
-    out = []
+    findings = []
     for item in estimates:
         fault, size = SensorFault(item.channel, BIAS), item.smoother
-        # Significance counts from the smallest notable size: earth rotation, its curvature and the
-        # decrease of gravity explain less.
+        # Only the excess over the smallest finding counts: the rotation and curvature of the earth
+        # and the decrease of gravity with height cause smaller biases.
         excess = max(abs(size.value) - fault.smallest_finding, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.determined and item.agrees and p * len(estimates) < false_alarm:
             group = instead_of(lines, r, item.channel, false_alarm)
-            out.append(
+            findings.append(
                 SensorFinding(
                     item.channel,
                     BIAS,
@@ -145,12 +150,12 @@ def bias_findings(
                     item.name,
                 )
             )
-    return tuple(out)
+    return tuple(findings)
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Return the faults that explain the bias of a channel of record r as well as the bias if added
-    to the accepted ones.
+    """Return the faults that, added to the accepted ones, explain record ``r`` as well as the bias
+    of a channel does.
     """
     information, gradient = lines.whole[r]
     own, faults = lines.fit.own[r], lines.faults
@@ -158,18 +163,18 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     b = [item.key for item in unknowns_of(lines.fit.signals[r])].index((channel, BIAS))
     members = [n + faults.index(fault) for fault in lines.fit.faults]
     best, _, _ = _least([*range(n), *members], information, gradient)
-    # The bias held at zero: a step of minus its value.
-    rest, held = [*(i for i in range(n) if i != b), *members], gradient + information[:, b] * own[b]
-    spent = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
+    # The bias is set to zero by a step of minus its value.
+    others = [*(i for i in range(n) if i != b), *members]
+    gradient_without = gradient + information[:, b] * own[b]
+    loss_without = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
     losses = []
     for j, fault in enumerate(faults):
         if n + j not in members and information[n + j, n + j] > 0:
-            gain, size, variance = _least([*rest, n + j], information, held)
-            possible = fault.smallest_finding < abs(size) < fault.largest and (
-                size > 0 or not fault.one_sided
-            )
-            if possible and variance < fault.plausible**2:
-                losses.append((best - gain + spent, fault.name))
+            gain, size, variance = _least([*others, n + j], information, gradient_without)
+            notable = fault.smallest_finding < abs(size) < fault.largest
+            possible_sign = size > 0 or not fault.one_sided
+            if notable and possible_sign and variance < fault.plausible**2:
+                losses.append((best - gain + loss_without, fault.name))
     chance = confusable_loss(false_alarm, len(faults))
     return tuple(name for loss, name in sorted(losses) if loss <= chance)
 
@@ -177,7 +182,9 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
 def _least(
     free: Sequence[int], information: np.ndarray, gradient: np.ndarray
 ) -> tuple[float, float, float]:
-    """Return the least-squares gain over some unknowns, and value and variance of the last one."""
+    """Return the gain of log likelihood by the unknowns ``free``, and the value and variance of the
+    last of them.
+    """
     inverse = bounded_inverse(information[np.ix_(free, free)])
     values = inverse @ gradient[list(free)]
     return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
@@ -193,78 +200,62 @@ def estimates_and_findings(
     first.
     """
     lines, faults = search_result.lines, search_result.lines.faults
-    stood = _accepted_and_loss(search_result)
-    by_other = added(search_result.output_error)
+    accepted = _accepted_and_loss(search_result)
+    output_error = added(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
-    lost: dict[int, float | None] = {}
+    losses: dict[int, float | None] = {}
     for j in search_result.common:
-        context, lost[j] = _context(search_result, j, stood)
-        estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
+        context, losses[j] = _context(search_result, j, accepted)
+        estimates[j] = _estimate(lines.joint, output_error, faults, context, j)
     findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
-            if j not in named and stood[j][0] == group[0][0]:
+            if j not in named and accepted[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
-                findings.append(
-                    replace(
-                        _finding(estimates[j], faults[j], others, loss, stands=True),
-                        probabilities=shares,
-                    )
-                )
+                finding = _finding(estimates[j], faults[j], others, loss, stands=True)
+                findings.append(replace(finding, probabilities=shares))
                 named.add(j)
-    rest = sorted(
+    not_accepted = sorted(
         (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
-    findings += [
-        replace(
-            _finding(estimates[j], faults[j], (), lost[j], stands=False),
-            replicates=j not in search_result.refused,
-        )
-        for j in rest
-    ]
+    for j in not_accepted:
+        finding = _finding(estimates[j], faults[j], (), losses[j], stands=False)
+        findings.append(replace(finding, replicates=j not in search_result.refused))
     return tuple(estimates.values()), tuple(findings)
 
 
 def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """Return, for each fault that is accepted or may replace an accepted one, the accepted fault
-    and the loss of log likelihood.
+    """Return for each fault that is accepted, or may be confused with an accepted one, the accepted
+    fault and the loss of log likelihood against it.
     """
-    stood = {
-        j: (i, lost)
-        for i, group in reversed(
-            list(zip(search_result.standing, search_result.groups, strict=True))
-        )
-        for j, lost in group
-    }
-    return stood | {i: (i, 0.0) for i in search_result.standing}
+    groups = list(zip(search_result.standing, search_result.groups, strict=True))
+    confusable = {j: (i, loss) for i, group in reversed(groups) for j, loss in group}
+    return confusable | {i: (i, 0.0) for i in search_result.standing}
 
 
 def _context(
-    search_result: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
+    search_result: SixDegreeSearch, j: int, accepted: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """Return the set in which a fault is tested, itself last, and the loss where it replaces an
-    accepted one.
+    """Return the set in which fault ``j`` is tested, with ``j`` last. Where it replaces an accepted
+    fault, return its loss of log likelihood too, else None.
     """
-    faults = search_result.lines.faults
-    in_place = [
-        (i, (search_result.lines.joint, [*(k for k in search_result.standing if k != i), j]))
-        for i in search_result.standing
-        if j in (member for member, _ in search_result.groups[search_result.standing.index(i)])
-        or same_lateness(faults[i], faults[j])
-    ]
-    if j in stood:
-        return [*(k for k in search_result.standing if k != stood[j][0] and k != j), j], stood[j][1]
-    if in_place:
-        i, (_, members) = in_place[0]
-        if (i, j) in search_result.lateness:
-            return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
-        pair = fitted(
-            search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
-        )
-        return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
-    return [*search_result.standing, j], None
+    faults, standing = search_result.lines.faults, search_result.standing
+    if j in accepted:
+        replaced, loss = accepted[j]
+        return [*(k for k in standing if k != replaced and k != j), j], loss
+    same_delay = [i for i in standing if same_lateness(faults[i], faults[j])]
+    if not same_delay:
+        return [*standing, j], None
+    i = same_delay[0]
+    members = [*(k for k in standing if k != i), j]
+    if (i, j) in search_result.lateness:
+        return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
+    pair = fitted(
+        search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
+    )
+    return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
 
 
 def _estimate(
@@ -274,20 +265,23 @@ def _estimate(
     context: Sequence[int],
     j: int,
 ) -> SensorEstimate:
+    """Return the estimate of fault ``j``, the last of the set ``context``, by both methods."""
     fault, members = faults[j], np.array([context])
-    one = fitted(smoother, faults, members, early=False)
-    less = fitted(smoother, faults, members[:, :-1], early=False)
-    other = fitted(output_error, faults, members, early=False)
-    size, variance = float(one.sizes[0, -1]), float(one.variances[0, -1])
+    with_fault = fitted(smoother, faults, members, early=False)
+    without = fitted(smoother, faults, members[:, :-1], early=False)
+    by_output_error = fitted(output_error, faults, members, early=False)
+    size, variance = float(with_fault.sizes[0, -1]), float(with_fault.variances[0, -1])
     determined = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
-    wide = float(one.widening[0, -1])
-    own = max(_sandwich(output_error, context), 0.0) * wide
-    gain = max(float(one.gain[0] - less.gain[0]), 0.0) / wide
-    by_other = float(np.clip(other.sizes[0, -1], -fault.largest, fault.largest))
+    widening = float(with_fault.widening[0, -1])
+    other_variance = max(_sandwich(output_error, context), 0.0) * widening
+    gain = max(float(with_fault.gain[0] - without.gain[0]), 0.0) / widening
+    other_size = float(np.clip(by_output_error.sizes[0, -1], -fault.largest, fault.largest))
     size = float(np.clip(size, -fault.largest, fault.largest))
-    difference = difference_in_sigmas(by_other, own, size, variance) if determined else 0.0
+    difference = 0.0
+    if determined:
+        difference = difference_in_sigmas(other_size, other_variance, size, variance)
     quantities = (
-        FaultQuantity(by_other + fault.offset, math.sqrt(own)),
+        FaultQuantity(other_size + fault.offset, math.sqrt(other_variance)),
         FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0))),
     )
     return SensorEstimate(
@@ -304,12 +298,12 @@ def _estimate(
 
 
 def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
-    """Return the variance of the last of a set from the scatter of the gradient."""
+    """Return the variance of the last fault of a set, from the scatter of the gradient."""
     at = np.ix_(context, context)
     diagonal = np.diag(normal.information[at])
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     inverse = np.linalg.inv(
-        normal.information[at] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        normal.information[at] * np.outer(scale, scale) + _REGULARISATION * np.eye(len(scale))
     ) * np.outer(scale, scale)
     return float(inverse[-1] @ normal.scatter[at] @ inverse[-1])
 
@@ -339,12 +333,14 @@ def _finding(
 
 
 def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
-    """Return every fault from one record of several, with the same others as in all records."""
+    """Return the estimates of all faults from record ``r`` alone, each in the same set as in the
+    joint check.
+    """
     lines = search_result.lines
-    stood = _accepted_and_loss(search_result)
-    one, other = lines.smoother[r], search_result.output_error[r]
+    accepted = _accepted_and_loss(search_result)
+    smoother, output_error = lines.smoother[r], search_result.output_error[r]
     return tuple(
-        _estimate(one, other, lines.faults, _context(search_result, j, stood)[0], j)
+        _estimate(smoother, output_error, lines.faults, _context(search_result, j, accepted)[0], j)
         for j in search_result.common
     )
 
@@ -352,50 +348,46 @@ def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, .
 def drift_of(
     search_result: SixDegreeSearch, r: int, false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """Return the drift of one record of several, if any, with all accepted faults.
-
-    ``false_alarm``: probability of a false drift.
+    """Return the drift of record ``r`` in addition to all accepted faults; empty where none is
+    significant. ``false_alarm`` is the probability of a false drift.
     """
     lines, faults, members = search_result.lines, search_result.lines.faults, search_result.standing
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
-    # First without coloured noise, which the drift itself would cause.
+    # This selection takes the noise as white: a drift itself makes residuals coloured.
     sets = fitted(
         replace(lines.smoother[r], scatter=lines.smoother[r].information),
         faults,
         np.array([[*members, j] for j in drifts]),
         early=False,
     )
-    j = drifts[int(np.argmax(np.where(sets.sound, sets.gain, 0.0)))]
+    gains = np.where(sets.sound, sets.gain, 0.0)
+    j = drifts[int(np.argmax(gains))]
     charge = charge_of(false_alarm, len(drifts))
-    if (
-        float(np.max(np.where(sets.sound, sets.gain, 0.0)))
-        - _gain_of(lines.smoother[r], faults, members)
-        < charge
-    ):
+    if float(np.max(gains)) - _gain_of(lines.smoother[r], faults, members) < charge:
         return ()
     begin = replace(lines.fit, signals=(lines.fit.signals[r],), own=(lines.fit.own[r],))
-    beside = linear(
+    with_drift = linear(
         fit(begin.signals, [faults[i] for i in (*members, j)], begin),
         faults,
         np.full(len(faults), SECANT_STEP),
     )
-    item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
+    item = _estimate(with_drift.joint, by_output_error(with_drift, 0), faults, [*members, j], j)
     if (
         not item.determined
         or item.gain < charge
         or abs(item.smoother.value) < faults[j].smallest_finding
     ):
         return ()
-    rivals = alike(beside, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts)
+    rivals = alike(with_drift, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts)
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
 
 
 def _gain_of(
     normal: NormalEquations, faults: Sequence[SensorFault], members: Sequence[int]
 ) -> float:
-    return float(
-        fitted(normal, faults, np.array([members], dtype=int).reshape(1, -1), early=False).gain[0]
-    )
+    """Return the gain of log likelihood by a set of faults."""
+    fault_sets = np.array([members], dtype=int).reshape(1, -1)
+    return float(fitted(normal, faults, fault_sets, early=False).gain[0])
 
 
 def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
@@ -412,8 +404,8 @@ STEADY_WIND = (
 
 def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
     """Return the channels of six-degree kinematics that all records have."""
-    all_of = [recorded(record) for record in records]
-    return tuple(name for name in all_of[0] if all(name in names for names in all_of[1:]))
+    first, *others = (recorded(record) for record in records)
+    return tuple(name for name in first if all(name in names for names in others))
 
 
 def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) -> bool:
@@ -421,26 +413,25 @@ def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) 
     heading or height.
     """
     channels = channels_of(records)
-    return any(
-        name in BEYOND
-        for name in relations(
-            channels, speed=settings.airspeed is not None or "airspeed" in channels
-        )
-    )
+    known_speed = settings.airspeed is not None or "airspeed" in channels
+    return any(name in BEYOND for name in relations(channels, speed=known_speed))
 
 
 def check(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
 ) -> Compatibility:
-    """Run ``ident.compatibility.check.compatibility`` for records with six degrees of freedom."""
+    """Return the result of `ident.compatibility.check.compatibility` for records with six degrees
+    of freedom; ``each`` : also of every record alone.
+    """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
     joined = relations(channels, speed=known_speed)
-    made = [
+    prepared = [
         ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
     ]
-    signals, notes = tuple(s for s, _ in made), [note for _, told in made for note in told]
+    signals = tuple(s for s, _ in prepared)
+    notes = [note for _, changes in prepared for note in changes]
     controls = [instruments_of(record, every=2) for record in records]
     if all(columns.shape[1] for columns in controls):
         signals = tuple(
@@ -500,9 +491,13 @@ def check(
         )
         single = (joint,)
     notes += _notes(search_result, signals)
-    told = (*_unreached(channels, joined), *_unobservable(search_result, signals[0]), STEADY_WIND)
+    unobservable = (
+        *_unreached(channels, joined),
+        *_unobservable(search_result, signals[0]),
+        STEADY_WIND,
+    )
     return Compatibility(
-        channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes)
+        channels, joined, joint, single, _reconstructions(base, final), unobservable, tuple(notes)
     )
 
 
@@ -527,29 +522,31 @@ def _single_record_results(
 
 
 def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[str]:
-    out = []
+    """Return sentences on a load that is early and on the time reference."""
+    notes = []
     if search_result.early is not None:
         channel, ahead = search_result.early
-        out.append(
+        notes.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
             "than any sensor fault: something acts that the kinematics do not know, a gust on vane "
             "and load most likely, so that no further fault is named"
         )
-    behind = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
-    on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
-    if behind & set(clocks(tuple(signals[0].channels))) and on_time:
-        out.append(
+    delayed = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
+    on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in delayed]
+    if delayed & set(clocks(tuple(signals[0].channels))) and on_time:
+        notes.append(
             f"times count from {', '.join(on_time)}, which agree: a delay common to "
             "all channels cannot be detected from kinematics"
         )
-    return out
+    return notes
 
 
 def _unobservable(search_result: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
+    """Return sentences on faults that the records do not determine."""
     faults = (*search_result.lines.faults, *search_result.lines.biases)
     size = np.array([fault.plausible for fault in faults])
-    several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
-    channels = (*s.channels, *several, "wind")
+    mounts = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
+    channels = (*s.channels, *mounts, "wind")
     return unobservable_faults(
         search_result.lines.free * np.outer(size, size),
         faults,
@@ -562,6 +559,7 @@ def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
 
 
 def _unreached(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return a sentence on each channel that is in no relation."""
     reached = {name for names in joined.values() for name in names}
     return tuple(
         f"{name}: nothing can be told, no relation that these channels close has it"

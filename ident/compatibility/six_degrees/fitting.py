@@ -20,6 +20,7 @@ from ident.compatibility.fitting import (
     misfit,
     residual_of,
 )
+from ident.compatibility.instruments import instrumented, part_of_controls, shortened, weigher
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
 from ident.compatibility.signals import (
     KinematicSignals,
@@ -27,12 +28,8 @@ from ident.compatibility.signals import (
     differences,
     floors,
     inputs_of,
-    instrumented,
-    part_of_controls,
     roughness,
-    shortened,
     walk_gains,
-    weigher,
     whitener,
 )
 from ident.compatibility.six_degrees.kinematics import evaluate, linearised, start_of, unknowns_of

@@ -17,10 +17,16 @@ Identification, AIAA 2006, ch. 10):
         - sin(alpha) cos(beta) cos(phi) cos(theta)] + w
     X = ax - g sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi)
 
-with w the vertical wind. Channels that are not recorded are replaced: theta and alpha by constants
-of the record, which are fitted; phi and beta by zero; p by the change of phi; r in phi_dot = p +
-psi_dot sin(theta) by a coordinated turn, psi_dot = g tan(phi)/V; q by the rate that holds theta; ax
-by the acceleration that holds the airspeed. Without a load, its terms in other equations are zero.
+with w the vertical wind. A channel that is not recorded is replaced:
+
+- theta and alpha by a fitted constant of the record
+- phi and beta by zero
+- p by the change of phi
+- q by the rate that holds theta
+- r, in phi_dot = p + psi_dot sin(theta), by a coordinated turn with psi_dot = g tan(phi)/V
+- ax by the acceleration that holds the airspeed
+
+The terms of any other load that is not recorded are zero.
 """
 
 from __future__ import annotations
@@ -38,6 +44,7 @@ from ident.compatibility.kinematics import (
     BOOM,
     DELAY,
     DRIFT,
+    FIRST_SAMPLES,
     LAG,
     PACKAGE,
     RIGHT,
@@ -52,7 +59,12 @@ from ident.compatibility.kinematics import (
     shown,
     summed,
 )
-from ident.compatibility.signals import IGNORED_ENDS, KinematicSignals, isolated
+from ident.compatibility.signals import (
+    IGNORED_ENDS,
+    LEAST_RECORD_ENDS,
+    KinematicSignals,
+    isolated,
+)
 from sim.errors import RecordError
 from sim.maths import G0
 from sim.record import Record
@@ -80,36 +92,34 @@ CHANNELS = (
     *HEIGHTS,
 )
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
-WRAPPED = ("phi", "psi")
+WRAPPED = ("phi", "psi")  # angles that may jump by a turn
 _INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
 _STEEPEST_PITCH = 1.4  # rad: at steeper pitch Euler angles are not usable
 
 
 def recorded(record: Record) -> tuple[str, ...]:
-    """Return the channels of a record that the kinematics use: one acceleration for each axis, one
-    height.
+    """Return the channels of a record that the kinematics use, with one accelerometer for each axis
+    and one height.
     """
     have = [
         name
         for name in CHANNELS
         if name in record.output_names and np.count_nonzero(record[name].valid) > 1
     ]
-    for several in (*AXES.values(), HEIGHTS):
-        for name in [name for name in several if name in have][1:]:
+    for alternatives in (*AXES.values(), HEIGHTS):
+        for name in [name for name in alternatives if name in have][1:]:
             have.remove(name)
     return tuple(have)
 
 
 def load_on(axis: str, names: Sequence[str]) -> str | None:
-    """Channel of the accelerometer along an axis (x, y, z), None where there is none."""
+    """Return the channel of the accelerometer along an axis (x, y, z); None without one."""
     return next((name for name in AXES[axis] if name in names), None)
 
 
 def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
-    """Output of each relation that these channels close, and the channels that it joins; ``speed``:
-    an airspeed is recorded or given.
-
-    Required channels come first, then optional ones.
+    """Return the output of each relation that these channels close -> the channels of the relation,
+    the required ones first. ``speed`` : whether an airspeed is recorded or given.
     """
     have = set(names)
     x, y, z = (load_on(axis, names) or "" for axis in "xyz")
@@ -124,58 +134,65 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
         height: ((height, "theta", "alpha"), ("airspeed", "phi", "beta"), speed),
     }
     return {
-        output: (*needed, *(name for name in along if name in have))
-        for output, (needed, along, closed) in needs.items()
-        if closed and set(needed) <= have
+        output: (*required, *(name for name in optional if name in have))
+        for output, (required, optional, possible) in needs.items()
+        if possible and set(required) <= have
     }
 
 
 def ready(
     record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
 ) -> tuple[KinematicSignals, tuple[str, ...]]:
-    """Signals of a record for its ``channels``, those common to all records; and sentences on
-    changes made to them.
+    """Return the signals of a record, and sentences on changes made to them.
 
-    Angles that wrap around are unwrapped; a vertical load without the weight gets it.
+    Angles that wrap around are unwrapped. A vertical load without the weight gets it.
+
+    Parameters
+    ----------
+    channels : the channels common to all records.
+    airspeed : m/s, where none is recorded; None without.
+    gravity : m/s2.
+    vane_arm : m.
 
     Raises
     ------
-    RecordError : an attitude near the vertical.
+    RecordError : where the pitch attitude is near the vertical.
     """
-    raw, valid, spikes, notes = {}, {}, {}, []
+    bridged, valid, spikes, notes = {}, {}, {}, []
     for name in channels:
-        values, there = record[name].values.copy(), record[name].valid.copy()
+        values, mask = record[name].values.copy(), record[name].valid.copy()
         if name in WRAPPED:
-            values[there] = np.unwrap(values[there])
-        wrong = isolated(record.time[there], values[there])
+            values[mask] = np.unwrap(values[mask])
+        wrong = isolated(record.time[mask], values[mask])
         spikes[name] = int(np.count_nonzero(wrong))
-        there[np.flatnonzero(there)[wrong]] = False
-        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST_PITCH):
+        mask[np.flatnonzero(mask)[wrong]] = False
+        if name == "theta" and np.any(np.abs(values[mask]) > _STEEPEST_PITCH):
             where = f"{record.name}, channel theta"
             raise RecordError(
                 "an attitude near the vertical, where bank and heading mean nothing",
                 where=where,
                 remedy="cut the record there",
             )
-        raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
+        bridged[name] = np.interp(record.time, record.time[mask], values[mask])
+        valid[name] = mask
     if (z := load_on("z", channels)) is not None:
         weight = 1.0 if z == "nz" else -G0
-        if float(np.median(raw[z])) / weight < _INCREMENTAL_LOAD:
-            raw[z] = raw[z] + weight
+        if float(np.median(bridged[z])) / weight < _INCREMENTAL_LOAD:
+            bridged[z] = bridged[z] + weight
             notes.append(f"{z} of {record.name} is without the weight, which is added")
     relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
     used = {name for joined in relation_list.values() for name in joined}
-    edge = IGNORED_ENDS if record.time[-1] - record.time[0] > 50.0 * IGNORED_ENDS else 0.0
+    long_enough = record.time[-1] - record.time[0] > LEAST_RECORD_ENDS * IGNORED_ENDS
+    edge = IGNORED_ENDS if long_enough else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
-    speed = (
-        raw["airspeed"]
-        if "airspeed" in raw
-        else np.full(len(record), airspeed if airspeed is not None else np.inf)
-    )
+    if "airspeed" in bridged:
+        speed = bridged["airspeed"]
+    else:
+        speed = np.full(len(record), np.inf if airspeed is None else airspeed)
     measured = np.array([valid[name] & inside for name in relation_list]).reshape(
         len(relation_list), len(record)
     )
-    used_channels = {name: raw[name] for name in channels if name in used}
+    used_channels = {name: bridged[name] for name in channels if name in used}
     return KinematicSignals(
         record.name,
         record.time,
@@ -199,14 +216,16 @@ _RATES = ("p", "r")
 def misled_by_bank(
     records: Sequence[Record], airspeed: float | None, gravity: float
 ) -> tuple[str, ...]:
-    """Return a sentence on each record in which level wings would mislead the relations of alpha
-    and theta; ``airspeed`` (m/s) where none is recorded.
+    """Return a sentence on each record without a bank angle in which the wings were not level, so
+    that the relations of alpha and theta are wrong.
 
-    The bank is the integral of p about its median, or that of a coordinated turn from r. A record
-    is named if this bank changes the integrals of theta and alpha, less a constant and a trend, by
-    more than a notable bias.
+    An approximate bank angle is the integral of p about its median, or that of a coordinated turn
+    from r. A record is named if this bank changes the integrals of the rates of theta and alpha,
+    after removal of a constant and a trend, by more than the smallest finding of a bias.
+
+    ``airspeed`` in m/s, where none is recorded; ``gravity`` in m/s2.
     """
-    out = []
+    sentences = []
     for record in records:
         rates = [
             name
@@ -216,18 +235,18 @@ def misled_by_bank(
         if "phi" in record.output_names or "q" not in record.output_names or not rates:
             continue
         phi = _bank(record, rates, airspeed, gravity)
-        worst = max(
-            np.std(_detrended_integral(record.time, wrong))
-            for wrong in _wrong_rates(record, rates, phi, airspeed, gravity)
+        largest = max(
+            np.std(_detrended_integral(record.time, error))
+            for error in _wrong_rates(record, rates, phi, airspeed, gravity)
         )
-        if worst > SensorFault("alpha", BIAS).smallest_finding:
-            lean, say = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
-            out.append(
-                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that "
-                f"the wings were up to {lean:.0f} deg from level: "
+        if largest > SensorFault("alpha", BIAS).smallest_finding:
+            bank, verb = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
+            sentences.append(
+                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {verb} "
+                f"that the wings were up to {bank:.0f} deg from level: "
                 "nothing is told of alpha, q, theta and the loads, whose relations need it"
             )
-    return tuple(out)
+    return tuple(sentences)
 
 
 def _bank(
@@ -248,19 +267,21 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """Errors of the rates of theta and, with an airspeed, of alpha if wings are taken as level."""
+    """Return the errors ``(N,)`` of the rate of theta and, with an airspeed, of alpha where the
+    wings are taken as level.
+    """
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
-    r = (
-        _filled(record, "r")
-        if "r" in rates
-        else np.tan(phi) * (gravity / speed if speed is not None else 0.0)
-    )
+    if "r" in rates:
+        r = _filled(record, "r")
+    else:  # a coordinated turn
+        r = np.tan(phi) * (gravity / speed if speed is not None else 0.0)
     pitch = q * (np.cos(phi) - 1.0) - r * np.sin(phi)
     return (pitch,) if speed is None else (pitch, gravity / speed * (np.cos(phi) - 1.0))
 
 
 def _speed(record: Record, airspeed: float | None) -> float | None:
+    """Return the mean airspeed of a record, m/s, or the given one; None without any."""
     if "airspeed" in record.output_names:
         return float(
             np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan))
@@ -269,29 +290,38 @@ def _speed(record: Record, airspeed: float | None) -> float | None:
 
 
 def _filled(record: Record, name: str) -> np.ndarray:
+    """Return a channel ``(N,)`` with its gaps bridged by straight lines."""
     channel = record[name]
     return np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])
 
 
 def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the integral ``(N,)`` of a rate by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
 
 
 def _detrended_integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the integral of a rate without constant and trend."""
+    """Return the integral ``(N,)`` of a rate, less a straight line fitted to it."""
     whole = _integral(time, rate)
     return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
 
 
 # ---- The kinematic relations of six degrees of freedom
 
+# factors on load factors that make them specific forces along the body axes, m/s2
 _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
 
 @dataclass(frozen=True, eq=False)
 class _CorrectedMotion:
-    """Measured motion corrected for faults: samples ``(P, N)`` of angles and speed, and increments
-    ``(P, N - 1)`` of rates and loads.
+    """Measured motion corrected for P sets of faults.
+
+    Attributes
+    ----------
+    phi, theta, alpha, beta : ``(P, N)`` angles at the samples, rad.
+    speed : ``(P, N)`` airspeed at the samples, m/s.
+    rate_integrals : rate -> its integral ``(P, N - 1)`` over each interval, rad.
+    force_integrals : axis -> integral ``(P, N - 1)`` of the specific force over each interval, m/s.
     """
 
     phi: np.ndarray
@@ -299,34 +329,34 @@ class _CorrectedMotion:
     alpha: np.ndarray
     beta: np.ndarray
     speed: np.ndarray
-    turned: dict[str, np.ndarray]
-    pushed: dict[str, np.ndarray]
+    rate_integrals: dict[str, np.ndarray]
+    force_integrals: dict[str, np.ndarray]
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
-    1)``.
+    """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
-    Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level",
-    "alpha")`` where these are not recorded, and ``("wind", "bias")``, m/s upward.
+    ``value`` gives the sizes of the faults. It also gives the initial states ``("start", STATE)``,
+    the constants ``("level", "theta")`` and ``("level", "alpha")`` where these angles are not
+    recorded, and the vertical wind ``("wind", "bias")``, m/s upward.
     """
     rates = {name: samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
     motion = _motion(s, value, rates)
-    out = []
+    readings = []
     for name in s.outputs:
         state = value("start", name) + summed(_CHANGES.get(name, _height)(s, motion, value))
-        out.append(shown(s, name, _at_vane(s, name, state, value, rates, motion.speed), value))
-    width = max(row.shape[0] for row in out)
-    return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
+        readings.append(shown(s, name, _at_vane(s, name, state, value, rates, motion.speed), value))
+    width = max(row.shape[0] for row in readings)
+    return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
 
 def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _CorrectedMotion:
-    h, none = s.steps, np.zeros((1, len(s.time)))
-    speed = (
-        samples(s, "airspeed", value)
-        if "airspeed" in s.channels
-        else s.speed[None] / (1.0 + value("airspeed", SCALE))
-    )
+    """Return the motion corrected for faults. ``rates`` are the true rates at the samples."""
+    h, zero = s.steps, np.zeros((1, len(s.time)))
+    if "airspeed" in s.channels:
+        speed = samples(s, "airspeed", value)
+    else:
+        speed = s.speed[None] / (1.0 + value("airspeed", SCALE))
     angles = {}
     for name in ("phi", "theta", "alpha", "beta"):
         if name in s.channels:
@@ -334,18 +364,24 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
                 s, name, samples(s, name, value), value, rates, speed, back=True
             )
         else:
-            angles[name] = none + value("level", name)
-    turned = {name: increments(s, name, value, h) for name in rates}
-    if "p" not in turned and "phi" in s.channels:
-        turned["p"] = np.diff(angles["phi"])
-    pushed = {}
+            angles[name] = zero + value("level", name)
+    rate_integrals = {name: increments(s, name, value, h) for name in rates}
+    if "p" not in rate_integrals and "phi" in s.channels:
+        rate_integrals["p"] = np.diff(angles["phi"])
+    force_integrals = {}
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
-            pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(
-                s, axis, channel, value, rates
-            )
+            force_integrals[axis] = _TO_BODY.get(channel, 1.0) * increments(
+                s, channel, value, h
+            ) - _lever(s, axis, channel, value, rates)
     return _CorrectedMotion(
-        angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed
+        angles["phi"],
+        angles["theta"],
+        angles["alpha"],
+        angles["beta"],
+        speed,
+        rate_integrals,
+        force_integrals,
     )
 
 
@@ -359,7 +395,9 @@ def _at_vane(
     *,
     back: bool = False,
 ) -> np.ndarray:
-    """Return a flow angle at its vane from that at the centre of gravity; ``back``: the reverse."""
+    """Return a flow angle ``(P, N)`` at its vane from that at the centre of gravity, or with
+    ``back`` the reverse. Other angles are returned unchanged.
+    """
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
         "alpha": (("q", -ahead), ("p", value(name, RIGHT))),
@@ -374,8 +412,8 @@ def _at_vane(
 def _lever(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the integral over each interval of the specific force that an accelerometer measures
-    in addition away from the centre of gravity: ``(P, N - 1)``, m/s.
+    """Return the integral ``(P, N - 1)`` over each interval, m/s, of the specific force that an
+    accelerometer measures because it is away from the centre of gravity.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -383,68 +421,69 @@ def _lever(
     h, none = s.steps, np.zeros((1, len(s.time)))
     p, q, r = (rates.get(name, none) for name in ("p", "q", "r"))
 
-    def whole(product: np.ndarray) -> np.ndarray:
+    def integral(product: np.ndarray) -> np.ndarray:
         return h * middle(product)
 
     if axis == "x":
-        felt = (
-            -x * whole(q * q + r * r)
-            + y * (whole(p * q) - np.diff(r))
-            + z * (whole(p * r) + np.diff(q))
+        force = (
+            -x * integral(q * q + r * r)
+            + y * (integral(p * q) - np.diff(r))
+            + z * (integral(p * r) + np.diff(q))
         )
     elif axis == "y":
-        felt = (
-            x * (whole(p * q) + np.diff(r))
-            - y * whole(p * p + r * r)
-            + z * (whole(q * r) - np.diff(p))
+        force = (
+            x * (integral(p * q) + np.diff(r))
+            - y * integral(p * p + r * r)
+            + z * (integral(q * r) - np.diff(p))
         )
     else:
-        felt = (
-            x * (whole(p * r) - np.diff(q))
-            + y * (whole(q * r) + np.diff(p))
-            - z * whole(p * p + q * q)
+        force = (
+            x * (integral(p * r) - np.diff(q))
+            + y * (integral(q * r) + np.diff(p))
+            - z * integral(p * p + q * q)
         )
-    return np.asarray(felt)
+    return np.asarray(force)
 
 
 def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    q = m.turned["q"]
-    return np.asarray(
-        q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi))
-        if "r" in m.turned and "phi" in s.channels
-        else q
-    )
+    q = m.rate_integrals["q"]
+    if "r" not in m.rate_integrals or "phi" not in s.channels:
+        return np.asarray(q)
+    return np.asarray(q * middle(np.cos(m.phi)) - m.rate_integrals["r"] * middle(np.sin(m.phi)))
 
 
 def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
-    if "r" not in m.turned:
+    if "r" not in m.rate_integrals:
         return np.asarray(
-            m.turned["p"] + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+            m.rate_integrals["p"]
+            + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed)
         )
-    if "q" not in m.turned:
-        return np.asarray(m.turned["p"] + m.turned["r"] * middle(tan / np.cos(m.phi)))
+    if "q" not in m.rate_integrals:
+        return np.asarray(
+            m.rate_integrals["p"] + m.rate_integrals["r"] * middle(tan / np.cos(m.phi))
+        )
     return np.asarray(
-        m.turned["p"]
-        + m.turned["q"] * middle(tan * np.sin(m.phi))
-        + m.turned["r"] * middle(tan * np.cos(m.phi))
+        m.rate_integrals["p"]
+        + m.rate_integrals["q"] * middle(tan * np.sin(m.phi))
+        + m.rate_integrals["r"] * middle(tan * np.cos(m.phi))
     )
 
 
 def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    if "q" not in m.turned:
-        return np.asarray(m.turned["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
+    if "q" not in m.rate_integrals:
+        return np.asarray(m.rate_integrals["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
     return np.asarray(
-        m.turned["q"] * middle(np.sin(m.phi) / np.cos(m.theta))
-        + m.turned["r"] * middle(np.cos(m.phi) / np.cos(m.theta))
+        m.rate_integrals["q"] * middle(np.sin(m.phi) / np.cos(m.theta))
+        + m.rate_integrals["r"] * middle(np.cos(m.phi) / np.cos(m.theta))
     )
 
 
 def _forces(
     s: KinematicSignals, m: _CorrectedMotion, axes: tuple[tuple[str, np.ndarray], ...]
 ) -> np.ndarray:
-    """Sum over axes of load and weight times a coefficient at the samples, integrated over each
-    interval.
+    """Return the integral ``(P, N - 1)`` over each interval of specific force and gravity, with a
+    coefficient ``(P, N)`` at the samples for each axis.
     """
     weight = {
         "x": -np.sin(m.theta),
@@ -453,10 +492,10 @@ def _forces(
     }
     total = np.zeros((1, 1))
     for axis, coefficient in axes:
-        if axis in m.pushed:
+        if axis in m.force_integrals:
             total = (
                 total
-                + m.pushed[axis] * middle(coefficient)
+                + m.force_integrals[axis] * middle(coefficient)
                 + s.gravity * s.steps * middle(weight[axis] * coefficient)
             )
     return total
@@ -465,13 +504,17 @@ def _forces(
 def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     over = 1.0 / (m.speed * np.cos(m.beta))
-    axes = (("z", cos * over), ("x", -sin * over)) if "x" in m.pushed else (("z", over / cos),)
-    change = m.turned["q"] + _forces(s, m, axes)
+    axes = (
+        (("z", cos * over), ("x", -sin * over))
+        if "x" in m.force_integrals
+        else (("z", over / cos),)
+    )
+    change = m.rate_integrals["q"] + _forces(s, m, axes)
     if "beta" in s.channels:
         slip = np.tan(m.beta)
         for rate, part in (("p", cos), ("r", sin)):
-            if rate in m.turned:
-                change = change - m.turned[rate] * middle(slip * part)
+            if rate in m.rate_integrals:
+                change = change - m.rate_integrals[rate] * middle(slip * part)
     return np.asarray(change)
 
 
@@ -481,8 +524,10 @@ def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray
     change = _forces(
         s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over))
     )
-    change = change - m.turned["r"] * middle(cos)
-    return np.asarray(change + m.turned["p"] * middle(sin) if "p" in m.turned else change)
+    change = change - m.rate_integrals["r"] * middle(cos)
+    return np.asarray(
+        change + m.rate_integrals["p"] * middle(sin) if "p" in m.rate_integrals else change
+    )
 
 
 def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
@@ -502,6 +547,7 @@ def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarr
     return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
 
 
+# function of each output that returns its increments over the intervals; others are heights
 _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
     "theta": _theta,
     "phi": _phi,
@@ -514,62 +560,60 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 
 # ---- Unknowns of each record in six degrees of freedom
 
-# rad: prior of an unrecorded angle, which is a fitted constant of the record
+# prior sigma (rad) of an angle that is not recorded and is a fitted constant of the record
 _UNRECORDED_ANGLE_STD = 0.15
 _BIAS_PRIOR_FACTOR = 5.0  # prior standard deviation of a bias, relative to a notable one
-_WITHOUT_BIAS = ("psi", *HEIGHTS)  # here a bias equals another initial state
+_WITHOUT_BIAS = ("psi", *HEIGHTS)  # a bias of these equals another initial state
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Return the initial states, a bias of every observable channel and of the vertical wind (wide
-    priors), and constants for channels that are not recorded.
+    """Return the unknowns of a record: the initial states, a bias of each channel and the vertical
+    wind with wide priors, and constants for channels that are not recorded.
     """
-    out = [Unknown(("start", name), 1e-3) for name in s.outputs]
+    unknowns = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
             size = SensorFault(name, BIAS).plausible
-            out.append(Unknown((name, BIAS), 0.02 * size, _BIAS_PRIOR_FACTOR * size))
+            unknowns.append(Unknown((name, BIAS), 0.02 * size, _BIAS_PRIOR_FACTOR * size))
     if any(name in s.outputs for name in HEIGHTS):
-        out.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
+        unknowns.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
     turns, flows = {"alpha", "phi", "psi", "beta"} & set(s.outputs), {"beta"} & set(s.outputs)
     if "theta" not in s.channels and turns:
-        out.append(Unknown(("level", "theta"), 1e-3, _UNRECORDED_ANGLE_STD))
+        unknowns.append(Unknown(("level", "theta"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "alpha" not in s.channels and flows:
-        out.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
+        unknowns.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
-        out.append(Unknown(("airspeed", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
-    return tuple(out)
+        unknowns.append(Unknown(("airspeed", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
+    return tuple(unknowns)
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """Return the first values: states as they are first measured, all else zero."""
-    out = np.zeros(len(unknowns))
+    """Return the starting values of the unknowns: for an initial state the median of its first
+    valid samples, and zero for all others.
+    """
+    start = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):
         if item.key[0] == "start":
-            row = s.outputs.index(item.key[1])
-            out[i] = (
-                float(np.median(s.channels[item.key[1]][np.flatnonzero(s.valid[row])[:5]]))
-                if np.any(s.valid[row])
-                else 0.0
-            )
-    return out
+            first = np.flatnonzero(s.valid[s.outputs.index(item.key[1])])[:FIRST_SAMPLES]
+            start[i] = float(np.median(s.channels[item.key[1]][first])) if first.size else 0.0
+    return start
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """Return all possible faults of a record's sensors, of an aircraft with that chord (m); biases
-    are unknowns of each record.
+    """Return all possible faults of the sensors of a record but biases, which are unknowns of each
+    record. ``chord`` in m.
     """
     channels = tuple(s.channels)
-    out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
-    felt: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
+    faults = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
+    arms: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
     loads = {axis: load_on(axis, channels) for axis in "xyz"}
     for axis, kinds in (("x", [RIGHT, BELOW]), ("y", [ARM, BELOW]), ("z", [ARM, RIGHT])):
         if (name := loads[axis]) is not None:
-            felt[name] = kinds
+            arms[name] = kinds
     if sum(name is not None for name in loads.values()) > 1:
-        felt[PACKAGE] = [ARM, RIGHT, BELOW]
+        arms[PACKAGE] = [ARM, RIGHT, BELOW]
     if {"alpha", "beta"} <= set(channels):
-        felt[BOOM] = [ARM]
+        arms[BOOM] = [ARM]
     rates = {
         BOOM: {ARM: "qr"},
         "alpha": {ARM: "q", RIGHT: "p"},
@@ -583,20 +627,20 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
             strict=True,
         )
     )
-    for name, kinds in felt.items():
+    for name, kinds in arms.items():
         if name in channels or name in (PACKAGE, BOOM):
-            out += [
+            faults += [
                 SensorFault(name, kind, chord)
                 for kind in kinds
                 if any(rate in channels for rate in rates[name][kind])
             ]
-    return tuple(out)
+    return tuple(faults)
 
 
 def values_of(
     unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
 ) -> Values:
-    """Return the table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
+    """Return the values for P sets of unknowns ``own (P, n)`` and of sizes ``(P, k)``."""
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
@@ -614,7 +658,9 @@ def evaluate(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
+    """Return the outputs ``(m, P, N)`` for P sets of unknowns ``own (P, n)`` and ``sizes (P, k)``
+    of the faults.
+    """
     result = reconstructed(s, values_of(unknowns, faults, own, sizes))
     return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
 
@@ -626,11 +672,11 @@ def linearised(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)``: one-sided differences for a record's
-    own, central ones for faults.
+    """Return the outputs ``(m, N)`` and their derivatives ``(m, N, n + k)``: forward differences
+    for the unknowns of the record, central ones for the faults.
 
-    Rows are computed channel by channel; quantities that a channel does not change are computed
-    once.
+    The unknowns and faults of one channel are changed in one call, since quantities that the
+    channel does not change are then computed once.
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])

@@ -18,8 +18,9 @@ from ident.compatibility.fault_sets import (
     same_trace,
 )
 from ident.compatibility.fitting import KinematicFit
+from ident.compatibility.instruments import instrumented
 from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
-from ident.compatibility.signals import KinematicSignals, instrumented
+from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.six_degrees.fitting import (
     LEAST_SECANT,
     Linear,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.signals import weigher
+from ident.compatibility.instruments import weigher
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
 from sim.record import Channel, Record

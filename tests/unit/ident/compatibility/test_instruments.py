@@ -9,7 +9,8 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.fitting import fit
-from ident.compatibility.signals import instruments_of, signals_of, weigher, whitener
+from ident.compatibility.instruments import instruments_of, weigher
+from ident.compatibility.signals import signals_of, whitener
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights

@@ -75,13 +75,13 @@ def test_a_start_that_hides_an_unstable_aircraft_is_given_up(
         found.outcome is Outcome.CONVERGED
         and np.max(np.abs((found.values[at] - TRUE) / found.std[at])) < 4.5
     )
-    monkeypatch.setattr(filter_error, "started_unstable", lambda *_: None)
+    monkeypatch.setattr(filter_error, "with_unstable_start", lambda *_: None)
     first = fit_filter_error([record], rough, SETTINGS, calm=calm)
     assert (
         first.outcome is Outcome.CONVERGED and first.log_likelihood < found.log_likelihood - 100.0
     )
     true = compile_model(start)
-    monkeypatch.setattr(filter_error, "started_unstable", lambda *_: calm)
+    monkeypatch.setattr(filter_error, "with_unstable_start", lambda *_: calm)
     kept = fit_filter_error(
         [record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=true
     )

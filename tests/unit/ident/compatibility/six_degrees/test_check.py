@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
+from ident.compatibility.instruments import shortened
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
-from ident.compatibility.signals import shortened
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from scenarios.compatibility.report import odds
 from sim.errors import RecordError
