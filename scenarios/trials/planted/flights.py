@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
-from scenarios.files.aircraft_files import written
+from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
@@ -324,7 +324,7 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
     } | dict(scenario.start)
     aircraft = declaration_of(model)
     if aircraft is not None:
-        return written(aircraft.with_values(started))
+        return vehicle_file_text(aircraft.with_values(started))
     lines = [
         f"name = {json.dumps(model.name)}",
         *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),
