@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from scenarios.files.measured.grid import BELOW_HALF, FILTER_ORDER
+from scenarios.files.measured.grid import CORNER_SHARE, FILTER_ORDER
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import RecordError, instant, time_span
@@ -253,7 +253,7 @@ def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, s
                 where=record.name,
                 remedy=remedy,
             )
-        corners.append(0.5 * BELOW_HALF * plan.rate)
+        corners.append(0.5 * CORNER_SHARE * plan.rate)
         if corners[0] * (record.time[-1] - record.time[0]) < 1.0:
             what = (
                 f"--rate {plan.rate:g} Hz leaves nothing of a record of "

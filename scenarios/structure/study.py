@@ -30,7 +30,7 @@ from scenarios.files.measured.columns import (
     refuse_twice,
 )
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import BESIDE, with_plain_terms
+from scenarios.files.vehicles import BESIDE_RECORD, with_plain_terms
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
@@ -147,7 +147,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     given = request.vehicle
     if given is None:
         path = first if isinstance(first, Path) else first.path
-        given = path.parent / BESIDE
+        given = path.parent / BESIDE_RECORD
         if not given.is_file():
             raise DeclarationError(
                 "no vehicle file is named", where="--vehicle", remedy="name one of model aircraft"

@@ -575,7 +575,7 @@ SCENARIOS = (
     *changes(
         "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_filtering.py",),
-        ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
+        ("0.5 * CORNER_SHARE * plan.rate", "CORNER_SHARE * plan.rate"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",

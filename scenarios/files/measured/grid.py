@@ -98,7 +98,10 @@ def clock_place(table: CellTable) -> int | None:
 
 
 def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
-    """Return whether a column holds dates, times of day or durations, by its type or first cells."""
+    """Return whether a column holds dates, times of day or durations.
+
+    Its type shows that, else its first cells.
+    """
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
         return True
     if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
