@@ -36,7 +36,7 @@ from ident.whole_record.output_error import UNDETERMINED, failed_simulation, non
 from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest, growth
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
-from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, better_by
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, compared_readings
 from scenarios.preparation.plan import ATTITUDE
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.studies.published import Row
@@ -138,7 +138,7 @@ def with_weight_if_needed(
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
     wider = with_weight(model)
-    found = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    found = compared_readings((model, list(records)), (wider, list(records)), outputs, local=[PATH])
     gain = found.gain
     if found.why_open:
         return (

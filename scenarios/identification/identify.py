@@ -76,7 +76,7 @@ from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
-    likelier_by,
+    log_likelihood_gain,
     model_of_file,
     outputs_with_bias,
     step_for,
@@ -696,4 +696,4 @@ def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
         known.append(sound)
         for some, fit in zip(residuals, pair, strict=True):
             some.append(np.where(sound, measured - fit.simulated, 0.0))
-    return likelier_by(*residuals, known)
+    return log_likelihood_gain(*residuals, known)
