@@ -116,7 +116,7 @@ class Draft:
 
     @property
     def nearest(self) -> str:
-        """Return the model that the channels suit; ``lateral`` if only lateral outputs are there."""
+        """Return the model that the channels suit; ``lateral`` for lateral outputs only."""
         readable = {guess.channel for guess in self.guesses if not guess.fault}
         lateral = readable & {"p", "r", "beta", "phi", "ay", "ny"}
         if self.model or not lateral or readable & {"elevator", "q", "alpha", "nz", "az"}:
