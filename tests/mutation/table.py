@@ -673,7 +673,7 @@ SCENARIOS = (
     *changes(
         "scenarios/studies/campaign_statistics.py",
         ("tests/unit/scenarios/studies/test_bound.py",),
-        ("width = np.minimum(prior, spread * stated)", "width = spread * stated"),
+        ("pass_prior = np.minimum(prior, spread * stated)", "pass_prior = spread * stated"),
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
     *changes(

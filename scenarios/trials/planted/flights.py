@@ -20,7 +20,7 @@ from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_text
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
+from scenarios.studies.estimating import maneuvers_by_input, resting, with_common_hold
 from scenarios.studies.reading import (
     maneuver_plans,
     model_files,
@@ -171,7 +171,7 @@ def simulated_with_truth(
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
     time = sample_times(flight.rate, plan.duration)
     if flight.own is not None:
-        by_input = held_alike(by_input, plan.maneuvers, time)
+        by_input = with_common_hold(by_input, plan.maneuvers, time)
     record, truth = fly(
         model,
         by_input,
