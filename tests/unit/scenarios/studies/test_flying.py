@@ -12,10 +12,10 @@ from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import (
     START_OF_REST,
     fly_scenario,
-    with_common_hold,
     maneuver_of,
     maneuvers_by_input,
     measured_again,
+    with_common_hold,
 )
 from sim.maneuvers import Maneuver
 from sim.record import Hold
