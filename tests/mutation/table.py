@@ -718,8 +718,8 @@ RECORDS = (
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (
-            "np.where(valid, joined[:, before], joined.mean",
-            "np.where(~valid, joined[:, before], joined.mean",
+            "np.where(valid, joined[:, before], mean)",
+            "np.where(~valid, joined[:, before], mean)",
         ),
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),
