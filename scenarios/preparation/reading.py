@@ -403,8 +403,9 @@ def for_model(
     records: list[Record] = []
     texts: list[str] = []
     for record, stated in read:
-        keeps_hold = hold is None or (stated and plan.hold is None)
-        with_decided_hold = record if keeps_hold else replace(record, hold=hold)
+        with_decided_hold = record
+        if hold is not None and (plan.hold is not None or not stated):
+            with_decided_hold = replace(record, hold=hold)
         ready_record, sentences = prepared(with_decided_hold, plan, own=own, untouched=outputs)
         records.append(ready_record)
         texts += sentences
