@@ -163,9 +163,8 @@ def identify(
     if vehicle.model == "loes" and method == "ekf":
         _refuse_uncertainty(vehicle)
         return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
-    model, records, held_out, weight_note = _declared(
-        model or model_of_file(vehicle), records, held_out, vehicle, method
-    )
+    model = model or model_of_file(vehicle)
+    model, records, held_out, weight_note = _declared(model, records, held_out, vehicle, method)
     outputs = _measured(model, records)
     sensors = outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
     biased = model.with_biases(sensors)
@@ -173,8 +172,7 @@ def identify(
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
-
-    is_filter = method in FILTERS
+    is_filter, is_simulated = method in FILTERS, method in SIMULATED
 
     def fit(candidate: Model) -> tuple[System, Estimate]:
         return estimated_by(records, candidate, outputs, method, settings, options)
@@ -191,22 +189,13 @@ def identify(
     tests = _tests(records, estimate)
     # Exact constants; their uncertainty widens the sigmas below.
     with_exact_constants = estimate
+    start = _started_at(estimate, bounded, starts_are_priors=bool(vehicle.modes) or is_filter)
     estimate, considered = consider(
-        _started_at(estimate, bounded, starts_are_priors=bool(vehicle.modes) or is_filter),
-        vehicle.uncertainty,
-        with_exact_constants,
-        lambda candidate: fit(candidate)[1],
+        start, vehicle.uncertainty, with_exact_constants, lambda candidate: fit(candidate)[1]
     )
     rows, bias_names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
-    has_modes = vehicle.model != "ballistic" and moves_about_rest(model)
-    has_modes = has_modes and bool(np.all(np.isfinite(estimate.values)))
+    has_modes = _has_modes(vehicle, model, estimate)
     in_system, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
-    cautions: tuple[str, ...] = ()
-    if method in SIMULATED:
-        cautions = (
-            *failed(records, estimate, rows, vehicle.derivatives),
-            *record_cautions(records, tests, fit_alone),
-        )
     return IdentificationResult(
         record,
         vehicle,
@@ -218,12 +207,10 @@ def identify(
         _fixed(biased, model.ties),
         tests,
         tuple(others),
-        notes=(
-            *filter(None, (weight_note, estimate.message)),
-            *_constraint_sentences(vehicle, model),
-        ),
+        notes=(*filter(None, (weight_note, estimate.message)), *_constraints(vehicle, model)),
         cautions=(
-            *cautions,
+            *(failed(records, estimate, rows, vehicle.derivatives) if is_simulated else ()),
+            *(record_cautions(records, tests, fit_alone) if is_simulated else ()),
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, with_exact_constants, compiled, tests, [PATH]),
             *considered_sentences(considered),
@@ -239,6 +226,13 @@ def identify(
         engine=engine_of(method, options),
         considered=considered,
     )
+
+
+def _has_modes(vehicle: VehicleFile, model: Model, estimate: Estimate) -> bool:
+    """Return whether modes of the estimated model have a meaning: about a rest, and finite."""
+    if vehicle.model == "ballistic" or not moves_about_rest(model):
+        return False
+    return bool(np.all(np.isfinite(estimate.values)))
 
 
 def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
@@ -366,7 +360,8 @@ def _fits(
     )
 
 
-def _constraint_sentences(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
+def _constraints(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
+    """Return sentences on the constraints of the vehicle file."""
     units = {item.name: item.unit for item in model.parameters}
     return constraint_sentences(
         vehicle.constraints, {item.name: item.value for item in model.parameters}, units
