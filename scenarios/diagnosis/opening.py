@@ -32,7 +32,7 @@ from scenarios.files.user_models import (
     is_own,
     side_at,
 )
-from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
+from scenarios.files.vehicles import BESIDE_RECORD, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, outputs_with_bias
 from scenarios.preparation.filtering import PartedRecord
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
@@ -436,7 +436,7 @@ def vehicle_path_of(request: Request) -> Path | Source | None:
             what,
             where="--vehicle",
             remedy=(
-                f"name a vehicle file, or put {BESIDE} beside "
+                f"name a vehicle file, or put {BESIDE_RECORD} beside "
                 f"{path.name if (path := path_of(first)) else 'the record'}"
             ),
         )

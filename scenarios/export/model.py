@@ -23,7 +23,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from scenarios.files.declarations import read_toml_source
-from scenarios.files.vehicles import AIRCRAFT, BESIDE
+from scenarios.files.vehicles import AIRCRAFT, BESIDE_RECORD
 from scenarios.kept import read_kept
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import OnlineForm, full_name
@@ -170,8 +170,8 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
     """
     from scenarios.preparation.declared_model import model_of_file
 
-    if (folder / "structure.json").is_file() and (folder / BESIDE).is_file():
-        folder = folder / BESIDE
+    if (folder / "structure.json").is_file() and (folder / BESIDE_RECORD).is_file():
+        folder = folder / BESIDE_RECORD
     if folder.is_file() and folder.suffix == ".toml":
         from scenarios.files.aircraft_files import read_aircraft
         from sim.vehicles.aircraft import aircraft_model

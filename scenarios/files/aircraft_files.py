@@ -1,7 +1,7 @@
-"""Vehicle files of the model ``aircraft``: airframe, surfaces, sensors, and the terms of each
-coefficient; read and written.
+"""Vehicle files of the model ``aircraft``, read and written: airframe, surfaces, sensors, and the
+terms of each coefficient.
 
-Library vehicles as vehicle files, so that a name can replace a file.
+A library vehicle becomes a vehicle file here, so that its name can stand in place of a path.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-import math
 import os
 from collections.abc import Collection, Mapping
 from functools import cache
@@ -68,7 +67,7 @@ START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
 
 @cache
 def aircraft_schema() -> type[BaseModel]:
-    """Return the keys of a file with their units, without its tables of terms."""
+    """Return the schema of a vehicle file: its keys and units, without its tables of terms."""
     from scenarios.files.schemas import number_of, table_of
 
     texts: Any = list[str]
@@ -86,11 +85,13 @@ def aircraft_schema() -> type[BaseModel]:
         throttle=(list[float] | None, None),
         force=(list[float] | None, None),
     )
-    inside = {name: CONSTANTS[name] for name in CONSTANTS if not name.startswith(("cg_", "thrust"))}
-    positive = {*inside} - {"cross_inertia"}
+    file_constants = {
+        name: CONSTANTS[name] for name in CONSTANTS if not name.startswith(("cg_", "thrust"))
+    }
+    positive = {*file_constants} - {"cross_inertia"}
     numbers: dict[str, Any] = {
         name: (number_of(unit, gt=0.0 if name in positive else None), DEFAULTS.get(name, ...))
-        for name, unit in inside.items()
+        for name, unit in file_constants.items()
     }
     return table_of(
         "AircraftVehicle",
@@ -115,28 +116,33 @@ def aircraft_schema() -> type[BaseModel]:
 
 
 def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
-    """Read an aircraft's file: declaration and constraints.
+    """Read the vehicle file of an aircraft.
 
     Parameters
     ----------
-    source : the file. Numbers are SI, or texts with a unit, ``"24200 lb"``. Coefficients of terms
-        stand under ``[aerodynamics.Cm]`` and so on as ``"alpha*elevator" = -0.3``, per radian.
+    source : the file. Numbers are in SI units, or texts with a unit such as ``"24200 lb"``. The
+        terms of a coefficient stand under ``[aerodynamics.Cm]`` and so on, per radian:
+        ``"alpha*elevator" = -0.3``.
+
+    Returns
+    -------
+    The aircraft at its starting values, and the constraints on its parameters.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy.
+    DeclarationError : the message has file, key and remedy in one line.
     """
     path, content = source.path, of_terms(toml_of(source), source.path)
     content.pop("model", None)
-    content.pop("uncertainty", None)  # read with all other vehicle files
+    content.pop("uncertainty", None)  # another reader takes it, for every kind of vehicle file
     coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)
-    laid_down = {key: content.pop(key) for key in CONSTRAINTS if key in content}
+    constraint_tables = {key: content.pop(key) for key in CONSTRAINTS if key in content}
     vehicle = checked(aircraft_schema(), content, path).model_dump(exclude_none=True)
     _refuse_names(vehicle, path)
-    signals_of = _declared(vehicle, {}, path.stem)
+    without_terms = _declared(vehicle, {}, path.stem)
     terms = {
         axis: {
-            parse_term(text, signals_of.signals, f"{path}, key aerodynamics.{axis}"): value
+            parse_term(text, without_terms.signals, f"{path}, key aerodynamics.{axis}"): value
             for text, value in table.items()
         }
         for axis, table in coefficients.items()
@@ -145,48 +151,49 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     parameters = {**aircraft.parameters, **aircraft.positions}
     units = {name: unit for name, (_, unit) in parameters.items()}
     starts = {name: value for name, (value, _) in parameters.items()}
-    # The value of a constraint replaces that of the term.
-    given = {
+    # A value under [fixed] or [tied] replaces that of the term.
+    replaced = {
         name
         for table in ("fixed", "tied")
-        if isinstance(laid_down.get(table), dict)
-        for name, value in laid_down[table].items()
+        if isinstance(constraint_tables.get(table), dict)
+        for name, value in constraint_tables[table].items()
         if value is not True
     }
-    free_starts = {name: value for name, value in starts.items() if name not in given}
-    with_starts = {**laid_down, "derivatives": free_starts}
-    constraints = take_constraints(with_starts, units, path)
+    term_starts = {name: value for name, value in starts.items() if name not in replaced}
+    constrained_content = {**constraint_tables, "derivatives": term_starts}
+    constraints = take_constraints(constrained_content, units, path)
     refuse_nothing_left(constraints, list(units), path)
-    return aircraft.with_values(with_starts["derivatives"]), constraints
+    return aircraft.with_values(constrained_content["derivatives"]), constraints
 
 
 def model_of_file(source: Source) -> tuple[str, Model, Constraints]:
-    """Name, model and constraints of an aircraft's file; raises as ``read_aircraft``."""
+    """Return name, model and constraints of an aircraft's file; raises as ``read_aircraft``."""
     aircraft, constraints = read_aircraft(source)
     return aircraft.name, aircraft_model(aircraft), constraints
 
 
 def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """The model that a file declares: a user's Python file, or a vehicle file of an aircraft.
+    """Return the model that a file declares: a user's Python file, or the vehicle file of an
+    aircraft, whose constraints are applied.
 
     Raises DeclarationError as ``read_user_model`` and ``read_aircraft``.
     """
     if not str(path).endswith(AIRCRAFT_SUFFIX):
         return read_user_model(path, built_in)
     source = read_toml_source(path)
-    _, model, laid_down = model_of_file(source)
-    return OwnModel(constrained(model, laid_down), source.identity)
+    _, model, constraints = model_of_file(source)
+    return OwnModel(constrained(model, constraints), source.identity)
 
 
 def example() -> Model:
-    """Return the model of the generic airliner that the catalogue has, for lists of models."""
-    place = files("scenarios").joinpath("catalog", "aircraft", "airliner.toml")
-    with as_file(place) as path:
+    """Return the generic airliner of the catalogue, which stands for its model in lists."""
+    resource = files("scenarios").joinpath("catalog", "aircraft", "airliner.toml")
+    with as_file(resource) as path:
         return read_model_file(path).model
 
 
 def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
-    """Texts of terms and their values, by coefficient."""
+    """Return the terms of each coefficient as (text of the term -> value, per radian)."""
     from scenarios.files.schemas import number_in
 
     where = f"{path}, key aerodynamics"
@@ -209,7 +216,7 @@ def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
 
 
 def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
-    """Raise DeclarationError for an undefined name."""
+    """Raise DeclarationError for a name that the file or the model does not define."""
     surfaces = vehicle["surfaces"]
     for name, unit in surfaces.items():
         if unit not in SURFACE_UNITS:
@@ -235,12 +242,12 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
                     f"{name} cannot stand there", where=where, remedy=closest(name, known)
                 )
     _refuse_places(vehicle, path)
-    thrust = _thrust(vehicle["thrust"], str(path)).signal if "thrust" in vehicle else ""
-    moved = [*surfaces, *([thrust] if thrust else [])]
+    thrust_input = _thrust(vehicle["thrust"], str(path)).signal if "thrust" in vehicle else ""
+    inputs = [*surfaces, *([thrust_input] if thrust_input else [])]
     for name in vehicle["trim"]:
-        if name not in moved:
+        if name not in inputs:
             where = f"{path}, key trim"
-            remedy = closest(name, moved)
+            remedy = closest(name, inputs)
             raise DeclarationError(f"{name} is no input", where=where, remedy=remedy)
     refuse_wind(_wind(vehicle["wind"]), vehicle["states"], f"{path}, key wind")
     key = "recorded" if vehicle["attitude"] in ATTITUDES else "attitude"
@@ -249,7 +256,10 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
 
 
 def _refuse_places(vehicle: Mapping[str, Any], path: Path) -> None:
-    """Raise DeclarationError for an estimated coordinate that is none, or that no output shows."""
+    """Raise DeclarationError for a sensor place that cannot be estimated.
+
+    Its coordinate is none of x, y and z, or its channel is recorded: then no output depends on it.
+    """
     for name, place in vehicle.get("sensors", {}).items():
         where = f"{path}, key sensors.{name}.estimated"
         for axis in place["estimated"]:
@@ -265,12 +275,21 @@ def _refuse_places(vehicle: Mapping[str, Any], path: Path) -> None:
 
 
 def _wind(value: bool | str) -> str:
-    """Axes of the wind that a file states; ``true`` are those of the Earth."""
-    return value if isinstance(value, str) else ("earth" if value else "")
+    """Return the axes of the wind; ``true`` in a file means axes of the Earth, empty no wind."""
+    if isinstance(value, str):
+        return value
+    return "earth" if value else ""
 
 
 def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
-    """Return the aircraft of a checked file."""
+    """Return the aircraft of a checked file.
+
+    Parameters
+    ----------
+    vehicle : content of the file by the keys of ``aircraft_schema``.
+    terms : values of the terms by coefficient.
+    stem : file name without suffix; the name of an aircraft whose file states none.
+    """
     thrust = vehicle.get("thrust", {"input": "none", "arm": 0.0, "angle": 0.0})
     cg = vehicle.get("center_of_gravity", {})
     constants = {name: vehicle[name] for name in CONSTANTS if name in vehicle}
@@ -280,7 +299,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         name: (place["x"], place["y"], place["z"])
         for name, place in vehicle.get("sensors", {}).items()
     }
-    begin = {
+    start = {
         **vehicle["trim"],
         "airspeed": vehicle["airspeed"],
         "alpha": vehicle["trim_alpha"],
@@ -296,7 +315,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
         _thrust(thrust, stem),
         _wind(vehicle["wind"]),
         tuple(vehicle["columns"]),
-        begin,
+        start,
         tuple(vehicle["biases"]),
         tuple(vehicle["states"]),
         tuple(vehicle["recorded"]),
@@ -311,16 +330,16 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
 
 
 def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
-    """Propulsion of the table ``[thrust]``, if there is one."""
+    """Return the propulsion that the table ``[thrust]`` declares."""
     where = f"{stem}, key thrust"
-    kind = table["input"]
-    if kind == "none":
+    thrust_input = table["input"]
+    if thrust_input == "none":
         return Thrust("")
-    if kind == "thrust":
+    if thrust_input == "thrust":
         return Thrust()
-    if kind != "throttle":
+    if thrust_input != "throttle":
         remedy = 'write input = "thrust", "throttle" or "none"'
-        raise DeclarationError(f"{kind!r} is no input", where=where, remedy=remedy)
+        raise DeclarationError(f"{thrust_input!r} is no input", where=where, remedy=remedy)
     shares, forces = table.get("throttle"), table.get("force")
     if shares is None and forces is None and "maximum" in table:
         shares, forces = [0.0, 1.0], [0.0, table["maximum"]]
@@ -336,13 +355,13 @@ def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
     return Thrust("throttle", (tuple(shares), tuple(forces)))
 
 
-def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> str:
+def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> str:
     """Return an aircraft as a vehicle file, with the standard deviations of values as comments.
 
     Parameters
     ----------
-    aircraft : what to write.
-    sigmas : by parameter, where they are known.
+    aircraft : the aircraft to write.
+    sigmas : standard deviation by parameter, in the parameter's unit; only those that are known.
 
     Returns
     -------
@@ -352,7 +371,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
     from tomlkit.items import KeyType, SingleKey
 
     c, start = aircraft.constants, aircraft.start
-    plain = {
+    keys = {
         "model": NAME,
         "name": aircraft.name,
         **{name: c[name] for name in CONSTANTS if not name.startswith(("cg_", "thrust"))},
@@ -366,14 +385,14 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         "biases": list(aircraft.biases),
         "wind": aircraft.wind or False,
     }
-    moved = (*aircraft.surfaces, aircraft.thrust.signal)
+    inputs = (*aircraft.surfaces, aircraft.thrust.signal)
     thrust: dict[str, Any] = {"input": aircraft.thrust.signal or "none"}
     thrust |= {"arm": c["thrust_arm"], "angle": c["thrust_angle"]}
     if aircraft.thrust.signal == "throttle":
         shares, forces = aircraft.thrust.table
         thrust |= {"throttle": list(shares), "force": list(forces)}
     tables: dict[str, Any] = {
-        "trim": {name: float(start[name]) for name in moved if name in start},
+        "trim": {name: float(start[name]) for name in inputs if name in start},
         "surfaces": aircraft.surfaces,
         "mixes": {name: _numbers(parts) for name, parts in aircraft.mixes.items()},
         "thrust": thrust,
@@ -384,7 +403,7 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
         },
     }
     document = tomlkit.document()
-    for key, value in {**plain, **{key: table for key, table in tables.items() if table}}.items():
+    for key, value in {**keys, **{key: table for key, table in tables.items() if table}}.items():
         document.add(key, tomlkit.item(value))
     coefficients = tomlkit.table(is_super_table=True)
     for axis, terms in aircraft.coefficients.items():
@@ -409,8 +428,9 @@ def _written_place(name: str, place: Point, estimated: Collection[str]) -> dict[
     return {**numbers, "estimated": free} if free else numbers
 
 
-LONGEST = 60  # letters of a name of the library
-FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
+_LONGEST_NAME = 60  # letters of a library name; a longer text is a path
+# Constants of an elastic mode: name in the library -> key in a vehicle file.
+_MODE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 
 # ---- A name or a file
 
@@ -418,7 +438,7 @@ FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "gener
 def is_library_name(given: str | Path | Any) -> bool:
     """Return whether a text can only be a library name: a plain word, and no existing file."""
     text = str(given)
-    return text.isidentifier() and len(text) <= LONGEST and not os.path.lexists(text)
+    return text.isidentifier() and len(text) <= _LONGEST_NAME and not os.path.lexists(text)
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
@@ -426,8 +446,8 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
     Parameters
     ----------
-    given : path of a vehicle file, a name of ``flightid vehicles``, or a file that was read.
-    model : for which it is read; the rigid model takes no elastic modes of a vehicle.
+    given : path of a vehicle file, a name that ``flightid vehicles`` lists, or an open file.
+    model : name of the model; for ``rigid`` the elastic modes of a library vehicle are left out.
 
     Raises
     ------
@@ -443,7 +463,7 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
 
 def source_of_content(name: str, content: Mapping[str, Any], model: str) -> Source:
-    """Return a vehicle file from its content, without elastic modes if the model is rigid."""
+    """Return the vehicle file with this content, without elastic modes if the model is rigid."""
     used = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
     raw = toml_text(used).encode()
     return Source(Path(name), raw, InputFile(name, hashlib.sha256(raw).hexdigest()))
@@ -463,44 +483,42 @@ def content_of_library(name: str) -> dict[str, Any]:
 
 
 def content_of(data: VehicleData) -> dict[str, Any]:
-    """Return a library vehicle with the keys of a vehicle file."""
+    """Return the values of a library vehicle, SI, under the keys of a vehicle file."""
     _, constants, derivatives = FAMILIES[data.equations]
     values = {number.name: number.value for number in data.numbers}
-    out: dict[str, Any] = {
+    content: dict[str, Any] = {
         "name": data.name,
         **({"aircraft_class": data.aircraft_class} if data.aircraft_class else {}),
         **{key: values[key] for key in constants if key in values},
     }
     if (
         "reference_airspeed" in constants
-        and "reference_airspeed" not in out
+        and "reference_airspeed" not in content
         and "airspeed" in values
     ):
-        out["reference_airspeed"] = values["airspeed"]
-    out["derivatives"] = {key: values[key] for key in derivatives if key in values}
+        content["reference_airspeed"] = values["airspeed"]
+    content["derivatives"] = {key: values[key] for key in derivatives if key in values}
     if data.modes:
-        out["modes"] = [_mode(values, number, data.modes) for number in range(1, data.modes + 1)]
-    return out
+        content["modes"] = [
+            _mode(values, number, data.modes) for number in range(1, data.modes + 1)
+        ]
+    return content
 
 
 def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, float]:
     """Return the ``[[modes]]`` table of one elastic mode."""
     constants = {
-        f"{local}{number}": key for local, key in FILE_KEYS.items() if local in MODE_CONSTANTS
+        f"{local}{number}": key for local, key in _MODE_KEYS.items() if local in MODE_CONSTANTS
     }
-    own = [
-        name
-        for name, _, _ in mode_units(modes)
-        if name.startswith((f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}"))
-    ]
-    own += [
-        name
-        for name, _, _ in mode_units(modes)
-        if name.startswith((f"Cm_etadot{number}", f"Ceta{number}_"))
+    first = (f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}")
+    last = (f"Cm_etadot{number}", f"Ceta{number}_")
+    names = [name for name, _, _ in mode_units(modes)]
+    derivatives = [
+        name for prefixes in (first, last) for name in names if name.startswith(prefixes)
     ]
     return {
         **{key: values[name] for name, key in constants.items()},
-        **{name: values[name] for name in own if name in values},
+        **{name: values[name] for name in derivatives if name in values},
     }
 
 
@@ -512,42 +530,30 @@ def toml_text(content: Mapping[str, Any]) -> str:
 
     Raises DeclarationError for a value that TOML does not have.
     """
-    lines = [
+    plain_lines = [
         f"{_key(key)} = {toml_value(value, key)}"
         for key, value in content.items()
         if not _is_table(value)
     ]
-    out = ["\n".join(lines)]
+    blocks = ["\n".join(plain_lines)]
     for key, value in content.items():
         if isinstance(value, Mapping):
-            out.append(
-                "\n".join(
-                    [
-                        f"[{_key(key)}]",
-                        *(
-                            f"{_key(name)} = {toml_value(each, f'{key}.{name}')}"
-                            for name, each in value.items()
-                        ),
-                    ]
-                )
-            )
-        elif _is_table(value):
-            out += [
-                "\n".join(
-                    [
-                        f"[[{_key(key)}]]",
-                        *(
-                            f"{_key(name)} = {toml_value(each, name)}"
-                            for name, each in item.items()
-                        ),
-                    ]
-                )
-                for item in value
+            entries = [
+                f"{_key(name)} = {toml_value(entry, f'{key}.{name}')}"
+                for name, entry in value.items()
             ]
-    return "\n\n".join(part for part in out if part) + "\n"
+            blocks.append("\n".join([f"[{_key(key)}]", *entries]))
+        elif _is_table(value):
+            for table in value:
+                entries = [
+                    f"{_key(name)} = {toml_value(entry, name)}" for name, entry in table.items()
+                ]
+                blocks.append("\n".join([f"[[{_key(key)}]]", *entries]))
+    return "\n\n".join(block for block in blocks if block) + "\n"
 
 
 def _is_table(value: Any) -> bool:
+    """Return whether TOML writes a value as a table or as a list of tables."""
     return isinstance(value, Mapping) or (
         isinstance(value, list | tuple)
         and bool(value)
@@ -556,12 +562,10 @@ def _is_table(value: Any) -> bool:
 
 
 def _key(key: Any) -> str:
+    """Return a key as TOML writes it: bare if it may be, else in quotes."""
     text = str(key)
-    return (
-        text
-        if text.isascii() and text.replace("_", "").replace("-", "").isalnum()
-        else _quoted(text)
-    )
+    is_bare = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
+    return text if is_bare else _quoted(text)
 
 
 def toml_value(value: Any, key: Any) -> str:
@@ -571,13 +575,10 @@ def toml_value(value: Any, key: Any) -> str:
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{_key(name)} = {toml_value(each, name)}" for name, each in value.items())
-            + "}"
-        )
+        entries = [f"{_key(name)} = {toml_value(entry, name)}" for name, entry in value.items()]
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_value(each, key) for each in value) + "]"
+        return "[" + ", ".join(toml_value(element, key) for element in value) + "]"
     if isinstance(value, int):
         return str(value)
     try:
@@ -588,13 +589,10 @@ def toml_value(value: Any, key: Any) -> str:
             where=f"key {key}",
             remedy="give a number or a text",
         ) from None
-    return (
-        repr(number)
-        if math.isfinite(number)
-        else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
-    )
+    # Python writes finite numbers, "inf", "-inf" and "nan" as TOML does.
+    return repr(number)
 
 
 def _quoted(text: str) -> str:
-    """Return a basic string: as JSON writes it, but for one letter that JSON does not escape."""
+    """Return a text as a basic string of TOML, which is a string of JSON with DEL escaped too."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,5 +1,6 @@
-"""Users' TOML and Python files: every fault becomes one line that names file, key and remedy. The
-channels that a record may have, and the map that finds them under other headers.
+"""Read users' TOML and Python files. Every error names file, key and remedy in one line.
+
+Also the channels that a record may have, and the channel map: which column is which channel.
 """
 
 from __future__ import annotations
@@ -34,15 +35,17 @@ _LIMITS = {
     "less_than_equal": ("is above {le}", "give {le} or less"),
     "finite_number": ("is not a finite number", "give a finite number"),
 }
-# Order of errors: a misspelt key is both unknown and missing.
-_ORDER = ("extra_forbidden", "missing")
-# of a value that may be several: pydantic puts them after the key
-_KINDS = ("float", "int", "str", "constrained-str")
+# Errors that are reported before others. A misspelt key is both unknown and missing: the unknown
+# key is reported.
+_FIRST_ERRORS = ("extra_forbidden", "missing")
+# Where a value may have several types, pydantic appends the type to the location of an error.
+_TYPES_IN_LOCATIONS = ("float", "int", "str", "constrained-str")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the content of a TOML file. Raises DeclarationError if it is missing, unreadable,
-    or as ``toml_of`` says.
+    """Return the content of a TOML file.
+
+    Raises DeclarationError if the file is missing or cannot be read, and as ``toml_of``.
     """
     return toml_of(read_toml_source(path))
 
@@ -58,11 +61,12 @@ def read_toml_source(path: str | Path | Source) -> Source:
 
 
 def toml_of(source: Source) -> dict[str, Any]:
-    """Return the content of a TOML file that was read.
+    """Return the content of an open TOML file.
 
     Raises
     ------
-    DeclarationError : it is not UTF-8, not TOML (with line and column), or as ``toml_value``.
+    DeclarationError : the file is not UTF-8 or not TOML (with line and column), or ``toml_value``
+        refuses its content.
     """
     where = str(source.path)
     try:
@@ -78,7 +82,7 @@ def toml_of(source: Source) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def named_after(file: str) -> Iterator[None]:
-    """Put the file in front of the place of an error that does not name it."""
+    """Name the file in errors of the body that do not name it."""
     try:
         yield
     except FlightidError as error:
@@ -91,12 +95,14 @@ def named_after(file: str) -> Iterator[None]:
 def checked(
     schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = ""
 ) -> Schema:
-    """The content as an instance of a schema; ``inside``: table it is in, e.g. ``"modes[1]"``.
+    """Return the content as an instance of a schema.
+
+    ``inside``: the table in which the content stands, such as ``"modes[1]"``; for errors.
 
     Raises
     ------
-    DeclarationError : one line on the first fault: an unknown key before a missing one before a
-        wrong value.
+    DeclarationError : the content does not fit the schema. The message names the first unknown key;
+        without one the missing keys; without any the first wrong value.
     """
     from pydantic import ValidationError
 
@@ -107,17 +113,24 @@ def checked(
 
 
 def closest(word: str, allowed: Iterable[str]) -> str:
-    """``"did you mean 'alpha'?"``, or all choices if none is similar."""
-    choice = list(allowed)
-    if not choice:
+    """Return a remedy for a wrong word: ``"did you mean 'alpha'?"``, or all allowed words if none
+    is similar.
+    """
+    choices = list(allowed)
+    if not choices:
         return "leave it out"
-    lower = {name.lower(): name for name in choice}
-    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
-    return f"did you mean {lower[near[0]]!r}?" if near else f"use one of {', '.join(choice)}"
+    by_lower_case = {name.lower(): name for name in choices}
+    near = difflib.get_close_matches(word.lower(), by_lower_case, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {by_lower_case[near[0]]!r}?"
+    return f"use one of {', '.join(choices)}"
 
 
 def key_path(parts: Iterable[str | int]) -> str:
-    """``("modes", 0, "damping")`` as ``modes[1].damping``: tables are counted from one."""
+    """Return the text of a key: ``("modes", 0, "damping")`` is ``modes[1].damping``.
+
+    Tables count from zero in ``parts`` and from one in the text.
+    """
     text = ""
     for part in parts:
         if isinstance(part, int):
@@ -130,13 +143,14 @@ def key_path(parts: Iterable[str | int]) -> str:
 def _one_line(
     error: ValidationError, schema: type[BaseModel], path: str | Path, inside: str
 ) -> DeclarationError:
+    """Return pydantic's errors as one error with what, where and remedy; as ``checked``."""
     faults = sorted(
         error.errors(include_url=False),
-        key=lambda fault: _ORDER.index(fault["type"]) if fault["type"] in _ORDER else len(_ORDER),
+        key=lambda fault: (*_FIRST_ERRORS, fault["type"]).index(fault["type"]),
     )
     fault = faults[0]
     kind, location = fault["type"], fault["loc"]
-    if len(location) > 1 and location[-1] in _KINDS:
+    if len(location) > 1 and location[-1] in _TYPES_IN_LOCATIONS:
         location = location[:-1]
     key = key_path((inside, *location) if inside else location)
     where = f"{path}, key {key}"
@@ -147,16 +161,13 @@ def _one_line(
         )
     if kind == "missing":
         missing = [
-            key_path((inside, *other["loc"]) if inside else other["loc"])
-            for other in faults
-            if other["type"] == "missing"
+            key_path((inside, *missing_fault["loc"]) if inside else missing_fault["loc"])
+            for missing_fault in faults
+            if missing_fault["type"] == "missing"
         ]
-        word = "key" if len(missing) == 1 else "keys"
-        return DeclarationError(
-            f"{word} missing: {', '.join(missing)}",
-            where=str(path),
-            remedy="add " + ("it" if len(missing) == 1 else "them"),
-        )
+        word, pronoun = ("key", "it") if len(missing) == 1 else ("keys", "them")
+        what = f"{word} missing: {', '.join(missing)}"
+        return DeclarationError(what, where=str(path), remedy=f"add {pronoun}")
     context = fault.get("ctx", {})
     if kind in _LIMITS:
         what, remedy = (
@@ -169,16 +180,13 @@ def _one_line(
     if "remedy" in context:
         return DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"]))
     if kind == "too_short":
-        held, least = len(fault["input"]), int(context.get("min_length", 1))
-        if held:
-            return DeclarationError(
-                f"{held} of at least {least} entries", where=where, remedy=f"give {least} or more"
-            )
-        return DeclarationError(
-            "there is nothing in it",
-            where=where,
-            remedy=f"give at least {'one entry' if least == 1 else f'{least} entries'}",
-        )
+        count, least = len(fault["input"]), int(context.get("min_length", 1))
+        if count:
+            what = f"{count} of at least {least} entries"
+            return DeclarationError(what, where=where, remedy=f"give {least} or more")
+        entries = "one entry" if least == 1 else f"{least} entries"
+        remedy = f"give at least {entries}"
+        return DeclarationError("there is nothing in it", where=where, remedy=remedy)
     if kind == "too_long":
         most = int(context["max_length"])
         return DeclarationError(
@@ -191,16 +199,16 @@ def _one_line(
 
 
 def _shown(value: object) -> str:
+    """Return a value as errors show it, shortened to 40 letters."""
     text = f"{value:g}" if isinstance(value, float) else repr(value)
     return text if len(text) <= 40 else text[:37] + "..."
 
 
 def _keys(schema: type[BaseModel] | None) -> list[str]:
-    return (
-        [field.alias or name for name, field in schema.model_fields.items()]
-        if schema is not None
-        else []
-    )
+    """Return the keys of a schema, as files write them."""
+    if schema is None:
+        return []
+    return [field.alias or name for name, field in schema.model_fields.items()]
 
 
 def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:
@@ -209,23 +217,15 @@ def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[B
 
     table: type[BaseModel] | None = schema
     for part in location:
-        fields = (
-            {field.alias or name: field for name, field in table.model_fields.items()}
-            if table is not None
-            else {}
-        )
+        if table is None:
+            return None
+        fields = {field.alias or name: field for name, field in table.model_fields.items()}
         field = fields.get(str(part))
-        options = (
-            [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
-        )
-        table = next(
-            (
-                option
-                for option in options
-                if isinstance(option, type) and issubclass(option, BaseModel)
-            ),
-            None,
-        )
+        if field is None:
+            return None
+        types = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        schemas = (kind for kind in types if isinstance(kind, type) and issubclass(kind, BaseModel))
+        table = next(schemas, None)
     return table
 
 
@@ -237,11 +237,13 @@ MODULE = "flightid_of_user_"
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
-    """Run a user's Python file and return its module; ``kind``: part of its name, ``"effects"``.
+    """Run a user's Python file and return its module.
+
+    ``kind``: what the file declares, such as ``"effects"``; a part of the module's name.
 
     Raises
     ------
-    DeclarationError : it is no Python file, or anything in it fails, with its line.
+    DeclarationError : the file is no Python file, or an exception occurs in it; with its line.
     """
     path, where = source.path, str(source.path)
     if path.suffix != ".py":
@@ -252,16 +254,16 @@ def run_python(source: Source, kind: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their own module up
+    sys.modules[name] = module  # a dataclass looks for its module there
     try:
-        # these bytes were hashed
+        # Runs the bytes that were hashed; the file may have changed since.
         exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)
     except FlightidError as error:
         inside = f"{error.where}: " if error.where else ""
         raise DeclarationError(
             f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy
         ) from None
-    except BaseException as error:  # the file is a user's, and anything may be wrong with it
+    except BaseException as error:  # a user's file may raise anything
         if not raised_by(error, where):
             raise
         line = (
@@ -278,22 +280,20 @@ def run_python(source: Source, kind: str) -> ModuleType:
 
 
 def _line(error: BaseException, path: Path) -> str:
-    """Return the line of the user's file that the error came through last."""
-    result, trace = "", error.__traceback__
+    """Return the innermost line of the user's file in the traceback of an error, for messages."""
+    line, trace = "", error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
-            result = f", line {trace.tb_lineno}"
+            line = f", line {trace.tb_lineno}"
         trace = trace.tb_next
-    return result
+    return line
 
+
+# ---- Channels and channel maps
 
 TIME = "time"
-
-
 STICK = "stick"
-
-
-# Channel -> unit inside; the stick is never converted, its unit is a label.
+# Channel -> SI unit. The stick is never converted; its unit is a label.
 CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
     {
         TIME: "s",
@@ -333,13 +333,15 @@ CLOCK_NAMES = (
     "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
     "time_boot_ms", "x_value",
 )  # fmt: skip
-# an element of an array, as q[0]; of q[1] the unit may be 1
+# An element of an array such as q[0]. q[1] is left out: it may be q in the unit 1.
 _ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 
 def split_header(cell: str) -> tuple[str, str | None]:
-    """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
+    """Return name and unit of a header ``name [unit]`` or ``name (unit)``; without brackets the
+    unit is None.
+    """
     match = _BRACKETS.fullmatch(cell)
     if match is None or not match[1] or _ELEMENT.fullmatch(cell):
         return cell, None
@@ -347,29 +349,28 @@ def split_header(cell: str) -> tuple[str, str | None]:
 
 
 def is_clock(name: str) -> bool:
-    """Return whether a header names a clock, in whatever case and with any unit in brackets."""
+    """Return whether a header names a clock; letter case and a unit in brackets do not matter."""
     label = re.sub(r"\s*[\[(].*", "", name).strip().lower()
     return label in CLOCK_NAMES or label.replace(" ", "_") in CLOCK_NAMES
 
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Column of a channel in a file, and the computation from it.
+    """Column of a channel in a file, and how the channel is computed from it.
 
     Attributes
     ----------
-    column : header of the column, with or without its unit in brackets; its number, counted from 1;
-        or an expression over columns (``scenarios.files.measured.expressions``). In a log of
-        several topics ``topic.field``. Empty: the record has no such channel, whatever its columns
-        are called.
-    unit : unit of the column or of the expression's result; None leaves it to the header, or to the
-        units of the columns.
-    scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is
-        given.
+    column : header of the column, with or without its unit in brackets; in a log of several topics
+        ``topic.field``. Or the number of the column, counted from 1, or an expression over columns
+        (``scenarios.files.measured.expressions``). Empty: the channel is not read.
+    unit : unit of the column or of the expression; None: the unit in the file.
+    scale : factor of the column: the channel is ``scale * column + offset``.
+    offset : summand of the channel, in ``unit``, in SI units if ``unit`` is None.
     delay : s; the channel at ``t`` is the column at ``t + delay``.
-    table : calibration ``(x1, ...), (y1, ...)``: the channel is linear between the points, in
-        ``unit``; before ``scale``.
-    hold : ``"previous"`` or ``"linear"``, between samples of a slower column; None: by the data.
+    table : calibration ``(x1, ...), (y1, ...)``, linear between its points, in ``unit``; it applies
+        before ``scale`` and ``offset``.
+    hold : ``"previous"`` or ``"linear"``: inputs between samples of a slower column; None: as
+        the data suggest.
     """
 
     column: str | int
@@ -382,12 +383,12 @@ class ColumnChoice:
 
     @property
     def absent(self) -> bool:
-        """Whether the channel is not to be read."""
+        """Whether the map declares that the record does not have the channel."""
         return self.column == ""
 
     @property
     def computed(self) -> bool:
-        """Whether anything but the column's own numbers is wanted."""
+        """Whether the channel differs from the numbers of its column."""
         return (self.scale, self.offset, self.delay, self.table) != (1.0, 0.0, 0.0, None)
 
 
@@ -397,16 +398,22 @@ def read_channel_map(
     *,
     surfaces: bool = False,
 ) -> dict[str, ColumnChoice]:
-    """Channel name -> column, from a TOML file or as a mapping.
+    """Return the column of each channel in a channel map.
 
-    Lines are such as ``alpha = "AoA1"``, ``alpha = {column = "AoA1", unit = "deg"}``, ``q = {column
-    = 4, unit = "deg/s"}``, ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit =
-    "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``; with ``airspeed = false`` the record
-    counts as one without that channel.
+    Examples of lines::
 
-    ``allowed``: channels of the model. Further usual channels may be in the map, as in a draft that
-    ``flightid map`` wrote. ``surfaces``: so may surfaces of any name, as in a map for the
-    model ``aircraft``.
+        alpha = "AoA1"
+        alpha = {column = "AoA1", unit = "deg"}
+        q = {column = 4, unit = "deg/s"}
+        elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}
+        elevator = {sum = ["a", "b"], scale = 0.5}
+        airspeed = false    # the record has no airspeed
+
+    Parameters
+    ----------
+    path : a TOML file, or its content.
+    allowed : channels of the model. The channels of ``CHANNEL_UNITS`` are always allowed.
+    surfaces : whether surfaces of any name are allowed, as for the model ``aircraft``.
 
     Raises
     ------
@@ -415,18 +422,18 @@ def read_channel_map(
     """
     from scenarios.files.schemas import channel_map
 
-    own = tuple(allowed)
-    names = tuple(dict.fromkeys((*own, *CHANNEL_UNITS)))
+    model_channels = tuple(allowed)
+    names = tuple(dict.fromkeys((*model_channels, *CHANNEL_UNITS)))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
-    further = [key for key in content if key not in names]
+    other_keys = [key for key in content if key not in names]
     if surfaces:
-        names += tuple(key for key in further if _may_be_surface(key, names))
-    unknown = next((key for key in further if key not in names), None)
+        names += tuple(key for key in other_keys if _may_be_surface(key, names))
+    unknown = next((key for key in other_keys if key not in names), None)
     if unknown is not None:
         raise DeclarationError(
             "there is no such key",
             where=f"{where}, key {key_path([unknown])}",
-            remedy=closest(unknown, own),
+            remedy=closest(unknown, model_channels),
         )
     schema = channel_map(names)
     chosen = checked(schema, content, where)
@@ -437,14 +444,14 @@ def read_channel_map(
 
 
 def _may_be_surface(key: str, known: Iterable[str]) -> bool:
-    """Whether a key of a channel map names a surface rather than a channel that is misspelt."""
+    """Return whether an unknown key of a channel map is a surface and no misspelt channel."""
     if any(key.startswith(f"{name}_") or key.endswith(f"_{name}") for name in known):
         return True
     return not difflib.get_close_matches(key.lower(), list(known), n=1, cutoff=0.8)
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
-    """Return the entry for the reader: ``bias`` is subtracted, ``sign`` multiplies the scale."""
+    """Return an entry of a channel map: ``bias`` goes into the offset, ``sign`` into the scale."""
     from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:
@@ -464,8 +471,9 @@ def _choice(entry: ColumnEntry) -> ColumnChoice:
 
 
 def of_terms(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the content of a vehicle file of the model ``aircraft``, which has terms. Raises
-    DeclarationError for one of another model, which has derivatives.
+    """Return the content if it is a vehicle file of the model ``aircraft``, which has terms.
+
+    Raises DeclarationError for a vehicle file of another model, which has derivatives.
     """
     if "derivatives" in content and not {"aerodynamics", "surfaces", "model"} & {*content}:
         raise DeclarationError(

@@ -1,4 +1,4 @@
-"""A record from a user's file, in SI units; every fault is reported with file, row and column."""
+"""Read a record from a user's file, in SI units. An error names file, row and column."""
 
 from __future__ import annotations
 
@@ -33,6 +33,9 @@ from sim.errors import RecordError, time_span
 from sim.record import Channel, Hold, Record
 
 P = ParamSpec("P")
+# Longest interval between samples of an input at a lower rate, over their median interval: one
+# lost sample doubles an interval, and half an interval more allows for uneven rows.
+_LONGEST_GAP = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +45,10 @@ class Window:
     Attributes
     ----------
     time : shape ``(N,)``, s, increasing.
-    rows : the block of rows in the file's order.
-    order : position in the block of each sample; None if the block is in order as it is.
-    notes : what was done with the time stamps, one sentence each.
+    rows : the block of rows, in the file's order.
+    order : shape ``(N,)``, row of each sample, counted in the block; None if the block is already
+        in the order of time.
+    notes : sentences on the changes to the time stamps.
     """
 
     time: np.ndarray
@@ -82,14 +86,16 @@ def read_with_notes(
 
     Parameters
     ----------
-    source : a file of any format of ``scenarios.files.formats``; or the file as it was read.
+    source : path of a file of any format of ``scenarios.files.formats``, or the open file.
     model_inputs : inputs; each must be in the file, without a gap.
     model_outputs : outputs; at least one must be in the file.
     channel_map : channel -> column, if headers are not channel names; None: the map of the file.
-    start, stop : s; only the rows in between are read and checked.
-    optional : further channels, read as outputs if the file has them. One without a number counts
-        as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
-    hold : behaviour of the inputs between samples; None: as in the sidecar, else ``PREVIOUS``.
+    start : s; earlier rows are neither read nor checked; None: from the first row.
+    stop : s; later rows are neither read nor checked; None: to the last row.
+    optional : further channels, read as outputs if the file has them. A channel without a number
+        counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
+    hold : behaviour of the inputs between samples; None: that of the sidecar, ``PREVIOUS`` without
+        a sidecar.
     instead : output -> channel that is read, under its own name, if the file lacks that output.
     channel_units : SI unit of every known channel.
     rate : Hz; sample rate of a file without a clock, and of the grid for topics of a log.
@@ -105,7 +111,7 @@ def read_with_notes(
     """
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
-    others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
+    possible_outputs = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
     refuse_unknown_units(
         file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
@@ -114,29 +120,34 @@ def read_with_notes(
         file,
         channel_map,
         model_inputs,
-        others,
+        possible_outputs,
         rate=rate,
         hold=hold_as,
         channel_units=channel_units,
     )
     table = file.table
     names = (model_inputs, model_outputs, optional)
-    columns, outputs, further = _chosen(file, names, instead or {}, channel_map, channel_units)
+    columns, outputs, dropped_if_empty = _chosen(
+        file, names, instead or {}, channel_map, channel_units
+    )
     window = _time(table, _clock_column(file, channel_map, channel_units, rate), start, stop, rate)
     outputs = [
         name
         for name in outputs
-        if name not in further or not _empty(table, _there(columns[name]), window.rows)
+        if name not in dropped_if_empty or not _empty(table, _present(columns[name]), window.rows)
     ]
     notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
         chosen_hold = getattr((channel_map or {}).get(name), "hold", None) or hold_as
-        channel, note = _input(table, _there(columns[name]), window, chosen_hold)
+        channel, note = _input(table, _present(columns[name]), window, chosen_hold)
         inputs.append(channel)
-        notes += [note] if note else []
-    read = tuple(_channel(table, _there(columns[name]), window) for name in outputs)
-    between, name = hold or file.sidecar.hold, file.sidecar.name or file.path.name
-    return Record(window.time, tuple(inputs), read, between, name), tuple(notes)
+        if note:
+            notes.append(note)
+    output_channels = tuple(_channel(table, _present(columns[name]), window) for name in outputs)
+    input_hold = hold or file.sidecar.hold
+    record_name = file.sidecar.name or file.path.name
+    record = Record(window.time, tuple(inputs), output_channels, input_hold, record_name)
+    return record, tuple(notes)
 
 
 def _chosen(
@@ -146,17 +157,22 @@ def _chosen(
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> tuple[dict[str, SourceColumn | None], list[str], set[str]]:
-    """Return the columns by channel, the outputs to read, and those of them that are optional.
+    """Find the columns of the channels to read.
 
-    ``names``: inputs, outputs and optional channels. Raises RecordError for an input without a
-    column, and if there is no output at all.
+    ``names``: inputs, outputs and optional channels.
+
+    Returns the column by channel (None if the file has none), the outputs to read, and those that
+    are not read if their column is empty. Raises RecordError if an input or every output has no
+    column.
     """
     inputs, model_outputs, optional = names
-    further: set[str] = set()
+    dropped_if_empty: set[str] = set()
     if model_outputs:
-        further = {name for name in optional if name not in (*inputs, *model_outputs)}
+        dropped_if_empty = {name for name in optional if name not in (*inputs, *model_outputs)}
     added = [name for name in optional if name not in model_outputs]
-    columns = _columns(file, [*inputs, *model_outputs, *added], further, channel_map, channel_units)
+    columns = _columns(
+        file, [*inputs, *model_outputs, *added], dropped_if_empty, channel_map, channel_units
+    )
     substitutes = [
         other
         for name, other in instead.items()
@@ -167,31 +183,31 @@ def _chosen(
         if columns[name] is None:
             raise missing_column(name, file.table.header, file.table.file)
     outputs = [name for name in (*model_outputs, *added, *substitutes) if columns[name] is not None]
-    needed = (*model_outputs, *substitutes) if model_outputs else outputs
-    if not any(name in needed for name in outputs) and (model_outputs or optional):
+    required = (*model_outputs, *substitutes) if model_outputs else outputs
+    if not any(name in required for name in outputs) and (model_outputs or optional):
         missing = (*model_outputs, *optional)[0]
         raise missing_column(missing, file.table.header, file.table.file)
-    return columns, outputs, further
+    return columns, outputs, dropped_if_empty
 
 
-def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
-    """Function with the arguments of ``read`` that returns the record alone."""
+def _without_notes(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
+    """Return a function with the arguments of ``read`` that returns the record only."""
 
     @wraps(read)
-    def alone(*arguments: P.args, **keywords: P.kwargs) -> Record:
+    def record_only(*arguments: P.args, **keywords: P.kwargs) -> Record:
         return read(*arguments, **keywords)[0]
 
-    return alone
+    return record_only
 
 
-read_record = _alone(read_with_notes)
+read_record = _without_notes(read_with_notes)
 
 
 def window_of(
     file: RecordFile, start: float | None = None, stop: float | None = None
 ) -> tuple[np.ndarray, slice]:
-    """Return the time stamps of a file between two times, s, checked as ``read_record`` checks
-    them, and their rows. Raises RecordError.
+    """Return the time stamps of a file from ``start`` to ``stop``, shape ``(N,)``, s, checked as in
+    ``read_record``, and their rows. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None
@@ -200,8 +216,8 @@ def window_of(
 
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
-    """Return the numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the
-    file's; NaN if a cell is none. Raises RecordError.
+    """Return the numbers of a column in the unit of the file, shape ``(N,)``; NaN if a cell has no
+    number. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
@@ -210,8 +226,8 @@ def raw_column(file: RecordFile, index: int) -> np.ndarray:
 
 
 def refuse_without_clock(file: RecordFile) -> None:
-    """Raise RecordError if no column of a file is a clock, or the file is a log of several
-    topics without a channel map.
+    """Raise RecordError if a file has no column of time, or if it is a log of several topics, each
+    with a clock of its own.
     """
     if file.topics:
         remedy = f"name its channels with a channel map; {map_command(file.path)} drafts one"
@@ -222,26 +238,23 @@ def refuse_without_clock(file: RecordFile) -> None:
 
 
 def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> bool:
-    """Whether a file has one clock, mapped or found by its name; a log of several topics has
-    several."""
-    return not file.topics and (
-        TIME in (channel_map or file.choices) or clock_place(file.table) is not None
-    )
+    """Return whether a file has one clock, in the channel map or found by its name."""
+    if file.topics:
+        return False  # each topic has a clock
+    return TIME in (channel_map or file.choices) or clock_place(file.table) is not None
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError if a rate is given for a file with a clock, for a search for maneuvers."""
+    """Raise RecordError if a user gives a rate to a search for maneuvers in a file with a clock."""
     if has_clock(file, channel_map):
-        raise RecordError(
-            "the file has a clock of its own",
-            where=f"{file.path}, --rate",
-            remedy="leave --rate out: nothing is resampled here",
-        )
+        where, remedy = f"{file.path}, --rate", "leave --rate out: nothing is resampled here"
+        raise RecordError("the file has a clock of its own", where=where, remedy=remedy)
 
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
-    """Return the column of one of our channels by the file's own channel map. Raises RecordError
-    if there is none, as ``find_column`` else.
+    """Return the column of a channel by the file's own channel map.
+
+    Raises RecordError if the file has no such column, and as ``find_column``.
     """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -252,18 +265,20 @@ def column_of(file: RecordFile, channel: str) -> SourceColumn:
 def _columns(
     file: RecordFile,
     names: Sequence[str],
-    further: set[str],
+    optional: set[str],
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Return the column of each channel, None if the file has none; a channel of ``further``
+    """Return the column of each channel, None if the file has none; a channel of ``optional``
     counts as absent if the only similar header has another meaning.
     """
     header = file.table.header
-    return {
-        name: None
-        if name in further and named_otherwise(name, header, channel_map)
-        else find_column(
+    columns: dict[str, SourceColumn | None] = {}
+    for name in names:
+        if name in optional and named_otherwise(name, header, channel_map):
+            columns[name] = None
+            continue
+        columns[name] = find_column(
             name,
             header,
             file.table.file,
@@ -273,16 +288,17 @@ def _columns(
             file.table.units,
             lenient=file.table.stated_apart,
         )
-        for name in names
-    }
+    return columns
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
-    """Return the rows from ``start`` to ``stop`` (s, inclusive) with the fewest wrong stamps.
+    """Return the block of rows from ``start`` to ``stop`` that the fewest time stamps contradict.
 
-    ``time``: ``(N,)``, may have NaN, which are ignored. A requested end is at a row in the window.
+    ``time``: ``(N,)``, s; NaN are ignored. ``start`` and ``stop``: s, inclusive; the first and the
+    last row of a block with such an end lie between them.
     """
-    low, high = -math.inf if start is None else start, math.inf if stop is None else stop
+    low = -math.inf if start is None else start
+    high = math.inf if stop is None else stop
     inside = (time >= low) & (time <= high)
     first, last = 0, time.size
     if start is not None:
@@ -297,7 +313,9 @@ def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> s
 
 
 def _boundary(before: np.ndarray, after: np.ndarray) -> int:
-    """First k with the fewest rows of ``after`` ahead of k and of ``before`` from k on."""
+    """Return the first row k with the fewest rows of ``after`` in front of k and of ``before`` from
+    k on.
+    """
     wrong_ahead = np.concatenate([[0], np.cumsum(after)])
     wrong_behind = np.concatenate([np.cumsum(before[::-1])[::-1], [0]])
     return int(np.argmin(wrong_ahead + wrong_behind))
@@ -309,26 +327,24 @@ def _clock_column(
     channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
-    """Return the column of the clock: ``time``, else another name of a clock; None if the file
-    has none and its rate is known.
+    """Return the column of the clock: ``time``, else one with another usual name of a clock; None
+    if the file has no clock and its rate is known.
     """
     column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
-        sentence = (
-            column.unit
-            if mapped is not None and mapped.unit is not None
-            else stated_unit(table, column.index)
-        )
-        if sentence is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
-            sentence = column.unit  # ``time_ms``, or the sidecar's word
-        return replace(column, unit=sentence or "")
-    place = clock_place(table)
-    if place is not None:
-        return SourceColumn(
-            TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME]
-        )
+        if mapped is not None and mapped.unit is not None:
+            unit: str | None = column.unit
+        else:
+            unit = stated_unit(table, column.index)
+        if unit is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
+            unit = column.unit  # from a header such as ``time_ms``, or from the sidecar
+        return replace(column, unit=unit or "")
+    index = clock_place(table)
+    if index is not None:
+        unit = stated_unit(table, index) or ""
+        return SourceColumn(TIME, table.header[index], index, unit, CHANNEL_UNITS[TIME])
     if rate is not None:
         return None
     raise missing_clock(table)
@@ -337,13 +353,11 @@ def _clock_column(
 def missing_clock(table: CellTable) -> RecordError:
     """Return the error for a table in which no column is a clock."""
     error = missing_column(TIME, table.header, table.file)
-    unnamed = bool(table.header) and table.header[0] == "column 1"
-    names = ",".join([TIME, *(f"NAME{n}" for n in range(2, min(len(table.header), 4) + 1))])
-    remedy = (
-        f"name the columns with --columns {names}{',...' if len(table.header) > 4 else ''}"
-        if unnamed
-        else error.remedy
-    )
+    remedy = error.remedy
+    if table.header and table.header[0] == "column 1":  # the file has no header
+        names = ",".join([TIME, *(f"NAME{n}" for n in range(2, min(len(table.header), 4) + 1))])
+        more = ",..." if len(table.header) > 4 else ""
+        remedy = f"name the columns with --columns {names}{more}"
     return RecordError(
         error.what,
         where=error.where,
@@ -358,18 +372,17 @@ def _time(
     stop: float | None,
     rate: float | None,
 ) -> Window:
-    """Checked time stamps of the window, s, and its rows."""
+    """Return the rows from ``start`` to ``stop``, s, with their time stamps, checked and in order;
+    without a clock (``column`` is None) ``rate``, Hz, gives the time.
+    """
     for option, bound in (("--from", start), ("--to", stop)):
         if bound is not None and (not isinstance(bound, int | float | np.number) or bound != bound):
             raise RecordError(
                 f"{option} is not a number", where=table.file, remedy="give a time in s"
             )
     if start is not None and stop is not None and start >= stop:
-        raise RecordError(
-            f"--from {start:g} is not before --to {stop:g}",
-            where=table.file,
-            remedy="give the earlier time first",
-        )
+        what = f"--from {start:g} is not before --to {stop:g}"
+        raise RecordError(what, where=table.file, remedy="give the earlier time first")
     if column is None:
         assert rate is not None
         time = np.arange(table.rows.size) / rate
@@ -395,20 +408,15 @@ def _time(
     _check_cells(table, column, stamps, rows)
     for position in np.flatnonzero(~np.isfinite(cut)):
         where = _cell(table, column, rows.start + int(position))
-        raise RecordError(
-            "time is missing",
-            where=where,
-            remedy="give every row a time, or cut with --from and --to",
-        )
+        remedy = "give every row a time, or cut with --from and --to"
+        raise RecordError("time is missing", where=where, remedy=remedy)
     if cut.size == 1:
-        raise RecordError(
-            "one sample only",
-            where=_cell(table, column, rows.start),
-            remedy="a record needs at least two rows",
-        )
-    even = grid_of_coarse_stamps(cut)
-    if even is not None:
-        return Window(even[0], rows, None, (*notes, even[1]))
+        where = _cell(table, column, rows.start)
+        remedy = "a record needs at least two rows"
+        raise RecordError("one sample only", where=where, remedy=remedy)
+    regular = grid_of_coarse_stamps(cut)
+    if regular is not None:
+        return Window(regular[0], rows, None, (*notes, regular[1]))
     wrong = np.flatnonzero(np.diff(cut) <= 0)
     if not wrong.size:
         return Window(cut, rows, None, tuple(notes))
@@ -430,8 +438,9 @@ def _time(
 
 
 def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
-    """Return the rows that have the time and every cell of another row before them, in the order of
-    their times; shape ``(N,)``.
+    """Return which rows repeat time and cells of the row before them, in the order of time.
+
+    ``time``: shape ``(N,)``, s. Returns booleans, shape ``(N,)``, by position in the block.
     """
     order = np.argsort(time, kind="stable")
     repeated = np.zeros(time.size, dtype=bool)
@@ -441,18 +450,17 @@ def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
                 (column[rows.start + earlier], column[rows.start + later])
                 for column in table.columns
             )
-            repeated[later] = all(one == two or (one != one and two != two) for one, two in cells)
+            repeated[later] = all(a == b or (a != a and b != b) for a, b in cells)  # NaN like NaN
     return repeated
 
 
 def _input(
-    table: CellTable, column: SourceColumn, window: Window, way: str | None
+    table: CellTable, column: SourceColumn, window: Window, hold: str | None
 ) -> tuple[Channel, str]:
-    """Return an input; one that was recorded at a lower rate than the rows is continued between its
-    own samples, and a sentence says how.
+    """Return an input, and a sentence on how it continues between samples, or an empty text.
 
-    Its own samples count as a lower rate where no two lie further apart than two and a half of
-    their usual distance.
+    An input may be sampled at a lower rate than the rows: then it is held or joined by lines
+    (``hold``; None: held if it leaps). A gap beyond ``_LONGEST_GAP`` is an error instead.
     """
     content = _sized(table, column)
     _check_cells(table, column, content, window.rows)
@@ -461,31 +469,21 @@ def _input(
     if finite_rows.size in (0, values.size):
         return _channel(table, column, window), ""
     time = window.time
-    own = np.diff(time[finite_rows]) if finite_rows.size > 2 else np.array([np.inf])
-    usual = float(np.median(own))
-    ends = max(time[finite_rows[0]] - time[0], time[-1] - time[finite_rows[-1]])
+    intervals = np.diff(time[finite_rows]) if finite_rows.size > 2 else np.array([np.inf])
+    usual = float(np.median(intervals))
+    gap_at_ends = max(time[finite_rows[0]] - time[0], time[-1] - time[finite_rows[-1]])
     if (
         not np.isfinite(usual)
         or np.median(np.diff(finite_rows)) < 2
-        or max(float(own.max()), ends) > 2.5 * usual
+        or max(float(intervals.max()), gap_at_ends) > _LONGEST_GAP * usual
     ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
-        raise RecordError(
-            "an input sample is missing",
-            where=where,
-            remedy="fill the gap, or cut the record there with --from and --to",
-        )
-    chosen = way or ("previous" if leaps(values[finite_rows]) else "linear")
+        remedy = "fill the gap, or cut the record there with --from and --to"
+        raise RecordError("an input sample is missing", where=where, remedy=remedy)
+    chosen = hold or ("previous" if leaps(values[finite_rows]) else "linear")
     if chosen == "previous":
-        filled = values[
-            finite_rows[
-                np.clip(
-                    np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1,
-                    0,
-                    finite_rows.size - 1,
-                )
-            ]
-        ]
+        latest = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
+        filled = values[finite_rows[np.clip(latest, 0, finite_rows.size - 1)]]
     else:
         filled = np.interp(time, time[finite_rows], values[finite_rows])
     word = "held" if chosen == "previous" else "joined by lines"
@@ -497,6 +495,7 @@ def _input(
 
 
 def _channel(table: CellTable, column: SourceColumn, window: Window) -> Channel:
+    """Return the samples of a column in the window, in SI; NaN where a sample is missing."""
     content = _sized(table, column)
     rows = window.rows
     _check_cells(table, column, content, rows)
@@ -523,17 +522,19 @@ def _converted(table: CellTable, column: SourceColumn, values: np.ndarray) -> Ch
 
 
 def _row_of(window: Window, sample: int) -> int:
+    """Return the row of the table that holds a sample of the window."""
     return window.rows.start + (sample if window.order is None else int(window.order[sample]))
 
 
 def _empty(table: CellTable, column: SourceColumn, rows: slice) -> bool:
+    """Return whether a column has neither a number nor a text in the rows."""
     content = numbers(table, column.index)
-    return not np.any(~np.isnan(content.values[rows])) and not any(
-        position in range(rows.start, rows.stop) for position in content.texts
-    )
+    has_text = any(position in range(rows.start, rows.stop) for position in content.texts)
+    return not has_text and bool(np.all(np.isnan(content.values[rows])))
 
 
 def _sized(table: CellTable, column: SourceColumn) -> Numbers:
+    """Return the cells of a column; raise RecordError unless it has one for each row."""
     content = numbers(table, column.index)
     if content.values.size != table.rows.size:
         what = f"{content.values.size} values for {table.rows.size} times"
@@ -544,7 +545,9 @@ def _sized(table: CellTable, column: SourceColumn) -> Numbers:
 
 
 def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows: slice) -> None:
-    """Raise RecordError for the first row that is ragged, or has text or an infinite number."""
+    """Raise RecordError for the first row with too few or too many cells, else for the first cell
+    of the column that is a text or infinite.
+    """
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what = f"{table.ragged[position]} cells under a header of {len(table.header)}"
@@ -563,35 +566,27 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
         if (fault := mark_fault(table, text)) is not None:
             raise RecordError(fault[0], where=where, remedy=fault[1])
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
-        raise RecordError(
-            f"{shown} is not a number",
-            where=where,
-            remedy="write a number, or leave the cell empty where the sample is missing",
-        )
-    remedy = (
-        "give every row a finite time"
-        if column.channel == TIME
-        else "leave the cell empty where the sample is missing"
-    )
-    raise RecordError(
-        "an infinite value" if column.channel != TIME else "time is infinite",
-        where=where,
-        remedy=remedy,
-    )
+        remedy = "write a number, or leave the cell empty where the sample is missing"
+        raise RecordError(f"{shown} is not a number", where=where, remedy=remedy)
+    if column.channel == TIME:
+        remedy = "give every row a finite time"
+        raise RecordError("time is infinite", where=where, remedy=remedy)
+    remedy = "leave the cell empty where the sample is missing"
+    raise RecordError("an infinite value", where=where, remedy=remedy)
 
 
 def _row_remedy(table: CellTable, position: int) -> str:
-    more = table.separator == "," and table.ragged[position] > len(table.header)
-    return (
-        "give each row one cell a column, "
-        f"{'numbers with points, not decimal commas' if more else 'empty where a sample is missing'}"  # noqa: E501
-    )
+    if table.separator == "," and table.ragged[position] > len(table.header):
+        return "give each row one cell a column, numbers with points, not decimal commas"
+    return "give each row one cell a column, empty where a sample is missing"
 
 
 def _cell(table: CellTable, column: SourceColumn, position: int) -> str:
+    """Return the place of a cell as errors name it."""
     return f"{table.file}, row {table.rows[position]}, column {column.header!r}"
 
 
-def _there(column: SourceColumn | None) -> SourceColumn:
+def _present(column: SourceColumn | None) -> SourceColumn:
+    """Return a column that ``_chosen`` has found; for the type checker."""
     assert column is not None
     return column

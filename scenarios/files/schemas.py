@@ -1,5 +1,6 @@
-"""Pydantic schemas of channel maps, vehicle files, maneuver files and surveys; imported when one is
-read.
+"""Pydantic schemas of channel maps, vehicle files, maneuver files and surveys.
+
+The module is imported only when such a file is read.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
 from sim.vehicles.other_vehicles import DELAY, LAG
 
-# ---- The pydantic schema of a channel map; imported only when one is read
+# ---- Channel maps
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
-ABSENT = "\0"  # the column of a channel that a map declares as not there, which no header can be
+ABSENT = "\0"  # stands for the column of a channel that a map declares absent; no header is this
 
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -40,8 +41,8 @@ _Text = Annotated[str, Field(min_length=1, max_length=500)]
 
 
 class ColumnEntry(BaseModel):
-    """A column of a channel map, as ``{column = "AoA1", unit = "deg"}``, or an expression of
-    columns.
+    """An entry of a channel map: a column, such as ``{column = "AoA1", unit = "deg"}``, or an
+    expression of columns.
     """
 
     model_config = STRICT
@@ -57,7 +58,8 @@ class ColumnEntry(BaseModel):
     hold: Literal["previous", "linear"] | None = None
 
     @model_validator(mode="after")
-    def _sound(self) -> ColumnEntry:
+    def _consistent(self) -> ColumnEntry:
+        """Refuse an entry without one source, or with a table that is no calibration."""
         if (self.column is None) == (self.sum is None):
             context = {
                 "what": "neither column nor sum, or both",
@@ -81,7 +83,8 @@ def _increasing(values: Sequence[float]) -> bool:
     return all(later > earlier for earlier, later in pairwise(values))
 
 
-def _table(value: object) -> object:
+def _as_table(value: object) -> object:
+    """Return a short entry of a channel map, such as ``alpha = "AoA1"``, as a table."""
     if value is False:
         return {"column": ABSENT}
     if isinstance(value, str | int) and not isinstance(value, bool):
@@ -95,7 +98,7 @@ def _table(value: object) -> object:
     return value
 
 
-_Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
+_Entry = Annotated[ColumnEntry | None, BeforeValidator(_as_table)]
 
 
 def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
@@ -109,17 +112,19 @@ def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
     return create_model("ChannelMap", __config__=STRICT, **fields)
 
 
-# ---- The pydantic schemas of vehicle files; imported only when one is read
+# ---- Vehicle files
 
 VEHICLES_SCHEMA_STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", re.ASCII)
 
 
 def quantity_in(target: str) -> Callable[[object], float]:
-    """Return a validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
+    """Return a validator that turns a number or a text such as ``"24200 lb"`` into the unit
+    ``target``.
+    """
 
-    def convert(value: object) -> float:
-        number = plain(value)
+    def in_range(value: object) -> float:
+        number = converted(value)
         if (
             math.isfinite(number)
             and number != 0.0
@@ -134,7 +139,7 @@ def quantity_in(target: str) -> Callable[[object], float]:
             )
         return number
 
-    def plain(value: object) -> float:
+    def converted(value: object) -> float:
         if isinstance(value, float) or (
             isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023
         ):
@@ -160,17 +165,20 @@ def quantity_in(target: str) -> Callable[[object], float]:
                 "quantity", "unit", {"what": fault.what, "remedy": fault.remedy}
             ) from None
 
-    return convert
+    return in_range
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text is a number with a unit, such as ``"24200 lb"``, of whatever dimension."""
+    """Return whether a text is a number with a unit of any dimension, such as ``"24200 lb"``."""
     match = _QUANTITY.fullmatch(text)
     return match is not None and bool(match[2])
 
 
 def number_in(value: object, unit: str, where: str) -> float:
-    """A number or ``"24200 lb"`` in ``unit``. Raises DeclarationError that names ``where``."""
+    """Return a number, or a text such as ``"24200 lb"``, in ``unit``.
+
+    Raises DeclarationError; ``where`` is its place.
+    """
     try:
         number = quantity_in(unit)(value)
     except PydanticCustomError as error:
@@ -186,11 +194,10 @@ def number_in(value: object, unit: str, where: str) -> float:
 
 
 def _example(target: str) -> str:
-    return (
-        "write a plain number"
-        if target == "1"
-        else f'write a plain number in {target}, or a text such as "1.5 {target}"'
-    )
+    """Return the remedy for a quantity that cannot be read."""
+    if target == "1":
+        return "write a plain number"
+    return f'write a plain number in {target}, or a text such as "1.5 {target}"'
 
 
 def number_of(target: str, gt: float | None = None, ge: float | None = None) -> Any:
@@ -198,8 +205,9 @@ def number_of(target: str, gt: float | None = None, ge: float | None = None) -> 
     return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
 
 
-def _required(kinds: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: (kind, ...) for name, kind in kinds.items()}
+def _required(types: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields of pydantic that a file must have, from their types."""
+    return {name: (field_type, ...) for name, field_type in types.items()}
 
 
 def table_of(title: str, **fields: Any) -> type[BaseModel]:
@@ -312,7 +320,7 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
 }
 
 
-# Vehicle file with only the keys for a kinematic check.
+# A vehicle file that has only the keys for a kinematic check.
 CHECK_ONLY = table_of(
     "CheckedVehicle",
     name=_NAME,
@@ -325,8 +333,9 @@ CHECK_ONLY = table_of(
 
 
 def mode_schema(number: int, count: int) -> type[BaseModel]:
-    """Return the table of elastic mode ``number`` of ``count``: its own starts are required,
-    couplings to other modes are not.
+    """Return the schema of the table of elastic mode ``number`` of ``count``.
+
+    The starts of its own derivatives are required, those of couplings to other modes are not.
     """
     own = {
         "frequency": number_of("rad/s", gt=0.0),
@@ -350,8 +359,9 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
 
 
 def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
-    """Estimated parameters of a model with their units; ``modes`` is a file's list of elastic
-    modes.
+    """Return the SI unit of each parameter of a model that can be estimated.
+
+    ``modes``: the list of elastic modes in the file.
     """
     kind = "rigid" if model == "flexible" else model
     count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
@@ -367,10 +377,7 @@ def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
 def refuse_unusable(
     model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path
 ) -> None:
-    """Check the file as a whole.
-
-    Raises DeclarationError without any derivative, and for impossible moments of inertia.
-    """
+    """Raise DeclarationError for a file without derivatives or with impossible inertias."""
     if not derivatives:
         _, _, known = WHOLE_AXES[model]
         remedy = (
@@ -388,14 +395,14 @@ def refuse_unusable(
         )
 
 
-# ---- The schema of maneuvers.toml (pydantic); imported only when one is read
+# ---- Maneuver files
 
 Name = Annotated[str, StringConstraints(min_length=1)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class PartEntry(BaseModel):
-    """A part of the record."""
+    """A maneuver: a part of a record."""
 
     model_config = VEHICLES_SCHEMA_STRICT
     number: Annotated[int, Field(ge=1)] | None = None
@@ -407,7 +414,7 @@ class PartEntry(BaseModel):
 
 
 class FileEntry(BaseModel):
-    """The whole file."""
+    """A file ``maneuvers.toml``."""
 
     model_config = VEHICLES_SCHEMA_STRICT
     record: Name | None = None
@@ -415,17 +422,18 @@ class FileEntry(BaseModel):
     maneuvers: list[PartEntry] = []
 
 
-# ---- The schema of a survey's file (pydantic); imported only when one is read
+# ---- Survey files
 
-FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # a flight's results have a folder of its name
+FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # name of a flight, whose results have such a folder
 
 
 def _day(value: object) -> object:
+    """Return a date of TOML as a text."""
     return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
 
 
 class Reading(BaseModel):
-    """Options for reading records; those of a flight replace those of the survey."""
+    """Options for reading records; an option of a flight replaces that of the survey."""
 
     model_config = VEHICLES_SCHEMA_STRICT
     channels: Name | None = None
@@ -440,7 +448,7 @@ class Reading(BaseModel):
 
 
 class FlightEntry(Reading):
-    """One flight."""
+    """A flight of a survey."""
 
     name: Annotated[str, StringConstraints(pattern=FOLDER_NAME)] | None = None
     record: Name | None = None
@@ -452,7 +460,7 @@ class FlightEntry(Reading):
 
 
 class SurveyEntry(Reading):
-    """The whole file."""
+    """A file of a survey."""
 
     title: Name | None = None
     model: Name

@@ -1,6 +1,6 @@
-"""Files opened once: bytes and hashes, escaped text, JSON and TOML as plain values, versions.
+"""Read files once: bytes and hashes, escaped text, JSON and TOML as plain values, versions.
 
-The size of a compressed file is checked before it is unpacked whole, since it may be huge.
+The size of a compressed file is checked before the file is unpacked, since it may be huge.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from typing import Any, Literal, cast
 
 from sim.errors import DeclarationError, FlightidError, RecordError
 
-# ---- Control characters that came with headers
+# ---- Control characters in texts from files
 
-# In addition to control characters: line separators and marks of writing direction.
+# Control characters, line separators and marks of writing direction.
 _HIDDEN = (
     *range(0x20),
     *range(0x7F, 0xA0),
@@ -44,14 +44,17 @@ _SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in
 
 
 def escaped(text: str) -> str:
-    """Return the text with every control character but line ends and tabs as ``\\u001b``, which
-    JSON reads back as it was.
+    """Return the text with control characters written as ``\\u001b`` and so on.
+
+    Line ends and tabs stay. JSON reads the escaped text back as it was.
     """
-    return text if text.isascii() and text.isprintable() else text.translate(_SHOWN)
+    if text.isascii() and text.isprintable():
+        return text
+    return text.translate(_SHOWN)
 
 
 class EscapedStream:
-    """A text stream that escapes its text; everything else is passed on to ``inner``."""
+    """A text stream that escapes its text; all other calls go to the stream ``inner``."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -75,7 +78,7 @@ def escaped_streams() -> Iterator[None]:
     """Context manager that escapes text printed on stdout and stderr."""
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (
-        None if each is None else cast(Any, EscapedStream(each)) for each in (out, err)
+        None if stream is None else cast(Any, EscapedStream(stream)) for stream in (out, err)
     )
     try:
         yield
@@ -88,21 +91,19 @@ def styled_stream(stream: Any) -> Any:
     return stream.inner if isinstance(stream, EscapedStream) else stream
 
 
-# ---- Files opened once
+# ---- Files read once
 
-# bytes of a record file, also unpacked; several copies fit into memory
-LARGEST_NUMBER = 1e50  # squares of larger numbers overflow
-MOST_RECORD = 1 << 30
-# bytes of a TOML or Python file: the parser takes a second for each million
-MOST_DECLARED = 1 << 22
+LARGEST_NUMBER = 1e50  # powers and products of larger numbers could overflow
+MOST_RECORD = 1 << 30  # bytes of a record file, also unpacked; several copies fit into memory
+MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file; a million take a second to parse
 MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of flightid, with figures
 PIPE_TIMEOUT = 5.0  # s, longest wait for the first data from a pipe
-_PIECE_BYTES = 1 << 20
+_PIECE_BYTES = 1 << 20  # bytes that are read at a time
 
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a result rests on: its bare name and the SHA-256 of the bytes that were read."""
+    """An input file of a result: its name without folders and the SHA-256 of its bytes."""
 
     name: str
     sha256: str
@@ -120,19 +121,19 @@ class Source:
 def read_source(
     path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED
 ) -> Source:
-    """Open a file, once.
+    """Read a file.
 
     Parameters
     ----------
-    path : the file; a pipe serves as long as something writes into it.
-    error : the kind of error to raise.
-    wanted : what to name instead where ``path`` is no file, ``"a TOML file"``.
-    most : bytes that are read at most.
+    path : the file, or a pipe that a program writes into.
+    error : type of the errors to raise.
+    wanted : what the user should name if ``path`` is no file, such as ``"a TOML file"``.
+    most : largest number of bytes that is read.
 
     Raises
     ------
-    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a pipe
-        that nothing writes into, it is larger than ``most`` bytes, or it cannot be read.
+    FlightidError : an error of the type ``error``: there is no such file; it is a folder, a device
+        or a pipe that no program writes into; it has more than ``most`` bytes; it cannot be read.
     """
     path = Path(path)
     content = read_content(path, error, wanted, most)
@@ -140,9 +141,9 @@ def read_source(
 
 
 def _similar(path: Path) -> str:
-    """What to do about a file that is not there: a name of that folder which is meant, perhaps."""
+    """Return the remedy for a missing file: a similar name in its folder, if there is one."""
     try:
-        names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
+        names = [file.name for file in path.parent.iterdir() if file.suffix == path.suffix]
     except OSError:
         return "check the path"
     near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
@@ -167,14 +168,17 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
 
 
 def resolved(path: str | Path) -> Path:
-    """Return a path without links in it; a circle of links stays, for whoever opens it to name."""
+    """Return a path without links in it; a circle of links stays, and opening it is an error."""
     return Path(os.path.realpath(path))
 
 
 def too_large(
     error: type[FlightidError], where: str, size: str, most: int, remedy: str = ""
 ) -> FlightidError:
-    """Error for a file beyond a limit; ``size``: its size in words, before "is more than"."""
+    """Return the error for a file of more than ``most`` bytes.
+
+    ``size``: subject of the sentence, such as ``"2048 MiB"``. ``remedy``: empty for the usual one.
+    """
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"
     return error(
         f"{size} is more than the {limit} that are read at most",
@@ -184,6 +188,7 @@ def too_large(
 
 
 def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
+    """Return the bytes of a file or pipe; operating system errors are not translated."""
     # Non-blocking, so that a pipe without a writer does not hang.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
@@ -211,7 +216,7 @@ def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> 
 
 
 def _piece(handle: int) -> bytes:
-    """The next bytes, none at the end; of a pipe that is written into they are waited for."""
+    """Return the next bytes, none at the end; wait for them if a program writes into a pipe."""
     while True:
         try:
             return os.read(handle, _PIECE_BYTES)
@@ -220,12 +225,12 @@ def _piece(handle: int) -> bytes:
 
 
 def _first_piece(handle: int) -> bytes:
-    """Return the first bytes of a pipe; none if no program has come to write into it before
-    ``PIPE_TIMEOUT`` is over.
-    """
-    until = time.monotonic() + PIPE_TIMEOUT
-    while not (piece := _piece(handle)) and time.monotonic() < until:
+    """Return the first bytes of a pipe; none if nothing is written within ``PIPE_TIMEOUT``."""
+    deadline = time.monotonic() + PIPE_TIMEOUT
+    piece = _piece(handle)
+    while not piece and time.monotonic() < deadline:
         time.sleep(0.02)
+        piece = _piece(handle)
     return piece
 
 
@@ -233,11 +238,11 @@ def _first_piece(handle: int) -> bytes:
 
 DEEPEST_NESTING = 64  # tables and lists inside each other
 MOST_DIGITS = 300  # longest whole number, so that it fits into a float
-_documents_SHOWN = 40  # characters of what is wrong
+_MOST_SHOWN = 40  # letters of a wrong key or number that a message shows
 
 
 class DocumentError(ValueError):
-    """A text that is no valid JSON or TOML: the reason in a few words, and ``key`` if known."""
+    """Error for a text that is no valid JSON or TOML: the reason, and its ``key`` if known."""
 
     def __init__(self, what: str, key: str = "") -> None:
         super().__init__(what)
@@ -249,8 +254,8 @@ def json_value(content: bytes | str) -> Any:
 
     Raises
     ------
-    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST_NESTING``, or holds a
-        number that is not finite or has too many digits.
+    DocumentError : the text is not UTF-8 or no JSON, is nested deeper than ``DEEPEST_NESTING``, or
+        has a number that is not finite or has too many digits.
     """
     try:
         value = json.loads(content, parse_int=_whole, parse_constant=_constant)
@@ -267,12 +272,12 @@ def json_value(content: bytes | str) -> Any:
 
 
 def toml_value(text: str) -> dict[str, Any]:
-    """Tables of a TOML text, which may have infinite numbers.
+    """Return the tables of a TOML text, which may have infinite numbers.
 
     Raises
     ------
-    DocumentError : it is no TOML, nested deeper than ``DEEPEST_NESTING``, or holds a whole number
-        of too many digits.
+    DocumentError : the text is no TOML, is nested deeper than ``DEEPEST_NESTING``, or has a whole
+        number of too many digits.
     """
     try:
         value = tomllib.loads(text)
@@ -295,8 +300,8 @@ def read_json(
 
     Raises
     ------
-    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line names
-        the file and what to name instead, ``wanted``.
+    FlightidError : an error of the type ``error``: the file cannot be read, or ``json_value``
+        refuses its content. ``wanted`` is what the user should name instead.
     """
     content = read_content(path, error, wanted, MOST_DOCUMENT)
     try:
@@ -328,30 +333,33 @@ def _constant(word: str) -> float:
 
 
 def _refuse_extremes(value: Any, *, finite: bool) -> None:
-    """Go through all values, level by level so that no depth can overrun this."""
+    """Raise DocumentError for deep nesting, too many digits and, if ``finite``, infinite numbers.
+
+    Goes through the values level by level: a recursion could exceed the limit of Python.
+    """
     level, depth = [("", value)], 0
     while level:
         if depth > DEEPEST_NESTING:
             raise DocumentError(
-                f"nested deeper than {DEEPEST_NESTING} levels", level[0][0][:_documents_SHOWN]
+                f"nested deeper than {DEEPEST_NESTING} levels", level[0][0][:_MOST_SHOWN]
             )
-        inner: list[tuple[str, Any]] = []
-        for key, each in level:
-            if isinstance(each, dict):
-                inner += [
-                    (f"{key}.{name}" if key else str(name), item) for name, item in each.items()
+        next_level: list[tuple[str, Any]] = []
+        for key, item in level:
+            if isinstance(item, dict):
+                next_level += [
+                    (f"{key}.{name}" if key else str(name), inner) for name, inner in item.items()
                 ]
-            elif isinstance(each, list):
-                inner += [(key, item) for item in each]
-            elif isinstance(each, int) and abs(each) >= 10**MOST_DIGITS:
+            elif isinstance(item, list):
+                next_level += [(key, inner) for inner in item]
+            elif isinstance(item, int) and abs(item) >= 10**MOST_DIGITS:
                 raise DocumentError(
-                    f"{str(each)[:_documents_SHOWN]}... is not a number to compute with: it has "
+                    f"{str(item)[:_MOST_SHOWN]}... is not a number to compute with: it has "
                     f"more than {MOST_DIGITS} digits",
                     key,
                 )
-            elif finite and isinstance(each, float) and not math.isfinite(each):
+            elif finite and isinstance(item, float) and not math.isfinite(item):
                 raise DocumentError("a number beyond the range of floats", key)
-        level, depth = inner, depth + 1
+        level, depth = next_level, depth + 1
 
 
 # ---- Versions of Python and packages
@@ -369,33 +377,37 @@ def versions() -> dict[str, str]:
 
 
 def own_version() -> str:
-    """The version of this package; ``"0+unknown"`` of a checkout that was never installed."""
+    """Return the version of this package; ``"0+unknown"`` if it is not installed."""
     try:
         return version("flightid")
     except PackageNotFoundError:
         return "0+unknown"
 
 
-MOST_NUMBERS = MOST_RECORD // 8
-_PIECE_OF_PACKED = 1 << 20
-COMPRESSED_TYPE = 15  # type of an element of a MAT file that is packed
-_MAT_HEADER = 128
+# ---- Sizes of compressed files
+
+MOST_NUMBERS = MOST_RECORD // 8  # a float has 8 bytes
+_PIECE_OF_PACKED = 1 << 20  # bytes that are unpacked at a time
+COMPRESSED_TYPE = 15  # type number of a compressed element of a MAT file
+_MAT_HEADER = 128  # bytes
 HDF5 = b"\x89HDF"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:
-    """Raise RecordError if a packed file unpacks to more than is read; a damaged file is for its
-    reader to name.
+    """Raise RecordError if a compressed file has more than ``MOST_RECORD`` bytes unpacked.
+
+    A damaged file is not refused here: the reader of its format reports the damage.
     """
-    suffix = path.suffix.lower()
-    parquet = content.startswith(b"PAR1") and _numbers_in_parquet(content) > MOST_NUMBERS
-    matlab = (
-        suffix == ".mat"
-        and not content.startswith(HDF5)
-        and _unpacked_by_mat(content) > MOST_RECORD
-    )
-    if parquet or matlab or (content.startswith(ZIP) and _unpacked_by_zip(content) > MOST_RECORD):
+    if content.startswith(b"PAR1"):
+        too_much = _numbers_in_parquet(content) > MOST_NUMBERS
+    elif content.startswith(ZIP):
+        too_much = _bytes_in_zip(content) > MOST_RECORD
+    elif path.suffix.lower() == ".mat" and not content.startswith(HDF5):
+        too_much = _bytes_in_mat(content) > MOST_RECORD
+    else:
+        too_much = False
+    if too_much:
         raise too_large(
             RecordError,
             str(path),
@@ -405,8 +417,8 @@ def refuse_oversized(path: Path, content: bytes) -> None:
         )
 
 
-def _unpacked_by_zip(content: bytes) -> int:
-    """Bytes of all parts of a spreadsheet, as its own index has them."""
+def _bytes_in_zip(content: bytes) -> int:
+    """Return the bytes of an unpacked spreadsheet, as its index states them; 0 if damaged."""
     import zipfile
 
     try:
@@ -417,31 +429,40 @@ def _unpacked_by_zip(content: bytes) -> int:
 
 
 def _numbers_in_parquet(content: bytes) -> int:
-    """Return the rows times columns, as the file's own index has them."""
+    """Return rows times columns, as the index of the file states them; 0 if damaged."""
     try:
         import pyarrow.parquet
 
-        result = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
-        return int(result.num_rows) * int(result.num_columns)
-    except Exception:  # not installed, or damaged in one of many ways
+        metadata = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        return int(metadata.num_rows) * int(metadata.num_columns)
+    except Exception:  # pyarrow is not installed, or the file is damaged in one of many ways
         return 0
 
 
-def _unpacked_by_mat(content: bytes) -> int:
-    """Bytes of all elements of a MAT file of version 5, counted until there are too many."""
+def _bytes_in_mat(content: bytes) -> int:
+    """Return the unpacked bytes of all elements of a MAT file of version 5.
+
+    The count stops once it exceeds ``MOST_RECORD``.
+    """
     order: Literal["little", "big"] = "little" if content[126:128] == b"IM" else "big"
     at, total = _MAT_HEADER, 0
     while at + 8 <= len(content) and total <= MOST_RECORD:
-        kind, size = (
-            int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
-        )
+        # An element: its type and size in 4 bytes each, then its body.
+        element_type = int.from_bytes(content[at : at + 4], order)
+        size = int.from_bytes(content[at + 4 : at + 8], order)
         body = content[at + 8 : at + 8 + size]
-        total += _unpacked(body, MOST_RECORD - total) if kind == COMPRESSED_TYPE else len(body)
+        if element_type == COMPRESSED_TYPE:
+            total += _unpacked_size(body, MOST_RECORD - total)
+        else:
+            total += len(body)
         at += 8 + size
     return total
 
 
-def _unpacked(body: bytes, most: int) -> int:
+def _unpacked_size(body: bytes, most: int) -> int:
+    """Return the unpacked bytes of a compressed element, counted until they exceed ``most``; 0 if
+    it is damaged.
+    """
     stream, size = zlib.decompressobj(), 0
     try:
         while body and size <= most and not stream.eof:

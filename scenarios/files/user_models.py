@@ -1,5 +1,5 @@
-"""Users' models: the Python file that declares one, its vehicle file, and constraints on its
-parameters.
+"""Users' models: the Python file that declares a model, the vehicle file with its values, and the
+constraints on its parameters.
 """
 
 from __future__ import annotations
@@ -22,21 +22,25 @@ from sim.declaration.model import Model, Tie
 from sim.declaration.user_equations import OwnEquations, Starts, parameters_read
 from sim.errors import DeclarationError, ModelError
 
-# ---- What a vehicle file lays down about its parameters
+# ---- Constraints that a vehicle file puts on parameters
 
 TABLES = ("fixed", "bounds", "tied")
 STARTS = "derivatives"
-_BOUND_TOLERANCE = (
-    1e-9  # distance from a bound that counts as at the bound, share of the larger bound
-)
+# A value this near to a bound is at the bound; relative to the larger bound. It covers rounding.
+_BOUND_TOLERANCE = 1e-9
 _TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
 _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """Constraints of a vehicle file, SI: ``fixed`` parameters, ``bounds`` (low, high) of a fit,
-    ``ties`` of parameters to others.
+    """Constraints of a vehicle file, in SI units.
+
+    Attributes
+    ----------
+    fixed : names of the parameters that a fit holds at their starts.
+    bounds : (low, high) by parameter.
+    ties : parameters that are linear functions of other parameters.
     """
 
     fixed: tuple[str, ...] = ()
@@ -62,44 +66,43 @@ def take_constraints(
 
     Parameters
     ----------
-    content : the file as read; ``[derivatives]`` receives a start for each parameter that
-        ``[fixed]`` gives a value or ``[tied]`` names.
-    units : parameters that can be estimated, with SI units.
-    defaults : starting values of parameters that the file may omit.
+    content : the file as read. Its table ``[derivatives]`` receives the starts of the parameters
+        that ``[fixed]`` gives a value or that ``[tied]`` defines.
+    units : SI unit by parameter that can be estimated.
+    defaults : starting values, SI, of parameters that the file may omit.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice,
-        bounds in the wrong order or beside the start, a tie to itself, to one that is tied, or of
-        another form.
+    DeclarationError : an unknown parameter; a parameter given twice; bounds in the wrong order or
+        bounds that exclude the start; a tie to the parameter itself or to a tied parameter; a tie
+        of another form. The message has file, key and remedy in one line.
     """
     given = {table: content.pop(table, {}) for table in TABLES}
     if all(table == {} for table in given.values()):
         return NONE
     starts = content.setdefault(STARTS, {})
     if not isinstance(starts, dict):
-        return NONE  # its own reader reports errors
+        return NONE  # the reader of [derivatives] reports this error
     modes = content.get("modes")
-    # New entries go into the first map (derivatives); starts of elastic modes are only read.
-    values = ChainMap(
+    # A ChainMap writes into its first map only: new starts go into [derivatives].
+    start_values = ChainMap(
         starts,
         *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)),
         dict(defaults or {}),
     )
-    fixed = _fixed(given["fixed"], values, units, path)
-    ties = _ties(given["tied"], values, units, fixed, path)
-    return Constraints(
-        fixed,
-        _bounds(given["bounds"], values, units, (*fixed, *(tie.name for tie in ties)), path),
-        ties,
-    )
+    fixed = _fixed(given["fixed"], start_values, units, path)
+    ties = _ties(given["tied"], start_values, units, fixed, path)
+    held = (*fixed, *(tie.name for tie in ties))
+    bounds = _bounds(given["bounds"], start_values, units, held, path)
+    return Constraints(fixed, bounds, ties)
 
 
 def with_place(
     error: DeclarationError, constraints: Constraints, path: str | Path
 ) -> DeclarationError:
-    """Return a fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which
-    the user wrote it.
+    """Return an error about a start with the key that the user wrote.
+
+    A start from ``[fixed]`` or ``[tied]`` was moved to ``[derivatives]``; the error names that key.
     """
     for table, names in (
         ("fixed", constraints.fixed),
@@ -126,49 +129,49 @@ def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: s
 
 
 def side_at(value: float, bounds: tuple[float, float]) -> str:
-    """``"lower"`` or ``"upper"`` where a fit has pressed a value against one of its bounds, else
-    empty.
-    """
+    """Return ``"lower"`` or ``"upper"`` if a value is at one of its bounds, else an empty text."""
     low, high = bounds
     tolerance = _BOUND_TOLERANCE * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
     if math.isfinite(low) and low - value >= -tolerance:
         return "lower"
-    return "upper" if math.isfinite(high) and value - high >= -tolerance else ""
+    if math.isfinite(high) and value - high >= -tolerance:
+        return "upper"
+    return ""
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:
-    """The model with the constraints of a file; the narrower bounds of file and model apply."""
+    """Return a model with the constraints of a file; of two bounds the narrower one applies."""
     if not constraints:
         return model
     parameters = model.parameters.hold(constraints.fixed)
-    narrow = {}
+    bounds = {}
     for name, (low, high) in constraints.bounds.items():
-        own = parameters[name].bounds
-        narrow[name] = (max(low, own[0]), min(high, own[1]))
-    return model.with_parameters(parameters.with_bounds(narrow)).with_ties(constraints.ties)
+        model_bounds = parameters[name].bounds
+        bounds[name] = (max(low, model_bounds[0]), min(high, model_bounds[1]))
+    return model.with_parameters(parameters.with_bounds(bounds)).with_ties(constraints.ties)
 
 
 def constraint_sentences(
     constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Constraints of a vehicle file, a sentence each; empty without any."""
+    """Return a sentence on the fixed, the tied and the bounded parameters, if there are any."""
     sentences = []
     if constraints.fixed:
-        each = [
+        entries = [
             f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
             for name in constraints.fixed
         ]
-        sentences.append(f"held by the vehicle file: {', '.join(each)}")
+        sentences.append(f"held by the vehicle file: {', '.join(entries)}")
     if constraints.ties:
         sentences.append(
             f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}"
         )
     if constraints.bounds:
-        each = [
+        entries = [
             f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}"
             for name, (low, high) in constraints.bounds.items()
         ]
-        sentences.append(f"bounded by the vehicle file: {', '.join(each)}")
+        sentences.append(f"bounded by the vehicle file: {', '.join(entries)}")
     return tuple(sentences)
 
 
@@ -179,7 +182,11 @@ def _unit(unit: str) -> str:
 def _fixed(
     table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], path: str | Path
 ) -> tuple[str, ...]:
-    """``fixed = ["A"]`` holds at the start, ``[fixed] A = 1.0`` gives the value."""
+    """Return the fixed parameters.
+
+    ``fixed = ["A"]`` holds A at its start. ``[fixed] A = 1.0`` gives the value, which becomes the
+    start.
+    """
     if isinstance(table, list):
         for name in table:
             _refuse_unknown(name, units, f"{path}, key fixed")
@@ -196,7 +203,7 @@ def _fixed(
     ).items():
         where = f"{path}, key fixed.{name}"
         _refuse_unknown(name, units, where)
-        _once(name, starts, where)
+        _refuse_second_entry(name, starts, where)
         starts[name] = _number(value, units[name], where)
     return tuple(table)
 
@@ -208,6 +215,7 @@ def _ties(
     fixed: Iterable[str],
     path: str | Path,
 ) -> tuple[Tie, ...]:
+    """Return the ties, checked; each tied parameter gets the start that its tie gives."""
     ties: list[Tie] = []
     entries = _table(table, "tied", path, _TIE)
     for name, entry in entries.items():
@@ -217,7 +225,7 @@ def _ties(
             raise DeclarationError(
                 "given twice, also under fixed", where=where, remedy="keep one of the two"
             )
-        _once(name, starts, where)
+        _refuse_second_entry(name, starts, where)
         ties.append(_tie(name, entry, units, where))
     for tie in ties:
         where = f"{path}, key tied.{tie.name}"
@@ -278,7 +286,7 @@ def _bounds(
     held: Iterable[str],
     path: str | Path,
 ) -> Mapping[str, tuple[float, float]]:
-    out = {}
+    bounds = {}
     for name, pair in _table(
         table, "bounds", path, "write [bounds] with NAME = [low, high]"
     ).items():
@@ -317,8 +325,8 @@ def _bounds(
                 where=where,
                 remedy="widen the bounds or move the start",
             )
-        out[name] = (low, high)
-    return MappingProxyType(out)
+        bounds[name] = (low, high)
+    return MappingProxyType(bounds)
 
 
 def _table(table: Any, key: str, path: str | Path, remedy: str) -> dict[str, Any]:
@@ -336,7 +344,7 @@ def _refuse_unknown(name: Any, units: Mapping[str, str], where: str) -> None:
         )
 
 
-def _once(name: str, starts: ChainMap[str, Any], where: str) -> None:
+def _refuse_second_entry(name: str, starts: ChainMap[str, Any], where: str) -> None:
     """Refuse a name that the file declares in two tables."""
     if any(name in table for table in starts.maps[:-1]):
         raise DeclarationError(
@@ -353,17 +361,22 @@ def _number(value: object, unit: str, where: str) -> float:
 # ---- A user's own model
 
 SUFFIX = ".py"
-AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model aircraft declares its equations, too
-# of a vehicle file, which a constant's would hide
-NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied", "uncertainty")
-SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
+AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model ``aircraft`` declares equations, too
+# Keys of every vehicle file. A constant with such a name could not be given there.
+_RESERVED_KEYS = ("name", "derivatives", "fixed", "bounds", "tied", "uncertainty")
+SHORT_PERIOD = ("alpha", "q", "nz")  # outputs that the kinematics of pitching relate
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """A model that a file declares, at the file's own starts, and the file with its hash; of one
-    that never was in a file its name and numbers'.
+    """A user's model at its own starts.
+
+    Attributes
+    ----------
+    model : the model.
+    identity : name and hash of its file; of a model without a file its name and the hash of its
+        numbers.
     """
 
     model: Model
@@ -371,11 +384,12 @@ class OwnModel:
 
 
 def is_model_file(name: str | OwnModel) -> bool:
-    """Return whether ``--model`` names a user's file: one that ends in .py, or a path; a model in
-    memory is as good.
+    """Return whether ``--model`` names a user's model: a file by its suffix, a path, or a model in
+    memory.
     """
-    ends = (SUFFIX, AIRCRAFT_SUFFIX)
-    return isinstance(name, OwnModel) or name.endswith(ends) or "/" in name or "\\" in name
+    if isinstance(name, OwnModel):
+        return True
+    return name.endswith((SUFFIX, AIRCRAFT_SUFFIX)) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:
@@ -384,58 +398,65 @@ def is_own(model: Model) -> bool:
 
 
 def is_of_aircraft(model: Model) -> bool:
-    """Return whether a model is of an aircraft's short period.
+    """Return whether the kinematic checks and the channel names of an aircraft apply to a model.
 
-    Built in, or a user model with the same channels and units and an airspeed. Kinematic checks and
-    channel names then apply as for a built-in model.
+    They apply to every built-in model, and to a user model that has an airspeed and the outputs of
+    the short period in the units of the built-in models.
     """
     if not is_own(model):
         return True
-    outputs = {signal.name: signal.unit for signal in model.equations.outputs}
-    speed = (
+    output_units = {signal.name: signal.unit for signal in model.equations.outputs}
+    has_airspeed = (
         "airspeed" in model.parameters
         and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
     )
-    return speed and all(outputs.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD)
+    return has_airspeed and all(
+        output_units.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD
+    )
 
 
 def inputs_at_rest(model: Model) -> list[float]:
-    """Inputs at which a model is tried: zero unless its file declares others."""
+    """Return the inputs of a model at rest, in its order: zero unless its file declares others."""
     equations = model.equations
     declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
     return [declared.get(signal.name, 0.0) for signal in equations.inputs]
 
 
 def moves_about_rest(model: Model) -> bool:
-    """Return whether a model has modes about its start: not a user model that starts elsewhere than
-    at rest.
+    """Return whether a model starts at rest, so that modes about its start have a meaning.
+
+    Built-in models do. A user model does if its initial states and its inputs at rest are zero.
     """
-    return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
+    if not is_own(model):
+        return True
+    return not np.any(model.initial.values()) and not any(inputs_at_rest(model))
 
 
 def unit_in(model: Model, name: str) -> str:
-    """Return the unit that a model declares for a state, an input, an output or a parameter; 1
-    where it has no such name.
+    """Return the unit of a state, an input, an output or a parameter of a model; 1 for a name that
+    the model does not have.
     """
-    e = model.equations
-    signals = {signal.name: signal.unit for signal in (*e.states, *e.inputs, *e.outputs)}
-    return (
-        signals[name]
-        if name in signals
-        else model.parameters[name].unit
-        if name in model.parameters
-        else "1"
-    )
+    equations = model.equations
+    for signal in (*equations.outputs, *equations.inputs, *equations.states):
+        if signal.name == name:
+            return signal.unit
+    return model.parameters[name].unit if name in model.parameters else "1"
 
 
 def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """Run a user's Python file once and return its ``MODEL``; the file's docstring becomes the
-    explanation.
+    """Run a user's Python file once and return its ``MODEL``.
+
+    The file's docstring becomes the explanation of the model.
+
+    Parameters
+    ----------
+    path : the Python file.
+    built_in : names that a user's model cannot have.
 
     Raises
     ------
-    DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that
-        ``own_model`` did not make or that has the name of one ``built_in``.
+    DeclarationError : there is no such file; the file has an error (with its line); it has no
+        ``MODEL``; ``own_model`` did not make the ``MODEL``; the model has a ``built_in`` name.
     """
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
@@ -458,17 +479,15 @@ def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
 
     Raises DeclarationError as ``read_user_model``.
     """
-    own = checked_model(model, "model", built_in)
-    numbers = repr(
-        [(item.name, item.value, item.unit, item.free) for item in (*own.parameters, *own.initial)]
-    )
-    return OwnModel(
-        own, InputFile(own.name, hashlib.sha256(f"{own.name}: {numbers}".encode()).hexdigest())
-    )
+    checked = checked_model(model, "model", built_in)
+    items = (*checked.parameters, *checked.initial)
+    numbers = repr([(item.name, item.value, item.unit, item.free) for item in items])
+    digest = hashlib.sha256(f"{checked.name}: {numbers}".encode()).hexdigest()
+    return OwnModel(checked, InputFile(checked.name, digest))
 
 
 def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> Model:
-    """The model, if it is a user model with allowed names. Raises DeclarationError otherwise."""
+    """Return ``model`` if it is a user model with allowed names; else raise DeclarationError."""
     if not isinstance(model, Model) or not is_own(model):
         raise DeclarationError(
             f"its MODEL is of type {type(model).__name__}",
@@ -479,7 +498,7 @@ def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> 
         raise DeclarationError(
             f"the model {model.name!r} is built in", where=where, remedy="give yours another name"
         )
-    for name in NOT_KEYS:
+    for name in _RESERVED_KEYS:
         if name in model.parameters and not model.parameters[name].free:
             raise DeclarationError(
                 f"a constant {name!r} has no place in a vehicle file",
@@ -490,53 +509,58 @@ def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> 
 
 
 def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
-    """Raise DeclarationError, with its line, for a parameter that no equation uses."""
-    rest = dict(
+    """Raise DeclarationError for a parameter that no equation uses, with its line in the file.
+
+    A parameter counts as used if the equations read it at the start of the model, or if the file
+    has an attribute of its name: an equation may read it in a branch not taken at the start.
+    """
+    inputs = dict(
         zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True)
     )
     signals = {
         TIME: 0.0,
         **{item.name: item.value for item in model.initial},
-        **rest,
+        **inputs,
         **{port.name: 0.0 for port in equations.ports},
     }
-    used = parameters_read(
+    read_at_start = parameters_read(
         equations, Starts(signals, {item.name: item.value for item in model.parameters})
     )
     nodes = [*ast.walk(ast.parse(source.content))]
-    spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:
-        if name not in used and name not in spelt:
+        if name not in read_at_start and name not in attributes:
             lines = [
                 node.lineno
                 for node in nodes
                 if isinstance(node, ast.Constant) and node.value == name
             ]
-            where = (
-                f"{source.path}{f', line {lines[0]}' if lines else ''}: model {model.name}, "
-                f"parameters, {name}"
-            )
+            line = f", line {lines[0]}" if lines else ""
+            where = f"{source.path}{line}: model {model.name}, parameters, {name}"
             raise DeclarationError(
                 "it is in no equation", where=where, remedy="use it, or leave it out"
             )
 
 
 def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]:
-    """Return vehicle name, model with values of a vehicle file, and the file's constraints.
+    """Read a vehicle file of a user's model.
 
-    Values that the file omits are those of the model. The constraints are not applied yet.
+    Returns
+    -------
+    The name of the vehicle; the model with the values of the file, and its own where the file
+    omits a value; the constraints of the file, which are not applied to the model yet.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the
-        wrong kind or unit or beyond its bounds.
+    DeclarationError : the file is not TOML; an unknown key; a value of the wrong kind or unit, or
+        beyond its bounds. The message has file, key and remedy in one line.
     """
     from scenarios.files.schemas import number_in
 
     path, content = source.path, toml_of(source)
-    content.pop("uncertainty", None)  # read when the constants are known
+    content.pop("uncertainty", None)  # another reader takes it, once the constants are known
     free = [item for item in own.model.parameters if item.free]
-    laid_down = take_constraints(
+    constraints = take_constraints(
         content,
         {item.name: item.unit for item in free},
         path,
@@ -553,32 +577,33 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
             where=f"{path}, key derivatives",
             remedy="write [derivatives], and below it the starts",
         )
-    given = {item.name: item for item in own.model.parameters}
+    parameters = {item.name: item for item in own.model.parameters}
     values = {}
     for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
-        names = [item.name for item in given.values() if item.free is is_free]
+        names = [item.name for item in parameters.values() if item.free is is_free]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
             if key not in names:
                 raise DeclarationError(
                     "there is no such key",
                     where=where,
-                    remedy=_remedy(key, names, free=is_free, other=key in given),
+                    remedy=_remedy(key, names, free=is_free, misplaced=key in parameters),
                 )
-            values[key] = number_in(value, given[key].unit, where)
+            values[key] = number_in(value, parameters[key].unit, where)
     try:
         model = own.model.with_values(values)
     except ModelError as error:
         raise DeclarationError(
             f"{error.where}: {error.what}", where=str(path), remedy=error.remedy
         ) from None
-    refuse_nothing_left(laid_down, [item.name for item in free], path)
-    return name, model, laid_down
+    refuse_nothing_left(constraints, [item.name for item in free], path)
+    return name, model, constraints
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
-    """Return the unit of every channel that a record for this model may have; a user model declares
-    its own.
+    """Return the unit of every channel that a record for this model may have.
+
+    A user model declares its channels; every other model has the channels of ``CHANNEL_UNITS``.
     """
     if not is_own(model):
         return CHANNEL_UNITS
@@ -591,12 +616,15 @@ def channel_units(model: Model) -> Mapping[str, str]:
     }
 
 
-def _remedy(key: str, allowed: list[str], *, free: bool, other: bool) -> str:
-    if other:
-        return (
-            "it is a constant: put it above [derivatives]"
-            if free
-            else "it is a parameter: put it under [derivatives]"
-        )
-    what = "parameters" if free else "constants"
-    return closest(key, allowed) if allowed else f"the model has no {what}"
+def _remedy(key: str, allowed: list[str], *, free: bool, misplaced: bool) -> str:
+    """Return the remedy for an unknown key of the table of free parameters or of constants.
+
+    ``misplaced``: the key belongs into the other of the two tables.
+    """
+    if misplaced and free:
+        return "it is a constant: put it above [derivatives]"
+    if misplaced:
+        return "it is a parameter: put it under [derivatives]"
+    if allowed:
+        return closest(key, allowed)
+    return f"the model has no {'parameters' if free else 'constants'}"

@@ -1,4 +1,4 @@
-"""Vehicle files: constants and starting values of one vehicle for one model, in SI units."""
+"""Read vehicle files: constants and starting values of a vehicle for a model, in SI units."""
 
 from __future__ import annotations
 
@@ -42,31 +42,33 @@ MODELS = (
     "multirotor",
     "aircraft",
 )
-BESIDE = "vehicle.toml"
+BESIDE_RECORD = "vehicle.toml"  # name of a vehicle file that is found beside a record
 AIRCRAFT = "aircraft"
 UNCERTAINTY = "uncertainty"
-FLOWN = ("aircraft_class", "flight_phase")
-# Model -> keys at the top of its file that are there, or are not, in files of no other model; a
-# file without these is a rigid aircraft's.
-_TOLD_BY = {
+FLYING_QUALITIES_KEYS = ("aircraft_class", "flight_phase")
+# Model -> (key at the top of the file, whether a file of this model has it). Together these keys
+# tell the models apart; a file that fits no line is of the rigid model.
+_DISTINGUISHING_KEYS = {
     "flexible": (("modes", True),),
     "lateral": (("span", True),),
     "longitudinal": (("reference_airspeed", True),),
     "loes": (("gravity", True), ("mass", False)),
     "multirotor": (("mass", False), ("airspeed", False), ("reference_airspeed", False)),
 }
-# Model -> keys that only its files have, and which other models read these files.
-_WRITTEN_FOR = {
+# Model -> keys that only its files have.
+_OWN_KEYS = {
     "lateral": ("roll_inertia", "yaw_inertia"),
     "longitudinal": ("reference_airspeed",),
     "ballistic": ("density_scale_height",),
     "rigid": ("pitch_inertia", "airspeed"),
 }
+# Model -> models that read its files, if there are others than itself.
 _READERS = {"rigid": ("rigid", "flexible")}
-_SHARE = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
+_PERCENT = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
-RELATIVE_PRIOR = 0.5
-OF_TYPICAL = 0.01  # typical size of a zero start, share of the largest one
+RELATIVE_PRIOR = 0.5  # prior standard deviation over starting value: files may be 30 % wrong
+TYPICAL_SHARE = 0.01  # size that stands for a start of zero, as a share of the largest start
+LARGEST_UNCERTAINTY = 0.5  # standard deviation over value of a constant that must be positive
 
 
 @dataclass(frozen=True)
@@ -75,25 +77,23 @@ class VehicleFile:
 
     Attributes
     ----------
-    name : of the vehicle; default: of the file.
-    model : the model it was read for.
-    constants : fixed values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
-        ``pitch_inertia``, ``airspeed``, ``air_density``; loes: ``airspeed``, ``gravity`` and, if
-        given, ``vane_arm`` (m, ahead of the c.g.); ballistic: ``air_density_reference``,
-        ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
-        ``LONGITUDINAL_CONSTANTS`` of the equations.
-    derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and
-        longitudinal those that are given.
-    modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``,
-        ``generalized_mass`` kg m2 and the starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1
-        Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and the couplings
-        ``Ceta1_eta2 ...`` that the file gives.
+    name : name of the vehicle; if the file states none, the name of the file.
+    model : name of the model for which the file was read.
+    constants : fixed values in SI units; ``docs/nomenclature.md`` has their names and meanings. A
+        file of the loes model may omit ``vane_arm``.
+    derivatives : starting values in SI units, per radian (loes: per unit of the stick).
+    modes : for each elastic mode of the flexible model its number, from 1, and its values:
+        ``frequency`` (rad/s), ``damping`` (1), ``generalized_mass`` (kg m2), the starts of its
+        derivatives, and the couplings ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file, or None.
-    aircraft_class, flight_phase : class I to IV, category A to C of MIL-F-8785C, or None.
-    own, own_file : a user's model with these numbers, and its file; None for ``MODELS``.
+    own : a user's model with these numbers; None for a built-in model.
+    own_file : name and hash of the file of the user's model; None for a built-in model.
+    aircraft_class : class I to IV of MIL-F-8785C, or None.
+    flight_phase : category A to C of MIL-F-8785C, or None.
     constraints : parameters that are fixed, bounded or tied; their starts are in ``derivatives``.
     text : content of the file, or empty.
-    uncertainty : standard deviations of constants (table ``[uncertainty]``); others are exact.
+    uncertainty : standard deviation by constant, SI, of the table ``[uncertainty]``; a constant
+        without an entry is exact.
     """
 
     name: str
@@ -125,20 +125,22 @@ def vehicle_with_file(name: str, file: InputFile | None) -> str:
 
 
 def vehicle_next_to(record: Path | RecordFile) -> Path | None:
-    """``vehicle.toml`` in a record's folder, None if there is none."""
+    """Return the path of ``vehicle.toml`` in the folder of a record, None if there is none."""
     path = path_of(record)
-    beside = path.parent / BESIDE if path is not None else None
-    return beside if beside is not None and beside.is_file() else None
+    if path is None:
+        return None
+    vehicle_path = path.parent / BESIDE_RECORD
+    return vehicle_path if vehicle_path.is_file() else None
 
 
 ALSO_READ = "also read, because found beside the records"
 
 
 def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
-    """Return a sentence that names the files that were read without being named: a vehicle file and
-    the JSON files of records; empty without one.
+    """Return a sentence on the files that were read although the user did not name them.
 
-    ``vehicle``: the file that ``vehicle_next_to`` found, None if the vehicle file was named.
+    These are the vehicle file that ``vehicle_next_to`` found (``vehicle``; None if the user named
+    one) and the sidecars of records. Without any the result is empty.
     """
     names = [str(vehicle)] if vehicle is not None else []
     names += [
@@ -151,20 +153,18 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
 
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
     """Raise DeclarationError for an unknown model name."""
-    if model not in MODELS and not is_model_file(model):
-        raise DeclarationError(
-            f"there is no model {model!r}",
-            where=where,
-            remedy=near
-            if (near := closest(str(model), MODELS)).startswith("did you mean")
-            else f"{near}, or a Python file of your own",
-        )
+    if model in MODELS or is_model_file(model):
+        return
+    remedy = closest(str(model), MODELS)
+    if not remedy.startswith("did you mean"):
+        remedy = f"{remedy}, or a Python file of your own"
+    raise DeclarationError(f"there is no model {model!r}", where=where, remedy=remedy)
 
 
 def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
-    """Read a vehicle file for one of ``MODELS``, or for a user's model, for which it may be None.
+    """Read a vehicle file for a built-in model or a user's model.
 
-    Raises DeclarationError, also if there is no such file.
+    ``path`` may be None for a user's model, which has values of its own. Raises DeclarationError.
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
@@ -175,20 +175,22 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
         raise DeclarationError(
             what,
             where="--vehicle",
-            remedy=f"name a vehicle file or one of the library, or put {BESIDE} beside the record",
+            remedy="name a vehicle file or one of the library, or put "
+            f"{BESIDE_RECORD} beside the record",
         )
     return vehicle_of(vehicle_source(path, model), model)
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """Return a user's own model with the numbers of a vehicle file, or with its own if there is
-    none.
+    """Return a user's model with the values of a vehicle file.
+
+    Without a file the model keeps its own values.
     """
     if source is not None and "aerodynamics" in toml_of(source):
         return aircraft_vehicle(source)
-    name, model, laid_down = (
-        own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
-    )
+    name, model, constraints = own.model.name, own.model, NONE
+    if source is not None:
+        name, model, constraints = own_numbers(own, source)
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
@@ -204,27 +206,27 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         identity,
         model,
         own.identity,
-        constraints=laid_down,
+        constraints=constraints,
         text=text,
     )
     return vehicle if source is None else _with_uncertainty(vehicle, source)
 
 
 def with_plain_terms(source: Source) -> Source:
-    """A vehicle file without terms, with a constant for each coefficient."""
+    """Return the file of an aircraft with a term of zero for each coefficient that has no terms."""
     content = toml_of(source)
     table = content.get("aerodynamics", {})
     if not isinstance(table, dict):
         return source
-    wind = {"CD", "CL"} & set(table)
-    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
-    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
-    return replace(source, content=source.content + further.encode()) if further else source
+    wind_axes = {"CD", "CL"} & set(table)
+    axes = ("CD", "CY", "CL", *MOMENTS) if wind_axes else ("CX", "CY", "CZ", *MOMENTS)
+    added = "".join(f'\n[aerodynamics.{axis}]\n"1" = 0.0\n' for axis in axes if axis not in table)
+    return replace(source, content=source.content + added.encode()) if added else source
 
 
 def aircraft_vehicle(source: Source) -> VehicleFile:
-    """Return a file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
-    name, model, laid_down = model_of_file(source)
+    """Read a file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
+    name, model, constraints = model_of_file(source)
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
@@ -238,17 +240,17 @@ def aircraft_vehicle(source: Source) -> VehicleFile:
         source.identity,
         model,
         source.identity,
-        constraints=laid_down,
+        constraints=constraints,
         text=source.content.decode("utf-8-sig"),
     )
     return _with_uncertainty(vehicle, source)
 
 
 def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
-    """Return the vehicle with the standard deviations of its constants that its file states.
+    """Return the vehicle with the standard deviations of its constants, from its file.
 
-    Raises DeclarationError, in one line: an unknown constant, another unit, a number that is not
-    positive, or a standard deviation beyond half of a constant that must be positive.
+    Raises DeclarationError for an unknown constant, a wrong unit, a number that is not positive, or
+    a standard deviation of more than half of a constant that must be positive.
     """
     from scenarios.files.schemas import number_in
 
@@ -264,19 +266,22 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
     )
     units = {name: known[name] for name in vehicle.constants if name in known}
     sigmas = {}
-    for name, given in table.items():
+    for name, entry in table.items():
         place = f"{where}.{name}"
         if name not in units:
             remedy = closest(name, units)
             raise DeclarationError(f"there is no constant {name}", where=place, remedy=remedy)
         value = abs(vehicle.constants[name])
-        share = _SHARE.fullmatch(given) if isinstance(given, str) else None
-        sigma = 0.01 * float(share[1]) * value if share else number_in(given, units[name], place)
+        percent = _PERCENT.fullmatch(entry) if isinstance(entry, str) else None
+        if percent:
+            sigma = 0.01 * float(percent[1]) * value
+        else:
+            sigma = number_in(entry, units[name], place)
         if not sigma > 0.0 or not math.isfinite(sigma):
             remedy = "give a positive number, or leave the line out where the constant is known"
-            what = f"{given!r} is no standard deviation"
+            what = f"{entry!r} is no standard deviation"
             raise DeclarationError(what, where=place, remedy=remedy)
-        if name in ABOVE_ZERO and sigma > 0.5 * value:
+        if name in ABOVE_ZERO and sigma > LARGEST_UNCERTAINTY * value:
             raise DeclarationError(
                 f"{sigma:g} {units[name]} is more than half of {name}, {value:g}",
                 where=place,
@@ -287,9 +292,10 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """Read a vehicle file of any model of an aircraft.
+    """Read a vehicle file of any model of an aircraft; its keys show which model it is.
 
-    The model is empty if the file only serves a kinematic check. Raises DeclarationError.
+    A file that has only the values for a kinematic check gets an empty text as model. Raises
+    DeclarationError.
     """
     from scenarios.files.schemas import CHECK_ONLY
 
@@ -307,29 +313,22 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
         known = checked(CHECK_ONLY, content, source.path).model_dump(exclude_none=True)
         name = known.pop("name", source.path.stem)
         return VehicleFile(name, "", known, {}, identity=source.identity)
-    return vehicle_of(
-        source,
-        next(
-            (
-                model
-                for model, keys in _TOLD_BY.items()
-                if all((key in content) is there for key, there in keys)
-            ),
-            "rigid",
-        ),
-    )
+    for model, keys in _DISTINGUISHING_KEYS.items():
+        if all((key in content) is has_key for key, has_key in keys):
+            return vehicle_of(source, model)
+    return vehicle_of(source, "rigid")
 
 
 def vehicle_of(source: Source, model: str) -> VehicleFile:
-    """Return the vehicle of a file that was read, for one of ``MODELS``.
+    """Return the vehicle of an open file for one of ``MODELS``.
 
-    A value is a number in SI units or a text with a unit, ``"24200 lb"``. Starts of an elastic mode
-    are in its ``[[modes]]`` table or under ``[derivatives]``.
+    A value is a number in SI units, or a text with a unit such as ``"24200 lb"``. Starts of an
+    elastic mode are in its ``[[modes]]`` table or under ``[derivatives]``.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a
-        value of the wrong kind, unit or sign.
+    DeclarationError : the file is not TOML; an unknown or missing key; a value of the wrong kind,
+        unit or sign. The message has file, key and remedy in one line.
     """
     if model == AIRCRAFT:
         return aircraft_vehicle(source)
@@ -337,9 +336,9 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
     path, content = source.path, toml_of(source)
     _refuse_other_model(content, model, path)
-    content.pop(UNCERTAINTY, None)  # read last, when constants are known
+    content.pop(UNCERTAINTY, None)  # read last, once the constants are known
     units = units_of_starts(model, content.get("modes"))
-    laid_down = take_constraints(content, units, path)
+    constraints = take_constraints(content, units, path)
     tables: list[dict[str, Any]] = []
     if model == "flexible":
         tables = _mode_tables(content, path)
@@ -347,7 +346,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     try:
         vehicle = checked(SCHEMAS[model], content, path).model_dump(exclude_none=True)
     except DeclarationError as error:
-        raise with_place(error, laid_down, path) from None
+        raise with_place(error, constraints, path) from None
     modes = []
     for number, table in enumerate(tables, start=1):
         values = checked(
@@ -357,15 +356,15 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     constants = {
         key: value
         for key, value in vehicle.items()
-        if key not in ("name", "derivatives", "modes", *FLOWN)
+        if key not in ("name", "derivatives", "modes", *FLYING_QUALITIES_KEYS)
     }
     refuse_unusable(model, constants, vehicle["derivatives"], path)
     starts = {
         **vehicle["derivatives"],
         **{key: value for _, mode in modes for key, value in mode.items()},
     }
-    refuse_nothing_left(laid_down, [name for name in starts if name in units], path)
-    read = VehicleFile(
+    refuse_nothing_left(constraints, [name for name in starts if name in units], path)
+    vehicle_file = VehicleFile(
         vehicle.get("name", path.stem),
         model,
         constants,
@@ -374,14 +373,14 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         source.identity,
         aircraft_class=vehicle.get("aircraft_class"),
         flight_phase=vehicle.get("flight_phase"),
-        constraints=laid_down,
+        constraints=constraints,
         text=source.content.decode("utf-8-sig"),
     )
-    return _with_uncertainty(read, source)
+    return _with_uncertainty(vehicle_file, source)
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file that names another model, or whose keys belong to one."""
+    """Raise DeclarationError for a file of another model, as its key ``model`` or its keys show."""
     named = content.get("model")
     if isinstance(named, str) and named in MODELS and named != model:
         raise DeclarationError(
@@ -389,7 +388,7 @@ def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> N
             where=str(path),
             remedy=f"name a file for {model}, or the model {named}",
         )
-    for other, keys in _WRITTEN_FOR.items():
+    for other, keys in _OWN_KEYS.items():
         if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
             raise DeclarationError(
                 f"this vehicle file is for the {other} model ({', '.join(keys)}), not for {model}",
@@ -414,12 +413,12 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
     tables = [dict(mode) for mode in modes]
     derivatives = content.get("derivatives")
     if isinstance(derivatives, dict):
-        rest = {}
+        without_modal = {}
         for key, value in derivatives.items():
             match = _MODAL_START.fullmatch(key)
             number = int(match[1] or match[2]) if match else 0
             if not 1 <= number <= len(tables):
-                rest[key] = value
+                without_modal[key] = value
                 continue
             if key in tables[number - 1]:
                 raise DeclarationError(
@@ -428,18 +427,19 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
                     remedy="keep one of the two",
                 )
             tables[number - 1][key] = value
-        content["derivatives"] = rest
+        content["derivatives"] = without_modal
     return tables
 
 
 def with_priors(model: Model, free: Sequence[str]) -> Model:
-    """Return the model with exactly the named parameters free, each with a prior standard deviation
-    of half its starting value: files may be 30 % wrong.
+    """Return the model with only the named parameters free, each with a prior about its start.
+
+    The prior standard deviation is half the starting value (``RELATIVE_PRIOR``).
     """
     parameters = model.parameters.only_free(free)
-    typical = max((abs(parameters[name].value) for name in free), default=1.0)
+    largest = max((abs(parameters[name].value) for name in free), default=1.0)
     prior = {
-        name: RELATIVE_PRIOR * (abs(parameters[name].value) or OF_TYPICAL * typical or 1.0)
+        name: RELATIVE_PRIOR * (abs(parameters[name].value) or TYPICAL_SHARE * largest or 1.0)
         for name in free
     }
     return model.with_parameters(parameters.with_prior(prior))

@@ -29,7 +29,8 @@ from sim.record import Record
 
 # ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
 
-# characters of a file's name that its temporary one has, so that a long name can be used
+# Letters of a name that the name of its temporary file or folder keeps: a longer one could exceed
+# what the file system allows.
 _TEMPORARY_NAME_LETTERS = 40
 RESPONSE = "response"  # file of a study's outputs over time
 PREDICTED = "predicted_"  # prefix of predicted outputs
@@ -41,9 +42,9 @@ def write_record(
 ) -> tuple[Path, Path]:
     """Write ``stem.csv`` and ``stem.json`` and return their paths.
 
-    The CSV has plain names and SI units, each number in the shortest decimal form that reads back
-    as the same float, an empty cell where a sample is missing. The JSON has the name, the hold of
-    the inputs, the units, and that the data are ``simulated`` where they are.
+    The CSV file has names without units, and values in SI. Each number has the shortest decimal
+    form that reads back as the same float; the cell of a missing sample is empty. The JSON file has
+    the name, the hold of the inputs, the units, and for ``simulated`` data their origin.
     """
     table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
     columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
@@ -73,11 +74,14 @@ def write_responses(
     predicted: Mapping[str, np.ndarray],
     true: Mapping[str, np.ndarray] | None = None,
 ) -> None:
-    """Write ``time``, the inputs, and of each predicted output ``NAME``, ``predicted_NAME`` and,
-    where known, ``true_NAME``.
+    """Write time, inputs and outputs of a record with the predicted and the true outputs.
 
-    ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell
-    is empty if there is no number.
+    Columns: ``time``, the inputs, and for each predicted output ``NAME``, ``predicted_NAME`` and,
+    if known, ``true_NAME``; SI and radians. A missing number leaves an empty cell.
+
+    Parameters
+    ----------
+    predicted, true : values by output at the record's samples, each of shape ``(N,)``.
     """
     columns: dict[str, np.ndarray] = {TIME: record.time}
     columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
@@ -93,26 +97,26 @@ def write_responses(
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the
-    same content.
+    """Write strict JSON: the same content always gives the same bytes.
 
-    NumPy numbers and arrays, tuples, enums and paths are written as their values.
+    Keys are sorted; a list without tables or lists in it stands on one line. NumPy numbers and
+    arrays, tuples, enums and paths are written as their values.
 
     Raises
     ------
-    FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does
-        not know; nothing is written.
+    FlightidError : the content has a NaN, an infinity, a None, a key that is no text, or an object
+        that JSON does not know. Then nothing is written.
     """
     write_text(Path(path), json_text(content, str(path)) + "\n")
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """Return the text that ``write_json`` writes; ``where`` names the file in errors."""
-    return escaped(_laid_out(_json_value(content, where, ""), ""))
+    return escaped(_indented(_json_value(content, where, ""), ""))
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """Return a table as the text of a CSV file: its header, then its rows."""
+    """Return a header and rows as the text of a CSV file."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -129,51 +133,55 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_content(path: Path, content: bytes) -> None:
-    """Write a whole file or none, as ``write_text``."""
-    part = path.with_name(f".{path.name[:_TEMPORARY_NAME_LETTERS]}.part")
+    """Write the bytes of a file completely or not at all, as ``write_text``."""
+    temporary = path.with_name(f".{path.name[:_TEMPORARY_NAME_LETTERS]}.part")
     try:
-        part.write_bytes(content)
-        os.replace(part, path)
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
     finally:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
+# Names of devices on Windows, where no file can have them.
 _DEVICES = frozenset(
     {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 )
 
 
 def unportable(name: str) -> str:
-    """Return why a file or folder cannot have this name on every system, as the end of a sentence;
-    empty if it can.
+    """Return why a file or folder cannot have this name on every system; empty if it can.
 
-    Windows refuses some characters, names of devices, and a final point or space.
+    The reason is the end of a sentence. Windows refuses some characters, names of devices, and a
+    final point or space.
     """
     refused = next((letter for letter in name if letter in '<>:"/\\|?*' or ord(letter) < 32), "")
     if refused:
         return f"has the character {refused!r}, which Windows allows in no file name"
     if name.split(".")[0].rstrip(" ").lower() in _DEVICES:
         return "is the name of a device on Windows"
-    if not name or name[-1] in ". ":
-        return "ends with a point or a space, which Windows takes away" if name else "is empty"
+    if not name:
+        return "is empty"
+    if name[-1] in ". ":
+        return "ends with a point or a space, which Windows takes away"
     return ""
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:
-    """Part of a file name for each name, of letters, digits and ``_``; no two differ only in upper
-    and lower case.
+    """Return a part of a file name for each name, of letters, digits and ``_``.
+
+    The parts differ by more than upper and lower case, which some systems do not tell apart.
     """
     stems: dict[str, str] = {}
     for name in dict.fromkeys(names):
-        stem = "".join(letter if letter.isalnum() else "_" for letter in name)
-        taken = {each.lower() for each in stems.values()}
-        tries = (stem if n == 1 else f"{stem}_{n}" for n in range(1, len(names) + 2))
-        stems[name] = next(each for each in tries if each.lower() not in taken)
+        plain = "".join(letter if letter.isalnum() else "_" for letter in name)
+        taken = {stem.lower() for stem in stems.values()}
+        candidates = (plain if n == 1 else f"{plain}_{n}" for n in range(1, len(names) + 2))
+        stems[name] = next(stem for stem in candidates if stem.lower() not in taken)
     return stems
 
 
 def _json_value(value: Any, where: str, key: str) -> Any:
-    """Return the value in JSON's own types; ``key`` is the path to it."""
+    """Return a value in the types of JSON; ``where`` and ``key`` are its file and key in errors."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -210,64 +218,70 @@ def _json_value(value: Any, where: str, key: str) -> Any:
     return value
 
 
-def _laid_out(value: Any, indent: str) -> str:
+def _indented(value: Any, indent: str) -> str:
+    """Return the JSON text of a value whose closing bracket is indented by ``indent``."""
     inner = indent + "  "
     if isinstance(value, dict) and value:
         lines = [
-            f"{inner}{json.dumps(key, ensure_ascii=False)}: {_laid_out(value[key], inner)}"
+            f"{inner}{json.dumps(key, ensure_ascii=False)}: {_indented(value[key], inner)}"
             for key in sorted(value)
         ]
         return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
     if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
-        return "[\n" + ",\n".join(inner + _laid_out(item, inner) for item in value) + f"\n{indent}]"
+        return "[\n" + ",\n".join(inner + _indented(item, inner) for item in value) + f"\n{indent}]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 # ---- The study folder
 
 MANIFEST = "files"
-# characters of a folder's name that its temporary one has, so that a long name can be used
-_folders_SHORT = 40
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_ENDING = tuple(
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+# Signals that end the program, as far as the system has them.
+_ENDING_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 
 
 class _Scratch:
-    """A temporary folder, and two spare open files, which its removal needs if all others are used
-    up.
+    """A temporary folder.
+
+    It keeps two files open. Its removal closes them, since it has to open folders, which fails in
+    a program that has opened as many files as the system allows.
     """
 
-    def __init__(self, beside: Path, name: str) -> None:
-        self.path = Path(tempfile.mkdtemp(prefix=f".{name[:_folders_SHORT]}-", dir=beside))
-        self._aside: list[int] = []
+    def __init__(self, parent: Path, name: str) -> None:
+        prefix = f".{name[:_TEMPORARY_NAME_LETTERS]}-"
+        self.path = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+        self._spare_files: list[int] = []
         with contextlib.suppress(OSError):
-            self._aside += [os.open(os.devnull, os.O_RDONLY) for _ in range(2)]
+            self._spare_files += [os.open(os.devnull, os.O_RDONLY) for _ in range(2)]
 
     def remove(self) -> None:
-        """Remove the folder with all that is in it."""
-        while self._aside:
-            os.close(self._aside.pop())
+        """Remove the folder and its content."""
+        while self._spare_files:
+            os.close(self._spare_files.pop())
         shutil.rmtree(self.path, ignore_errors=True)
 
 
 @contextmanager
 def study_folder(path: str | Path, main: str) -> Iterator[Path]:
-    """A temporary folder to write a study into; on leaving, its files become those of ``path``.
+    """Give the body a temporary folder for a study, and move its files into ``path`` at the end.
 
-    ``path`` may be missing, empty, or hold an older run. ``main`` is the study's own JSON
-    (``"comparison.json"``, ``"diagnosis.json"``): it must be written, gets the list of all files
-    under the key ``files``, and is renamed last, so a folder with a new ``main`` is a complete one.
+    If the body raises, ``path`` is not changed. Files of an older run are removed if its ``main``
+    lists them, the new run did not write them, and no other study in the folder lists them. Other
+    files stay.
 
-    Files of an older run are removed if its ``main`` lists them, the new run did not write them,
-    and no other study in the folder lists them. Other files are kept. If the body raises, the
-    folder is not changed.
+    Parameters
+    ----------
+    path : folder of the study; it may be missing, be empty or hold an older run.
+    main : name of the study's JSON file, such as ``diagnosis.json``. The body must write it. It
+        receives the list of all files under the key ``files``, and it is moved last: a folder with
+        a new ``main`` is complete.
 
     Raises
     ------
-    FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours
-        should go.
+    FlightidError : ``path`` is a file or cannot be written, or a folder in it has the name of a
+        file of the study.
     """
     target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
@@ -277,72 +291,71 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
             else "this is a file, not a folder"
         )
         raise FlightidError(what, where=str(path), remedy="name another folder")
-    made: list[Path] = []
+    created: list[Path] = []
     scratch: _Scratch | None = None
     try:
         try:
-            _make(target.parent, made)
+            _create(target.parent, created)
             scratch = _Scratch(target.parent, target.name)
         except OSError as error:
             raise unwritable(path, error) from None
         try:
             yield scratch.path
         except OSError as error:
-            if error.errno in _FULL:
+            if error.errno in _DISK_FULL:
                 raise unwritable(path, error) from None
             raise
         try:
             with _uninterrupted(path):
-                _move_in(scratch.path, target, main, made)
+                _move_into_folder(scratch.path, target, main, created)
         except OSError as error:
             raise unwritable(path, error) from None
     except BaseException:
         if scratch is not None:
             scratch.remove()
-        _unmake(made)
+        _remove_created(created)
         raise
     scratch.remove()
 
 
 @contextmanager
 def files_together(named: Path) -> Iterator[Path]:
-    """Context manager: temporary folder for a record and its accompanying files.
+    """Give the body a temporary folder for a record and the files that belong to it.
 
-    At the end, all files are moved into the folder of ``named``, or none. ``named`` is the file
-    that the user requested; it is replaced. Other existing files are only replaced if an earlier
-    call wrote them, which their JSON schema shows.
+    At the end all files are moved into the folder of ``named``, or none. ``named`` is the file that
+    the user asked for; it is replaced. Another existing file is replaced only if flightid wrote it,
+    which the schema in the JSON file shows.
 
     Raises
     ------
-    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of
-        ours.
+    FlightidError : the folder cannot be written, or a file that flightid did not write has one of
+        the names.
     """
     target = named.parent
-    made: list[Path] = []
+    created: list[Path] = []
     scratch: _Scratch | None = None
     try:
         try:
-            _make(target, made)
+            _create(target, created)
             scratch = _Scratch(target, named.stem)
             yield scratch.path
-            _refuse_strangers(scratch.path, named)
+            _refuse_files_of_others(scratch.path, named)
             with _uninterrupted(named):
-                for name in sorted(
-                    os.listdir(scratch.path), key=lambda name: (name == named.name, name)
-                ):
+                names = os.listdir(scratch.path)
+                for name in sorted(names, key=lambda name: (name == named.name, name)):
                     os.replace(scratch.path / name, target / name)
         except OSError as error:
             raise unwritable(named, error) from None
     except BaseException:
         if scratch is not None:
             scratch.remove()
-        _unmake(made)
+        _remove_created(created)
         raise
     scratch.remove()
 
 
-def _refuse_strangers(scratch: Path, named: Path) -> None:
-    """Raise FlightidError if a file to be written exists and was not written by flightid."""
+def _refuse_files_of_others(scratch: Path, named: Path) -> None:
+    """Raise FlightidError if a file beside ``named`` exists and flightid did not write it."""
     beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
     ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
     for path in (named, *beside):
@@ -362,47 +375,55 @@ def _refuse_strangers(scratch: Path, named: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
+    """Return whether a JSON file has a schema of flightid."""
     content = json_or_none(path)
     return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """Delay signals until the files are in their place, so that a study is complete or absent."""
+    """Delay signals that end the program while the body moves files: a study is complete or absent.
+
+    After the body, the signals take effect. ``path`` is named in the message.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield  # only the main thread can set handlers of signals
         return
-    came: list[int] = []
-    former = {
-        number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))
+    received: list[int] = []
+    handlers = {
+        number: signal.getsignal(number)
+        for number in _ENDING_SIGNALS
+        if callable(signal.getsignal(number))
     }
-    for number in former:
-        signal.signal(number, lambda number, frame: came.append(number))
+    for number in handlers:
+        signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        for number, handler in former.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    for number in came:
+    for number in received:
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(number)
         raise KeyboardInterrupt(f"the study in {path} is whole")
 
 
 def listed_files(main: Path) -> frozenset[str]:
-    """Files that a study's JSON lists; empty for any other file."""
+    """Return the names of the files that the JSON file of a study lists; empty for other files."""
     content = json_or_none(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
-    return (
-        frozenset(name for name in names if isinstance(name, str) and _is_bare_name(name))
-        if isinstance(names, list)
-        else frozenset()
-    )
+    if not isinstance(names, list):
+        return frozenset()
+    return frozenset(name for name in names if isinstance(name, str) and _is_bare_name(name))
 
 
-def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
+def _move_into_folder(scratch: Path, target: Path, main: str, created: list[Path]) -> None:
+    """Move the files of a study from ``scratch`` into ``target``, ``main`` last.
+
+    Removes stale files of an older run. Folders that had to be created are added to ``created``.
+    """
     written = sorted(entry.name for entry in scratch.iterdir())
     if main not in written:
         raise ValueError(f"the study did not write {main}")
@@ -418,58 +439,58 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
             )
     content = json.loads((scratch / main).read_bytes())
     write_json(scratch / main, {**content, MANIFEST: written})
-    others = (
-        [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
-    )
-    listed = set(written).union(*(listed_files(entry) for entry in others))
-    stale = listed_files(target / main) - listed
-    _make(target, made)
+    other_studies = []
+    if target.is_dir():
+        other_studies = [entry for entry in target.glob("*.json") if entry.name != main]
+    needed = set(written).union(*(listed_files(entry) for entry in other_studies))
+    stale = listed_files(target / main) - needed
+    _create(target, created)
     for name in sorted(written, key=lambda name: (name == main, name.endswith(".json"), name)):
         if name == main:
-            for old in sorted(stale):
-                if (target / old).is_file():
-                    (target / old).unlink()
-        _rename(scratch / name, target / name)
+            for stale_name in sorted(stale):
+                if (target / stale_name).is_file():
+                    (target / stale_name).unlink()
+        _move_file(scratch / name, target / name)
 
 
 def _refuse_unportable(names: Sequence[str]) -> None:
     """Raise ValueError if a name of a study's file is not allowed on every system."""
     for name in names:
-        if why := unportable(name):
-            raise ValueError(f"the name of the file {name!r} {why}")
+        if reason := unportable(name):
+            raise ValueError(f"the name of the file {name!r} {reason}")
     if len({name.lower() for name in names}) < len(names):
         raise ValueError("two files of a study differ by upper and lower case alone")
 
 
-def _rename(source: Path, target: Path) -> None:
+def _move_file(source: Path, target: Path) -> None:
     try:
         os.replace(source, target)
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        # the folder is a mount point: its parent is on another disk
-        part = target.with_name(f".{target.name}.part")
-        shutil.copyfile(source, part)
-        os.replace(part, target)
+        # The target folder is a mount point: the temporary folder beside it is on another disk.
+        temporary = target.with_name(f".{target.name}.part")
+        shutil.copyfile(source, temporary)
+        os.replace(temporary, target)
 
 
-def _make(folder: Path, made: list[Path]) -> None:
-    """Create a folder and its parents, and append those that were missing to ``made``."""
+def _create(folder: Path, created: list[Path]) -> None:
+    """Create a folder and its parents, and append those that were missing to ``created``."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     for parent in reversed(missing):
         parent.mkdir(exist_ok=True)
-        made.append(parent)
+        created.append(parent)
 
 
-def _unmake(made: list[Path]) -> None:
-    """Remove folders that were created and are empty."""
-    for folder in reversed(made):
+def _remove_created(created: list[Path]) -> None:
+    """Remove the created folders that are empty."""
+    for folder in reversed(created):
         with contextlib.suppress(OSError):
             folder.rmdir()
 
 
 def _is_bare_name(name: str) -> bool:
-    """Whether a name has no folder in it: a study's list may only name files inside its folder."""
+    """Return whether a name has no folder in it: a study may list files of its own folder only."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
@@ -477,7 +498,7 @@ def unwritable(path: str | Path, error: OSError) -> FlightidError:
     """Return the error for a place that cannot be written, with the operating system's reason."""
     remedy = (
         "make room, or name a place on another disk"
-        if error.errno in _FULL
+        if error.errno in _DISK_FULL
         else "name a folder that you may write in"
     )
     return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)

@@ -1,5 +1,5 @@
-"""Result of an identification and its assessment: bounds, intervals, predictions, inputs read
-otherwise.
+"""Result of an identification and its assessment: parameters at bounds, intervals, outliers,
+simulations, and the change with the other hold of the inputs.
 """
 
 from __future__ import annotations
@@ -48,46 +48,48 @@ class AtBound:
 
     @property
     def words(self) -> str:
-        """``"Cm_q is at its lower bound, -30 1/rad"``."""
-        return (
-            f"{self.name} is at its {self.side} bound, "
-            f"{self.value:g}{'' if self.unit == '1' else f' {self.unit}'}"
-        )
+        """Sentence such as ``"Cm_q is at its lower bound, -30 1/rad"``."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name} is at its {self.side} bound, {self.value:g}{unit}"
 
 
-def within_bounds(
-    model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
+def fit_within_bounds(
+    model: Model, fit: Callable[[Model], tuple[System, Estimate]], *, respected: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
-    """Return estimate and model with parameters at bounds fixed, the others estimated again.
+    """Fit a model; fix parameters that end at a bound, and estimate the others again.
 
     The sigmas are then those of the free parameters. The outcome is ``AT_BOUND`` if a parameter is
-    at a bound and the others converged. ``kept``: the method respects bounds.
+    at a bound and the others converged. ``respected``: whether the method has bounds.
+
+    Returns
+    -------
+    The model with fixed parameters, its system, the estimate, and the parameters at bounds.
     """
-    system, estimate = estimated(model)
-    found: list[AtBound] = []
-    while kept and (pressed := _pressed(model, estimate)):
+    system, estimate = fit(model)
+    at_bounds: list[AtBound] = []
+    while respected and (pressed := _pressed(model, estimate)):
         if len(pressed) == sum(name in model.parameters for name in estimate.names):
-            break  # nothing would be left to estimate
-        found += pressed
-        sound = {
+            break  # no parameter would stay free
+        at_bounds += pressed
+        finite = {
             name: value
             for name, value in estimate.as_dict().items()
             if name in model.parameters and np.isfinite(value)
         }
         parameters = model.parameters.with_values(
-            {**sound, **{each.name: each.value for each in pressed}}
+            {**finite, **{parameter.name: parameter.value for parameter in pressed}}
         )
-        model = model.with_parameters(parameters.hold([each.name for each in pressed]))
-        system, estimate = estimated(model)
-    if found and estimate.outcome is Outcome.CONVERGED:
+        model = model.with_parameters(parameters.hold([parameter.name for parameter in pressed]))
+        system, estimate = fit(model)
+    if at_bounds and estimate.outcome is Outcome.CONVERGED:
         estimate = replace(estimate, outcome=Outcome.AT_BOUND)
-    return model, system, estimate, tuple(found)
+    return model, system, estimate, tuple(at_bounds)
 
 
 def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
-    """Return a row for each parameter that follows others, its sigma from theirs."""
+    """Return a row for each tied parameter; its sigma follows from those of its sources."""
     rows = []
-    known: Mapping[str, float] = {
+    values: Mapping[str, float] = {
         **{item.name: item.value for item in model.parameters},
         **estimate.as_dict(),
     }
@@ -98,32 +100,35 @@ def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
                 slope[estimate.names.index(source)] += factor
         std = float(np.sqrt(variance_along(estimate.covariance, slope[None])[0]))
         rows.append(
-            Row(tie.name, model.parameters[tie.name].unit, float(tie.of(known.__getitem__)), std)
+            Row(tie.name, model.parameters[tie.name].unit, float(tie.of(values.__getitem__)), std)
         )
     return tuple(rows)
 
 
 def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
-    out = []
+    """Return the parameters that an estimate has at their bounds."""
+    at_bounds = []
     for name, value in estimate.as_dict().items():
         if name not in model.parameters or not np.isfinite(value):
             continue
         item = model.parameters[name]
         side = side_at(value, item.bounds)
         if side:
-            out.append(AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side))
-    return out
+            at_bounds.append(
+                AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side)
+            )
+    return at_bounds
 
 
 # ---- Profile-likelihood intervals of an identification
 
-# methods with a likelihood of whole records
+# Methods with a likelihood of whole records.
 PROFILED = ("output-error", "filter-error", "frequency-domain")
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def refuse_profile(method: str) -> None:
-    """Raise DeclarationError if a method has no likelihood to be followed."""
+    """Raise DeclarationError if a method has no likelihood of whole records."""
     if method not in PROFILED:
         what = f"{method} has no likelihood of whole records that a profile could follow"
         raise DeclarationError(
@@ -134,21 +139,24 @@ def refuse_profile(method: str) -> None:
 def chosen_names(
     wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()
 ) -> tuple[str, ...]:
-    """Return the parameters asked for, all where none is named. Raises DeclarationError for one
-    that is not estimated, as those that are ``held``.
+    """Return the wanted parameters; all estimated parameters if ``wanted`` is empty.
+
+    Raises DeclarationError for a parameter that is not estimated; ``held`` are not.
     """
-    known = [name for name in estimate.names if not name.startswith("bias_")]
+    estimated_names = [name for name in estimate.names if not name.startswith("bias_")]
     for name in wanted:
-        if name not in known and name in held:
+        if name not in estimated_names and name in held:
             what = f"{name} is fixed, tied or at its bound: no interval is its own"
-            raise DeclarationError(what, where="--profile", remedy=f"use one of {', '.join(known)}")
-        if name not in known:
+            raise DeclarationError(
+                what, where="--profile", remedy=f"use one of {', '.join(estimated_names)}"
+            )
+        if name not in estimated_names:
             raise DeclarationError(
                 f"no parameter {name!r} is estimated",
                 where="--profile",
-                remedy=closest(name, known),
+                remedy=closest(name, estimated_names),
             )
-    return tuple(wanted) or tuple(known)
+    return tuple(wanted) or tuple(estimated_names)
 
 
 def profiled(
@@ -158,17 +166,23 @@ def profiled(
     settings: FitSettings,
     wanted: Sequence[str],
     *,
-    calm: System | None = None,
+    without_noise: System | None = None,
     local: Collection[str] = (),
     delays: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Return the intervals of the parameters ``wanted`` (all where none is named) of a settled
-    estimate; none if it did not settle.
+    """Return profile-likelihood intervals; none if the estimate has not converged.
 
-    ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
-    ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
-    takes a step or two.
+    The fit is repeated from the estimate, which takes one or two iterations.
+
+    Parameters
+    ----------
+    system : the system that was estimated.
+    wanted : parameters; empty: all.
+    without_noise : for filter error, the system without process noise.
+    local : parameters with a separate value for each record.
+    delays : for the frequency domain, delay parameter by input.
+    band : for the frequency domain, Hz.
     """
     names = chosen_names(
         wanted, estimate, [item.name for item in system.parameters if not item.free]
@@ -183,7 +197,7 @@ def profiled(
         from ident.frequency_domain import output_error as frequency
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
-        # Priors stay where the file's starts are: only a fit without them may begin elsewhere.
+        # Priors are about the starts of the file: only a fit without priors may start elsewhere.
         start_system = (
             system
             if settings.use_priors
@@ -196,7 +210,9 @@ def profiled(
     from ident.whole_record.gauss_newton import profile_intervals
 
     pieces = [
-        piece for each in in_pieces(records, calm or system, settings, local) for piece in each
+        piece
+        for record_pieces in in_pieces(records, without_noise or system, settings, local)
+        for piece in record_pieces
     ]
     start_system = (
         system
@@ -208,7 +224,7 @@ def profiled(
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
         from ident.process_noise.innovations_model import noise_started_at
 
-        fit = fit_with_filter(layout, calm)
+        fit = fit_with_filter(layout, without_noise)
         return () if fit is None else profile_intervals(fit, names, covariance, noise_started_at)
     from ident.whole_record.output_error import fit_from_best_start
 
@@ -216,17 +232,19 @@ def profiled(
     return () if fit is None else profile_intervals(fit, names, covariance)
 
 
-# ---- What an estimate leaves for the prediction of other records
+# ---- Values of an estimate for the prediction of other records
 
 
-def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
+def values_for_prediction(
+    system: System, values: Mapping[str, float], settings: FitSettings
+) -> Trained:
     """Return the parameter values for the free simulation of another record.
 
     ``values`` if given, else those of the system.
     """
-    known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
-    biases = {name: value for name, value in known.items() if name.startswith("bias_")}
-    shared = {name: value for name, value in known.items() if name not in biases}
+    all_values = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
+    biases = {name: value for name, value in all_values.items() if name.startswith("bias_")}
+    shared = {name: value for name, value in all_values.items() if name not in biases}
     return Trained((), system.output_names, shared, (biases,), settings)
 
 
@@ -238,95 +256,104 @@ MOST_NAMED_TIMES = 3  # times that a sentence names
 def isolated_outliers(
     outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
 ) -> list[dict[str, np.ndarray]]:
-    """Return, for each record, masks ``(N,)`` by channel that are True at its outliers, found from
-    the residuals of the simulations; channels without any are left out.
+    """Find isolated outliers from the residuals of simulations.
 
-    ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their
-    samples.
+    Parameters
+    ----------
+    outputs : outputs that are simulated.
+    simulated : simulated outputs of each record, shape ``(m, N)``.
+    records : the records with all their samples.
+
+    Returns
+    -------
+    Masks of each record by channel, shape ``(N,)``, True at an outlier; none for other channels.
     """
-    out: list[dict[str, np.ndarray]] = [{} for _ in records]
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     if len(simulated) != len(records):
-        return out
+        return masks
     for row, name in enumerate(outputs if simulated else ()):
-        which = [k for k, record in enumerate(records) if name in record.output_names]
-        if not which:
-            continue  # no record has this output
-        valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in which]
+        with_output = [k for k, record in enumerate(records) if name in record.output_names]
+        if not with_output:
+            continue
+        valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in with_output]
         residuals = [
-            np.where(known, records[k][name].values - simulated[k][row], 0.0)
-            for k, known in zip(which, valid, strict=True)
+            np.where(valid_row, records[k][name].values - simulated[k][row], 0.0)
+            for k, valid_row in zip(with_output, valid, strict=True)
         ]
-        wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in which])
-        for k, mask in zip(which, wrong, strict=True):
+        wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in with_output])
+        for k, mask in zip(with_output, wrong, strict=True):
             if np.any(mask):
-                out[k][name] = mask
-    return out
+                masks[k][name] = mask
+    return masks
 
 
 def same_points(
-    some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]
+    masks: Sequence[dict[str, np.ndarray]], other_masks: Sequence[dict[str, np.ndarray]]
 ) -> bool:
-    """Return whether two lists of masks name the same samples."""
-    pairs = zip(some, others, strict=True)
+    """Return whether two lists of masks mark the same samples."""
     return all(
         a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
-        for a, b in pairs
+        for a, b in zip(masks, other_masks, strict=True)
     )
 
 
 def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
-    """The samples by channel, ``(N,)``, that one record has and the same record after it does not;
-    channels without any are left out."""
+    """Return masks of the samples that a record has ``before`` and no longer ``after``.
+
+    By channel, shape ``(N,)``; only channels with such samples.
+    """
     masks = {channel.name: before[channel.name].valid & ~channel.valid for channel in after.outputs}
     return {name: mask for name, mask in masks.items() if np.any(mask)}
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """Return a record with some samples of its outputs marked as missing."""
+    """Return a record whose samples at the masks, ``(N,)`` by channel, are missing."""
     if not masks:
         return record
 
-    def of(channel: Channel) -> Channel:
+    def masked(channel: Channel) -> Channel:
         mask = masks.get(channel.name)
-        return (
-            channel
-            if mask is None
-            else Channel.of(channel.name, channel.unit, np.where(mask, np.nan, channel.with_gaps()))
-        )
+        if mask is None:
+            return channel
+        values = np.where(mask, np.nan, channel.with_gaps())
+        return Channel.of(channel.name, channel.unit, values)
 
-    return replace(record, outputs=tuple(map(of, record.outputs)))
+    return replace(record, outputs=tuple(map(masked, record.outputs)))
 
 
 def with_outliers(
     look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
 ) -> RecordCheck:
     """Return the record check with the outliers of the records added."""
-    seen = [
-        _seen(record, name, mask)
-        for record, some in zip(records, masks, strict=True)
-        for name, mask in some.items()
+    findings = [
+        _wild_points(record, name, mask)
+        for record, masks_of_record in zip(records, masks, strict=True)
+        for name, mask in masks_of_record.items()
     ]
-    return replace(look, seen=(*look.seen, *seen))
+    return replace(look, seen=(*look.seen, *findings))
 
 
-def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
+def _wild_points(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
+    """Return the finding on the outliers of a channel, which are set aside."""
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
     places = ", ".join(f"{instant(time)} s" for time in times[:MOST_NAMED_TIMES]) + (
         " and so on" if count > MOST_NAMED_TIMES else ""
     )
     channel = record[name]
-    away = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
-    told = (
+    distance = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
+    sentence = (
         f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from "
         f"the fit ({places})"
     )
-    told += f", up to {shown(float(np.max(away)), channel.unit)} from the middle of the channel"
+    sentence += (
+        f", up to {shown(float(np.max(distance)), channel.unit)} from the middle of the channel"
+    )
     numbers = {"samples": FindingQuantity(float(count), "1")}
     finding = RecordFinding(
         name,
         Kind.WILD_POINTS,
         Certainty.COSTS_INFORMATION,
-        told,
+        sentence,
         "",
         tuple((t, t) for t in times),
         numbers,
@@ -340,11 +367,15 @@ def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """One record and its free simulation ``simulated (m, N)`` of ``outputs``; only initial state
-    and biases were fitted to it.
+    """A record and its free simulation, to which only initial state and biases were fitted.
 
-    ``figures`` of the outputs that it has; None if the simulation left all measure.
-    ``held_out``: it took no part in the estimate.
+    Attributes
+    ----------
+    record : the record.
+    outputs : the simulated outputs.
+    simulated : shape ``(m, N)``; NaN if the simulation diverged.
+    figures : error figures of the outputs that the record has; None if the simulation diverged.
+    held_out : whether the record took no part in the estimate.
     """
 
     record: Record
@@ -354,7 +385,7 @@ class RecordFit:
     held_out: bool
 
     def fit_percent(self, channel: str) -> float:
-        """100 (1 - rms error over the spread of the measurement)."""
+        """Return 100 (1 - e), where e is the rms error over the scatter of the measured output."""
         assert self.figures is not None
         return 100.0 * (1.0 - self.figures.nrmse[channel])
 
@@ -370,55 +401,65 @@ def record_fits(
     *,
     trusted: bool = False,
 ) -> tuple[RecordFit, ...]:
-    """Each record simulated with the parameters at ``values``, those that were fitted first.
+    """Simulate each record with given parameters; initial states and biases are fitted to it.
 
-    Wild points of those that were not fitted are set aside, unless they are ``trusted``: they would
-    bend the initial states and biases.
-    Initial states, ``bias_*`` and the parameters ``local`` to a record are fitted to it. ``known``:
-    simulations ``(m, N)`` that are there already.
+    Parameters
+    ----------
+    fitted : records of the estimate.
+    held_out : other records.
+    values : parameter values.
+    local : further parameters that are fitted to each record.
+    known : simulations of the first fitted records, ``(m, N)``, which are not repeated.
+    trusted : whether wild points of ``held_out`` are kept. They would change initial states and
+        biases.
+
+    Returns
+    -------
+    The simulations, those of the fitted records first.
     """
 
     def run(records: Sequence[Record]) -> list[np.ndarray | None]:
         return [simulated(record, system, values, settings, local) for record in records]
 
-    rows = [*known, *run(fitted[len(known) :])]
-    out = [
-        _assessed(record, system, one, held_out=False)
-        for record, one in zip(fitted, rows, strict=True)
-    ]
+    fitted_rows = [*known, *run(fitted[len(known) :])]
     masks: list[dict[str, np.ndarray]] = [{} for _ in held_out]
     predicted, kept = run(held_out), list(held_out)
     for _ in range(0 if trusted or not held_out else 2):
-        blank = [np.full((len(system.outputs), len(record)), np.nan) for record in held_out]
         finite = [
-            one if one is not None else none for one, none in zip(predicted, blank, strict=True)
+            np.full((len(system.outputs), len(record)), np.nan) if rows is None else rows
+            for record, rows in zip(held_out, predicted, strict=True)
         ]
-        again = isolated_outliers(system.output_names, finite, held_out)
-        if same_points(again, masks):
+        new_masks = isolated_outliers(system.output_names, finite, held_out)
+        if same_points(new_masks, masks):
             break
-        masks = again
-        kept = [without(record, some) for record, some in zip(held_out, again, strict=True)]
+        masks = new_masks
+        kept = [without(record, mask) for record, mask in zip(held_out, masks, strict=True)]
         predicted = run(kept)
     return (
-        *out,
         *(
-            _assessed(record, system, one, held_out=True)
-            for record, one in zip(kept, predicted, strict=True)
+            _assessed(record, system, rows, held_out=False)
+            for record, rows in zip(fitted, fitted_rows, strict=True)
+        ),
+        *(
+            _assessed(record, system, rows, held_out=True)
+            for record, rows in zip(kept, predicted, strict=True)
         ),
     )
 
 
 def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[PartedRecord]) -> tuple[RecordFit, ...]:
-    """The fits with the parts of each record that was predicted put together: the errors are those
-    of all its parts."""
-    fitted, held = [fit for fit in fits if not fit.held_out], [fit for fit in fits if fit.held_out]
-    return (
-        *fitted,
-        *(_whole(one, held[span]) for one, span in parts_of(parted, [fit.record for fit in held])),
-    )
+    """Return the simulations with the parts of each predicted record put together.
+
+    The error figures are those of all parts of a record.
+    """
+    fitted = [fit for fit in fits if not fit.held_out]
+    parts = [fit for fit in fits if fit.held_out]
+    spans = parts_of(parted, [fit.record for fit in parts])
+    return (*fitted, *(_whole(parted_record, parts[span]) for parted_record, span in spans))
 
 
 def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
+    """Return the simulation of a record from those of its parts."""
     record, (rows,) = put_together(
         parted, [part.record for part in parts], [[part.simulated for part in parts]]
     )
@@ -438,6 +479,7 @@ def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
 def _assessed(
     record: Record, system: System, rows: np.ndarray | None, *, held_out: bool
 ) -> RecordFit:
+    """Return a simulation, ``(m, N)`` or None, with its error figures."""
     channels = tuple(name for name in system.output_names if name in record.output_names)
     if rows is None:
         blank = np.full((len(system.outputs), len(record)), np.nan)
@@ -460,39 +502,45 @@ def simulated(
     settings: FitSettings,
     local: Collection[str] = (),
 ) -> np.ndarray | None:
-    """Outputs ``(m, N)`` of a free simulation; None if it is not finite. A motion that grows is
-    followed in pieces, as in a fit.
+    """Return the outputs of a free simulation of a record, ``(m, N)``; None if they are not finite.
+
+    Biases and the parameters ``local`` are fitted to the record. An unstable motion is simulated in
+    pieces, as in a fit.
     """
-    known = {
+    shared = {
         name: value
         for name, value in values.items()
         if name in system.parameters and not name.startswith("bias_") and name not in local
     }
-    started = replace(system, parameters=system.parameters.with_values(known))
-    own = [
+    with_values = replace(system, parameters=system.parameters.with_values(shared))
+    fitted_names = [
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local
     ]
-    frozen = replace(started, parameters=started.parameters.only_free(own))
-    pieces = in_pieces([record], started, settings, local)
+    frozen = replace(with_values, parameters=with_values.parameters.only_free(fitted_names))
+    pieces = in_pieces([record], with_values, settings, local)
     fit = fit_whole_records(
         FitProblem(lay_out(pieces[0], frozen, replace(settings, use_priors=False), local=local))
     )
     return None if fit is None else of_pieces([line.y for line in fit.lines], pieces)[0]
 
 
-# ---- The same identification with the inputs read the other way between samples
+# ---- The same identification with the other hold of the inputs
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
-MOVED_SIGMAS = 1.0  # change in sigmas above which the reading matters more than noise
+MOVED_SIGMAS = 1.0  # a parameter that moves by more sigmas depends on the hold
 
 
 @dataclass(frozen=True, eq=False)
 class OtherReading:
-    """Result with the other reading of the inputs (held or linear between samples).
+    """Changes of a result if the inputs are read with the other hold between samples.
 
-    ``used``, ``other``: the two readings. ``moved``: rows of derivatives that differ by more than
-    one sigma, as pairs (used, other). ``gain``: twice the log likelihood ratio of the other to the
-    used reading, for the effective number of samples.
+    Attributes
+    ----------
+    used : hold that was used.
+    other : the other hold.
+    moved : derivatives that differ by more than one sigma, as pairs of rows (used, other).
+    gain : twice the log likelihood ratio of the other hold to the used one, for the effective
+        number of samples.
     """
 
     used: Hold
@@ -502,12 +550,12 @@ class OtherReading:
 
     @property
     def decided(self) -> bool:
-        """Whether the data prefer the reading used."""
+        """Whether the data prefer the hold that was used."""
         return self.gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO
 
     @property
     def decision(self) -> str:
-        """The reading that the data chose, and by how much."""
+        """Sentence on the hold that the data prefer, with the test."""
         return (
             f"inputs are {WORDS[self.used]} between samples: {WORDS[self.other]} inputs fit worse "
             f"(likelihood ratio test: {-self.gain:.1f}, "
@@ -517,7 +565,7 @@ class OtherReading:
 
     @property
     def sentence(self) -> str:
-        """Sentence that derivatives depend on the reading of the record, and how to choose it."""
+        """Sentence that derivatives depend on the hold, with the option that selects the other."""
         names = ", ".join(row.name for row, _ in self.moved)
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
         fits = f"fits {how} (likelihood ratio test: {self.gain:+.1f})"
@@ -530,16 +578,20 @@ class OtherReading:
 
 
 def opposite(hold: Hold) -> Hold:
-    """Return the other way to read inputs between samples."""
+    """Return the other hold of inputs between samples."""
     return Hold.LINEAR if hold is Hold.PREVIOUS else Hold.PREVIOUS
 
 
 def other_reading(
-    used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float
+    used: Hold, rows: Sequence[Row], other_rows: Sequence[Row], gain: float
 ) -> OtherReading | None:
-    """Return the values that change by more than a sigma with the other reading; None without."""
-    again = {row.name: row for row in read_otherwise}
-    pairs = [(row, again[row.name]) for row in rows if row.name in again]
+    """Return the changes with the other hold; None if no derivative changes by more than a sigma.
+
+    ``rows``: with the hold ``used``. ``other_rows``: with the other hold. ``gain``: as in the
+    result.
+    """
+    by_name = {row.name: row for row in other_rows}
+    pairs = [(row, by_name[row.name]) for row in rows if row.name in by_name]
     moved = tuple(
         (row, new)
         for row, new in pairs
@@ -549,7 +601,7 @@ def other_reading(
 
 
 def reading_table(caption: str, reading: OtherReading) -> Table:
-    """Return the values under each reading, a row for each derivative that moves."""
+    """Return a table with the values by both holds, a row for each derivative that changes."""
     rows = reading.moved
     moves = [(new.estimate - row.estimate) / row.std for row, new in rows]
     return table(
@@ -569,7 +621,7 @@ def reading_table(caption: str, reading: OtherReading) -> Table:
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:
-    """Return the same for ``comparison.json``: the reading used, the other, values under each."""
+    """Return both holds and the values by each as content of ``comparison.json``."""
     return {
         "used": reading.used.value,
         "other": reading.other.value,
@@ -585,7 +637,7 @@ def reading_content(reading: OtherReading) -> dict[str, Any]:
     }
 
 
-# ---- What an identification from a measured record returns
+# ---- Result of an identification
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -594,25 +646,33 @@ class IdentificationResult:
 
     Attributes
     ----------
-    rows : parameters.
-    biases : sensor biases that have a sigma.
-    record, others : first fitted record, and the further ones.
-    notes : on the preparation of records and on the fit.
-    doubts : likely faults of the files.
-    cautions : likely faults of the result.
+    record : the first fitted record.
+    vehicle : the vehicle file.
+    method : name of the method.
+    estimate : values and covariance of all unknowns.
+    rows : rows of the estimated parameters.
+    biases : rows of the sensor biases.
+    derived : value and sigma of modal quantities and of a delay.
+    fixed : value and unit of each fixed parameter.
+    tests : tests of the residuals.
+    others : further fitted records.
+    notes : sentences on the preparation of the records and on the fit.
+    doubts : sentences on likely faults of the files.
+    cautions : sentences on likely faults of the result.
+    reading : changes with the other hold of the inputs; None if they are below one sigma, or if
+        only one hold was tried.
+    decided : the same, if the data prefer one hold.
     look : check of the raw columns.
-    reading : changes with the other reading of the inputs; None if below one sigma, or not tried.
-    decided : the same, if the data prefer one of the two readings.
-    modes : modes for levels of flying qualities, None without.
+    modes : modes for levels of flying qualities; None if the model has none.
     system : the compiled model.
-    tied : parameters that follow others.
-    at_bounds : parameters at a bound, not among ``rows``.
-    intervals : by profile likelihood, if requested.
-    fits : each record simulated with the estimate, held-out ones last.
-    band : Hz, of a fit in the frequency domain.
-    trained : values for predicting another record.
+    tied : rows of the tied parameters.
+    at_bounds : parameters at a bound, which are not among ``rows``.
+    intervals : profile-likelihood intervals, if requested.
+    fits : each record simulated with the estimate, held-out records last.
+    band : band of a fit in the frequency domain, Hz.
+    trained : values for the prediction of another record.
     engine : ``name`` and ``sentence`` of the filter's engine; empty without a filter.
-    considered : contribution of uncertain constants to the sigmas, None if none is stated.
+    considered : contribution of uncertain constants to the sigmas; None if all are exact.
     """
 
     record: Record
@@ -653,10 +713,12 @@ class IdentificationResult:
 class Options:
     """Options of an identification.
 
-    ``profile``: parameters with a profile-likelihood interval, empty for all, None for none.
-    ``band``: Hz, of the frequency domain; None: from the data. ``engine``: of the extended Kalman
-    filter, a key of ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a
-    bank.
+    Attributes
+    ----------
+    profile : parameters that get a profile-likelihood interval; empty: all; None: none.
+    band : band of a fit in the frequency domain, Hz; None: from the data.
+    engine : engine of the extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; None:
+        filterpy for a single filter, batched for a bank.
     """
 
     profile: tuple[str, ...] | None = None

@@ -1,9 +1,9 @@
-"""Conditions of an identification: frequency bands, recorded pitch attitude, cautions about results
-and sigmas.
+"""Conditions of an identification: frequency bands, recorded pitch attitude, and cautions about
+results and sigmas.
 
-The equations of the effect phugoid with theta as an input: u_dot = -g (theta - alpha). The initial
-flight-path angle is one further unknown of each record. The records decide whether the equations
-apply; in a tunnel, on a rig or in a simulation at constant speed they do not.
+A recorded pitch attitude theta is an input of the effect phugoid: u_dot = -g (theta - alpha). Each
+record has its initial flight-path angle as a further unknown. The records decide whether the effect
+is used: it does not act in a wind tunnel, on a rig or in a simulation at constant speed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ident.whole_record.output_error import UNDETERMINED, failed_simulation, non
 from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest, growth
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
-from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, better_by
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, compared_readings
 from scenarios.preparation.plan import ATTITUDE
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.studies.published import Row
@@ -63,7 +63,7 @@ def delays_of(model: Model) -> dict[str, str]:
 
 
 def refuse_band(band: tuple[float, float] | None, method: str) -> None:
-    """Raise DeclarationError for a band of another method, or one that is none."""
+    """Raise DeclarationError if the method has no band, or the band is empty or infinite."""
     if band is None:
         return
     if method != METHOD:
@@ -87,8 +87,9 @@ def chosen_band(
     outputs: Sequence[str],
     band: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the band that is requested, else the data's own, Hz. Raises ModelError if the model
-    has no frequency response.
+    """Return the requested band, or without one the band of the data, Hz.
+
+    Raises ModelError if the model has no frequency response.
     """
     system = compile_model(model, outputs)
     refuse_unfit(records, system, delays_of(model))
@@ -102,15 +103,15 @@ def estimated(
     delays: Mapping[str, str],
     band: tuple[float, float] | None,
 ) -> Estimate:
-    """Return the estimate with ``fitted`` outputs from a free simulation."""
-    found = fit_frequency_domain(
+    """Return the estimate of the frequency domain, with ``fitted`` from a free simulation."""
+    estimate = fit_frequency_domain(
         records, system, FrequencySettings(band, settings.use_priors), delays=delays
     )
-    rows = [simulated(record, system, found.as_dict(), settings) for record in records]
+    rows = [simulated(record, system, estimate.as_dict(), settings) for record in records]
     shown = tuple(
-        blank if row is None else row for row, blank in zip(rows, found.fitted, strict=True)
+        blank if row is None else row for row, blank in zip(rows, estimate.fitted, strict=True)
     )
-    return replace(found, fitted=tuple(np.asarray(row) for row in shown))
+    return replace(estimate, fitted=tuple(np.asarray(row) for row in shown))
 
 
 # ---- A recorded pitch attitude in the identification of a rigid aircraft
@@ -123,9 +124,13 @@ def with_weight(model: Model) -> Model:
 
     The initial flight-path angle is free; the drag polar has typical values.
     """
-    wider = model.with_effects(Phugoid(attitude_recorded=True))
-    held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
-    return wider.with_parameters(wider.parameters.hold(held))
+    with_phugoid = model.with_effects(Phugoid(attitude_recorded=True))
+    held = [
+        name
+        for name in with_phugoid.parameters.names
+        if name.startswith("phugoid.") and name != PATH
+    ]
+    return with_phugoid.with_parameters(with_phugoid.parameters.hold(held))
 
 
 def with_weight_if_needed(
@@ -138,7 +143,7 @@ def with_weight_if_needed(
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
     wider = with_weight(model)
-    found = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    found = compared_readings((model, list(records)), (wider, list(records)), outputs, local=[PATH])
     gain = found.gain
     if found.why_open:
         return (
@@ -174,20 +179,18 @@ def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[
 
 # ---- Cautions about an identification
 
-# Models whose declared derivatives are known values, unlike a ballistic coefficient.
+# Models whose declared derivatives are approximately known, unlike a ballistic coefficient.
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
-FREE_OF_CHARGE = (
-    "delay",
-    "inv_tau",
-)  # derivative of a low-order system, whose starting value may be zero
-# factor on a sigma by coloured noise above which there is a caution
+# Parameters of a low-order system that are not compared with their starts, which may be zero.
+NOT_COMPARED = ("delay", "inv_tau")
+# Coloured noise that widens a sigma by a larger factor causes a caution.
 NOTABLE_WIDENING = 1.25
-# what corrected standard deviations lack at most: docs/estimators.md, Coverage
-STILL_SHORT = "10 % (in gusts 30 %)"
+# By how much corrected sigmas may be too small: docs/estimators.md, Coverage.
+REMAINING_SHORTFALL = "10 % (in gusts 30 %)"
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 
 
-# outputs that tell lift from moment; of a short period one of them is needed beside q
+# Outputs that show the lift. A short period needs one of them beside q.
 LIFT_OUTPUTS = frozenset(("alpha", "nz", "az"))
 NO_LIFT = (
     "q alone does not tell the lift from the moment, whatever is flown: alpha, nz or az is needed; "
@@ -197,40 +200,39 @@ NO_LIFT = (
 
 def advice(model: str, estimate: Estimate) -> str:
     """Return what to do after the outcome of an estimation; empty if nothing is needed."""
-    undetermined = estimate.outcome is Outcome.NOT_IDENTIFIABLE
-    without = model in ("rigid", "flexible") and not LIFT_OUTPUTS & set(estimate.output_names)
-    return NO_LIFT if undetermined and without else estimate.outcome.hint
+    not_identifiable = estimate.outcome is Outcome.NOT_IDENTIFIABLE
+    lacks_lift = model in ("rigid", "flexible") and not LIFT_OUTPUTS & set(estimate.output_names)
+    return NO_LIFT if not_identifiable and lacks_lift else estimate.outcome.hint
 
 
 def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Return the sentences, at most one on the outcome, one on coloured noise and one on all
-    derivatives together.
-    """
+    """Return sentences on the outcome, on coloured noise and on implausible derivatives, if any."""
     sentences = []
     outcome = estimate.outcome
     if outcome is not Outcome.CONVERGED:
         hint = advice(vehicle.model, estimate)
         sentences.append(f"{outcome.value}; {hint}" if hint else outcome.value)
-    sentences += [caution] if (caution := coloured(estimate)) else []
+    sentences.append(coloured(estimate))
     if vehicle.model in AIRCRAFT:
-        sentences += [caution] if (caution := contradicted(rows, vehicle.derivatives)) else []
-    return tuple(sentences)
+        sentences.append(contradicted(rows, vehicle.derivatives))
+    return tuple(sentence for sentence in sentences if sentence)
 
 
 def too_short(records: Sequence[Record], system: System) -> tuple[str, ...]:
-    """Return a caution if no record is as long as one period of the fastest oscillation of the
-    declared model, else nothing.
+    """Return a caution if every record is shorter than a period of the declared model.
+
+    The period is that of the fastest oscillation.
     """
     p = np.array(system.parameters.values(), dtype=float)
     with np.errstate(all="ignore"):
-        found = characteristics_at(system, p)
-    pulsed = [
+        modes = characteristics_at(system, p)
+    frequencies = [  # rad/s; a stiffness is the square of a frequency
         np.sqrt(value) if name.endswith("stiffness") else value
-        for name, value in found.items()
+        for name, value in modes.items()
         if name.endswith(("frequency", "stiffness")) and np.isfinite(value) and value > 0.0
     ]
     longest = max(float(np.ptp(record.time)) for record in records)
-    period = 2.0 * np.pi / max(pulsed) if pulsed else 0.0
+    period = 2.0 * np.pi / max(frequencies) if frequencies else 0.0
     if longest >= period:
         return ()
     return (
@@ -246,44 +248,40 @@ def failed(
     rows: Sequence[Row],
     declared: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """Return a sentence if an estimate by free simulation is useless, else an empty text.
+    """Return a sentence if an estimate by free simulation is useless; else nothing.
 
-    It diverges, explains nothing, or determines no derivative.
+    It is useless if the simulation diverges or explains no output, or if no derivative is
+    determined. ``declared``: starting values by derivative.
     """
-    measured, left = [], []
+    measured, residuals = [], []
     for i, name in enumerate(estimate.output_names):
-        of = [
-            (record[name], row[i])
-            for record, row in zip(records, estimate.fitted, strict=False)
-            if name in record.output_names
+        pairs = [
+            (record[name].values[record[name].valid], rows_of_record[i][record[name].valid])
+            for record, rows_of_record in zip(records, estimate.fitted, strict=False)
+            if name in record.output_names and np.any(record[name].valid)
         ]
-        known = [
-            (channel.values[channel.valid], row[channel.valid])
-            for channel, row in of
-            if np.any(channel.valid)
-        ]
-        measured.append(np.concatenate([z - np.mean(z) for z, _ in known] or [np.zeros(1)]))
-        left.append(np.concatenate([z - y for z, y in known] or [np.zeros(1)]))
+        measured.append(np.concatenate([z - np.mean(z) for z, _ in pairs] or [np.zeros(1)]))
+        residuals.append(np.concatenate([z - y for z, y in pairs] or [np.zeros(1)]))
     units = {
         name: next(r[name].unit for r in records if name in r.output_names)
         for name in estimate.output_names
     }
-    why = failed_simulation(units, measured, left) if len(estimate.fitted) == len(records) else ""
-    if not why and none_determined(
+    reason = ""
+    if len(estimate.fitted) == len(records):
+        reason = failed_simulation(units, measured, residuals)
+    if not reason and none_determined(
         (row.std, declared[row.name]) for row in rows if row.name in declared
     ):
-        why = UNDETERMINED
+        reason = UNDETERMINED
     remedy = (
         "check units, signs and declared values, cut the record to single maneuvers, or use "
         "--method filter-error or equation-error"
     )
-    return (f"the fit has failed: {why}; {remedy}",) if why else ()
+    return (f"the fit has failed: {reason}; {remedy}",) if reason else ()
 
 
 def coloured(estimate: Estimate) -> str:
-    """Return one sentence on a filter whose innovations are coloured: by how much standard
-    deviations for white noise are too small.
-    """
+    """Return a sentence if coloured innovations of a filter widen the sigmas, or nothing."""
     found = coloured_innovations(estimate)
     if (
         found is None
@@ -293,9 +291,9 @@ def coloured(estimate: Estimate) -> str:
     ):
         return ""
     worst = int(np.argmax(found.factor))
-    apart = ", ".join(f"{name} {value:.2f}" for name, value in found.lag_one.items())
+    lag_one = ", ".join(f"{name} {value:.2f}" for name, value in found.lag_one.items())
     text = (
-        f"the noise is not white (autocorrelation of the residuals one sample apart: {apart}): "
+        f"the noise is not white (autocorrelation of the residuals one sample apart: {lag_one}): "
         "standard deviations for white noise "
     )
     text += f"would be up to {found.factor[worst]:.1f} times too small ({found.names[worst]})"
@@ -305,51 +303,53 @@ def coloured(estimate: Estimate) -> str:
     if not corrected:
         return text.replace("would be", "are") + "; those given are for white noise"
     return (
-        f"{text}; those given are corrected for it, and may still be up to {STILL_SHORT} too "
-        "small, as the colour is known from this record alone"
+        f"{text}; those given are corrected for it, and may still be up to {REMAINING_SHORTFALL} "
+        "too small, as the colour is known from this record alone"
     )
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
-    """Return one sentence on all derivatives that the vehicle file contradicts by two sigmas, as
-    too large, too small or of the other sign; or nothing.
+    """Return a sentence on the derivatives that contradict their starts by two sigmas; or nothing.
+
+    They are too large, too small or of the other sign. ``declared``: starts by derivative.
     """
-    found = []
+    phrases = []
     for row in rows:
+        if row.name in NOT_COMPARED:
+            continue
         start = declared.get(row.name, 0.0)
-        given = row.estimate, row.std, start
-        why = "" if row.name in FREE_OF_CHARGE else contradiction(*given) or shortfall(*given)
-        if why:
-            found.append(
+        reason = contradiction(row.estimate, row.std, start)
+        reason = reason or shortfall(row.estimate, row.std, start)
+        if reason:
+            phrases.append(
                 f"{row.name} {number_text(row.estimate, row.std)} +- "
-                f"{number_text(row.std, row.std)} {why} (vehicle file {start:.4g})"
+                f"{number_text(row.std, row.std)} {reason} (vehicle file {start:.4g})"
             )
-    return (
-        f"implausible: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause"
-        if found
-        else ""
-    )
+    if not phrases:
+        return ""
+    return f"implausible: {'; '.join(phrases)}; {CAUSES}; flightid diagnose looks for the cause"
 
 
 # ---- Cautions on sigmas that are smaller than the errors
 
-# Worst model in gusts: correction factor of the sigmas (mean, worst derivative), and two-sigma
-# coverage without it. Measured: docs/estimators.md, Coverage.
+# Sigmas in gusts, by method, for the worst of several models: the factor by which they are too
+# small, in the mean and for the worst derivative, and their two-sigma coverage
+# (docs/estimators.md, Coverage).
 SHORT_IN_GUSTS: Mapping[str, tuple[float, float, float]] = {
     "output-error": (1.25, 1.8, 0.91),
     METHOD: (1.5, 2.1, 0.85),
 }
-FILTER_ERROR = (1.15, 0.92)
-# Share of lost rows above which the unknown inputs bias a method by more than half a sigma.
-# Measured: rows dropped at random from flights with stepped inputs and white noise.
+FILTER_ERROR = (1.15, 0.92)  # the same for filter error: factor and coverage
+# A larger share of lost rows biases a method by more than half a sigma, since the inputs of the
+# lost rows are unknown. Found by dropping random rows of flights with stepped inputs.
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
-LONG_INTERVAL_RATIO = 1.5  # multiple of the usual interval that counts as a lost row
+LONG_INTERVAL_RATIO = 1.5  # an interval of more usual intervals than this has a lost row
 INTENSITY = "gust-turbulence.sigma"
 
 
-MOST_ALONE = 8  # records that are fitted each by itself
-DIFFERENT = 5.0  # difference of a parameter between two records, sigmas
-MOST_NAMED = 3  # parameters that are named as different
+MOST_ALONE = 8  # with more records, no record is fitted alone
+CONTRADICTION_SIGMAS = 5.0  # two values of a parameter that differ by more contradict each other
+MOST_NAMED = 3  # parameters that a caution names
 
 
 def record_cautions(
@@ -357,37 +357,39 @@ def record_cautions(
     tests: Sequence[ResidualTest],
     alone: Callable[[Record], tuple[Estimate, Sequence[ResidualTest]]],
 ) -> tuple[str, ...]:
-    """Return a caution if each record fits alone, but not all together: conditions differ.
+    """Return a caution if each record fits alone, but all records together do not.
 
-    ``tests`` : of the fit to all records. ``alone`` : the estimate from one record, and its tests.
+    Then the records are of different conditions. ``tests``: of the fit to all records. ``alone``:
+    returns the estimate from a single record, and its tests.
     """
     if not 2 <= len(records) <= MOST_ALONE or all(test.passed for test in tests):
         return ()
-    found: list[Estimate] = []
+    estimates: list[Estimate] = []
     for record in records:
         estimate, own = alone(record)
         if estimate.outcome is not Outcome.CONVERGED or not all(test.passed for test in own):
             return ()
-        found.append(estimate)
-    apart = []
-    for name in found[0].names:
-        if name.startswith("bias_") or not all(name in each.names for each in found):
+        estimates.append(estimate)
+    differences = []
+    for name in estimates[0].names:
+        if name.startswith("bias_") or not all(name in single.names for single in estimates):
             continue
         low, high = (
-            choose(range(len(found)), key=lambda k: found[k].value(name)) for choose in (min, max)
+            choose(range(len(estimates)), key=lambda k: estimates[k].value(name))
+            for choose in (min, max)
         )
-        sigma = math.hypot(found[low].sigma(name), found[high].sigma(name))
-        distance = (found[high].value(name) - found[low].value(name)) / max(sigma, 1e-300)
-        if distance > DIFFERENT:
+        sigma = math.hypot(estimates[low].sigma(name), estimates[high].sigma(name))
+        distance = (estimates[high].value(name) - estimates[low].value(name)) / max(sigma, 1e-300)
+        if distance > CONTRADICTION_SIGMAS:
+            pairs = [(k, estimates[k].value(name), estimates[k].sigma(name)) for k in (low, high)]
             values = ", ".join(
-                f"{number_text(found[k].value(name), found[k].sigma(name))} +- "
-                f"{number_text(found[k].sigma(name), found[k].sigma(name))} in {records[k].name}"
-                for k in sorted((low, high))
+                f"{number_text(value, std)} +- {number_text(std, std)} in {records[k].name}"
+                for k, value, std in sorted(pairs)
             )
-            apart.append((distance, f"{name} {values}"))
-    if not apart:
+            differences.append((distance, f"{name} {values}"))
+    if not differences:
         return ()
-    shown = "; ".join(text for _, text in sorted(apart, reverse=True)[:MOST_NAMED])
+    shown = "; ".join(text for _, text in sorted(differences, reverse=True)[:MOST_NAMED])
     return (
         "the records contradict each other: each by itself leaves noise alone, all together do not "
         f"({shown}). Identify records of different aircraft, loadings or flight conditions "
@@ -402,25 +404,24 @@ def sigma_cautions(
     tests: Sequence[ResidualTest] = (),
     local: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Return a sentence on each reason for which sigmas of the method are smaller than its errors;
-    else nothing.
+    """Return a sentence on each reason why errors are larger than the sigmas of the method.
 
-    Records shorter than a period (``too_short``). Lost rows: see ``LOST_ROWS``.
-    A model that is unstable at the estimate (of ``system``, with
-    ``local`` parameters of each record) where one cause moves the residuals of several outputs,
-    which are not white by their ``tests``. Where it is stable gusts, for output error and the
-    frequency domain, by the same sign. Gusts, for filter error: their intensity is more than two
-    of its sigmas.
+    - Records are shorter than a period (``too_short``).
+    - Rows are lost (``LOST_ROWS``).
+    - The model is unstable at the estimate, and one cause moves the residuals of several outputs.
+    - Gusts act on a stable model. In output error and the frequency domain one cause then moves the
+      residuals of several outputs; in filter error the estimated intensity is above two sigmas.
+
+    ``system``: the system of the fit, with the parameters ``local`` to each record. ``tests``: of
+    the residuals.
     """
-    unstable = (
-        _of_instability(records, estimate, system, tests, local) if system is not None else ()
-    )
-    short = too_short(records, system) if system is not None else ()
-    return (
-        *short,
-        *_of_lost_rows(records, estimate),
-        *(unstable or _of_gusts(records, estimate, tests)),
-    )
+    short: tuple[str, ...] = ()
+    unstable: tuple[str, ...] = ()
+    if system is not None:
+        short = too_short(records, system)
+        unstable = _of_instability(records, estimate, system, tests, local)
+    lost = _of_lost_rows(records, estimate)
+    return (*short, *lost, *(unstable or _of_gusts(records, estimate, tests)))
 
 
 def _of_instability(
@@ -430,14 +431,18 @@ def _of_instability(
     tests: Sequence[ResidualTest],
     local: Sequence[str],
 ) -> tuple[str, ...]:
-    """Return the errors of a free simulation grow with its unstable mode, while sigmas of output
-    error count the sensors' noise alone.
+    """Return a caution if the model is unstable and one cause moves several outputs.
+
+    Errors of a free simulation grow with its unstable mode. The sigmas of output error count only
+    the noise of the sensors.
     """
     if not np.all(np.isfinite(estimate.values)) or not disturbed_outputs(records, estimate, tests):
         return ()
-    known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
-    found = replace(system, parameters=system.parameters.with_values(known))
-    layout = lay_out(records, found, FitSettings(), local=local)
+    values = {
+        name: value for name, value in estimate.as_dict().items() if name in system.parameters
+    }
+    at_estimate = replace(system, parameters=system.parameters.with_values(values))
+    layout = lay_out(records, at_estimate, FitSettings(), local=local)
     if not MOST_EFOLDINGS_AT_ONCE <= growth(layout) < np.inf:
         return ()
     return (
@@ -451,6 +456,7 @@ def _of_instability(
 
 
 def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+    """Return a caution if the records have lost so many rows that the method is biased."""
     least, share = LOST_ROWS.get(estimate.method), lost_rows(records)
     if least is None or share < least or not any(record.inputs for record in records):
         return ()
@@ -464,9 +470,9 @@ def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, .
 
 
 def lost_rows(records: Sequence[Record]) -> float:
-    """Return the share of sample intervals, over all records, with lost rows.
+    """Return the share of sample intervals, over all records, in which rows are lost.
 
-    The usual interval is the lower quartile, since more than half of the intervals may be longer.
+    The usual interval is the lower quartile: rows may be lost in more than half of the intervals.
     """
     longer, count = 0, 0
     for record in records:
@@ -479,6 +485,7 @@ def lost_rows(records: Sequence[Record]) -> float:
 def _of_gusts(
     records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
 ) -> tuple[str, ...]:
+    """Return a caution if the residuals, or the estimated intensity of filter error, show gusts."""
     failing = {test.channel for test in tests if not test.passed}
     if (
         estimate.method in SHORT_IN_GUSTS
@@ -486,26 +493,26 @@ def _of_gusts(
         and _moved_together(records, estimate)
         and not made_by_inputs(records, estimate)
     ):
-        factor, worst, held = SHORT_IN_GUSTS[estimate.method]
+        factor, worst, coverage = SHORT_IN_GUSTS[estimate.method]
         return (
             "several outputs err together: gusts, a faulty sensor or an effect that the model "
             "lacks may be the cause (flightid diagnose looks for it). In gusts, multiply the "
             f"sigmas by {factor:g} (single derivatives need up to {worst:g}), or use --method "
             "equation-error, whose sigmas are right in gusts. In simulated gusts the true value "
-            f"was within two sigmas of {estimate.method} in {100 * held:.0f} % of cases in place "
-            "of 95 %",
+            f"was within two sigmas of {estimate.method} in {100 * coverage:.0f} % of cases in "
+            "place of 95 %",
         )
     if (
         estimate.method == "filter-error"
         and INTENSITY in estimate.names
         and estimate.value(INTENSITY) > 2.0 * estimate.sigma(INTENSITY)
     ):
-        factor, held = FILTER_ERROR
+        factor, coverage = FILTER_ERROR
         return (
             f"gusts act; multiply the sigmas by up to {factor:g} if their spectrum may not be "
             "Dryden's, or use --method equation-error, whose sigmas are right in gusts. In "
             "simulated gusts of another spectrum the true value was within two sigmas in "
-            f"{100 * held:.0f} % of cases in place of 95 %",
+            f"{100 * coverage:.0f} % of cases in place of 95 %",
         )
     return ()
 
@@ -513,11 +520,10 @@ def _of_gusts(
 def disturbed_outputs(
     records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]
 ) -> tuple[str, ...]:
-    """Outputs of a free simulation whose residuals are not white, where one cause moves several of
-    them as process noise does.
+    """Return the outputs whose residuals are not white, if one cause moves several outputs.
 
-    Measured on flights of three models: of 120 with white noise of each sensor none is called so,
-    of 120 with AR(1) noise three, of 240 in gusts all.
+    Process noise does so. In simulated flights of three models the result is not empty for none of
+    120 with white sensor noise, for three of 120 with AR(1) noise, and for all of 240 in gusts.
     """
     if estimate.method not in SHORT_IN_GUSTS or not _moved_together(records, estimate):
         return ()
@@ -536,13 +542,16 @@ def in_rough_air(
 
 
 def made_by_inputs(records: Sequence[Record], estimate: Estimate) -> bool:
-    """Return whether the inputs predict much of an output's residual in the half not fitted."""
-    for record, residual, known in zip(records, *_residuals(records, estimate), strict=True):
+    """Return whether the inputs explain much of the residual of an output.
+
+    A response to the inputs is fitted to one half of the residual and predicts the other half.
+    """
+    for record, residual, valid in zip(records, *_residuals(records, estimate), strict=True):
         if not record.inputs or len(record.time) < 2:
             continue
         inputs = np.array([channel.values for channel in record.inputs])
         interval = float(np.median(np.diff(record.time)))
-        shares = share_from_inputs(residual, known, inputs, interval)
+        shares = share_from_inputs(residual, valid, inputs, interval)
         if np.max(shares, initial=0.0) > MADE_BY_INPUTS:
             return True
     return False
@@ -555,39 +564,36 @@ def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
 def _residuals(
     records: Sequence[Record], estimate: Estimate
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Measured minus fitted ``(m, N)`` a record, zero if a sample is missing, and which samples
-    there are.
+    """Return residuals, zero if a sample is missing, and masks of the samples that are there.
+
+    Both have shape ``(m, N)`` for each record.
     """
     measured = [record.output_array(estimate.output_names) for record in records]
     residuals = [
-        np.where(known, z - fitted, 0.0)
-        for (z, known), fitted in zip(measured, estimate.fitted, strict=True)
+        np.where(valid, z - fitted, 0.0)
+        for (z, valid), fitted in zip(measured, estimate.fitted, strict=True)
     ]
-    return residuals, [known for _, known in measured]
+    return residuals, [valid for _, valid in measured]
 
 
 def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimate) -> str:
-    """Return the size of the innovations of filter error, the measure of a fit in turbulence; empty
-    for other methods.
-    """
+    """Return a phrase on the rms innovations of filter error; empty for other methods."""
     if method != "filter-error" or len(estimate.fitted) != len(records):
         return ""
     parts = []
     for row, name in enumerate(estimate.output_names):
-        apart = [
+        innovations = [
             (record[name].values - fitted[row])[record[name].valid]
             for record, fitted in zip(records, estimate.fitted, strict=True)
             if name in record.output_names
         ]
-        errors = np.concatenate(apart) if apart else np.zeros(0)
+        errors = np.concatenate(innovations) if innovations else np.zeros(0)
         if not errors.size or not np.all(np.isfinite(errors)):
             continue
         unit = next(r[name].unit for r in records if name in r.output_names)
         factor, shown = shown_in(unit, name)
         size = factor * float(np.sqrt(np.mean(errors**2)))
         parts.append(f"{name} {size:.3g}{spaced(shown)}")
-    return (
-        f"errors of one-step prediction, the measure in gusts: {', '.join(parts)} rms; "
-        if parts
-        else ""
-    )
+    if not parts:
+        return ""
+    return f"errors of one-step prediction, the measure in gusts: {', '.join(parts)} rms; "

@@ -34,6 +34,7 @@ from scenarios.identification.assessment import (
     Options,
     OtherReading,
     RecordFit,
+    fit_within_bounds,
     isolated_outliers,
     left_out,
     opposite,
@@ -43,9 +44,8 @@ from scenarios.identification.assessment import (
     record_fits,
     same_points,
     tied_rows,
-    trained_by,
+    values_for_prediction,
     with_outliers,
-    within_bounds,
     without,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
@@ -76,7 +76,7 @@ from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
-    likelier_by,
+    log_likelihood_gain,
     model_of_file,
     outputs_with_bias,
     step_for,
@@ -117,10 +117,10 @@ if TYPE_CHECKING:
 
 # ---- Identification of a measured record, with noise levels from the data
 
-# methods that fit a free simulation
+# Methods that fit a free simulation.
 SIMULATED = ("output-error", FREQUENCY)
-FIT_STEP = 0.01
-SLOW = (SPEED, ATTITUDE)  # states of a phugoid, not of the short period
+FIT_STEP = 0.01  # s, longest integration step
+PHUGOID_STATES = (SPEED, ATTITUDE)  # left out of the modes of the short period
 
 
 def identify(
@@ -136,17 +136,26 @@ def identify(
 ) -> IdentificationResult:
     """Estimate the parameters of a vehicle file's model from one record or several.
 
-    ``model``: the vehicle file's with a measured flow among its inputs; None: the file's own.
-    Records ``held_out`` are predicted, without wild points unless they are ``trusted``.
+    Each output except an altitude has a bias; a user model names the outputs that have one. Each
+    record has its own initial state. A filter takes its measurement noise and its start from an
+    output-error fit and its initial state from the first samples, and is iterated. ``filter-error``
+    models Dryden turbulence of unknown intensity for an aircraft, and white noise for a falling
+    body.
 
-    Each output except an altitude (of a user model those that it names) has a bias, and each record
-    its own initial state. A filter takes its measurement noise and its start from an output-error
-    fit, its initial state from the first samples, and is iterated. ``filter-error`` models Dryden
-    turbulence of unknown intensity for an aircraft, and white noise for a falling body.
+    Parameters
+    ----------
+    record, others : the first and the further records that are fitted.
+    vehicle : the vehicle file.
+    method : one of ``METHODS``.
+    model : the model of the vehicle file, possibly with the measured flow as further inputs; None:
+        that of the file.
+    held_out : records that are predicted.
+    trusted : whether wild points of ``held_out`` are kept.
 
     Raises
     ------
-    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs.
+    DeclarationError : the method is unknown.
+    ModelError : the record has none of the model's outputs.
     RecordError : a number is too large.
     """
     records: Sequence[Record] = [record, *others]
@@ -154,9 +163,8 @@ def identify(
     if vehicle.model == "loes" and method == "ekf":
         _refuse_uncertainty(vehicle)
         return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
-    model, records, held_out, weight_note = _declared(
-        model or model_of_file(vehicle), records, held_out, vehicle, method
-    )
+    model = model or model_of_file(vehicle)
+    model, records, held_out, weight_note = _declared(model, records, held_out, vehicle, method)
     outputs = _measured(model, records)
     sensors = outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
     biased = model.with_biases(sensors)
@@ -164,61 +172,67 @@ def identify(
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
+    is_filter, is_simulated = method in FILTERS, method in SIMULATED
 
-    def fit(each: Model) -> tuple[System, Estimate]:
-        return estimated_by(records, each, outputs, method, settings, options)
+    def fit(candidate: Model) -> tuple[System, Estimate]:
+        return estimated_by(records, candidate, outputs, method, settings, options)
 
-    def alone(one: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
-        own = _measured(model, [one])
-        each = bounded.with_biases([name for name in sensors if name in own])
+    def fit_alone(single: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
+        own_outputs = _measured(model, [single])
+        own_model = bounded.with_biases([name for name in sensors if name in own_outputs])
         return _best_alone(
-            one, lambda some: estimated_by(some, each, own, method, settings, options)[1]
+            single,
+            lambda read: estimated_by(read, own_model, own_outputs, method, settings, options)[1],
         )
 
-    bounded, system, estimate, at_bounds = within_bounds(biased, fit, kept=method not in FILTERS)
+    bounded, system, estimate, at_bounds = fit_within_bounds(biased, fit, respected=not is_filter)
     tests = _tests(records, estimate)
-    by_data = estimate
+    # Exact constants; their uncertainty widens the sigmas below.
+    with_exact_constants = estimate
+    start = _started_at(estimate, bounded, starts_are_priors=bool(vehicle.modes) or is_filter)
     estimate, considered = consider(
-        _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
-        vehicle.uncertainty,
-        by_data,
-        lambda each: fit(each)[1],
+        start, vehicle.uncertainty, with_exact_constants, lambda candidate: fit(candidate)[1]
     )
-    rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
-    airborne = vehicle.model != "ballistic" and moves_about_rest(model)
-    airborne = airborne and bool(np.all(np.isfinite(estimate.values)))
+    rows, bias_names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
+    has_modes = _has_modes(vehicle, model, estimate)
     in_system, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
-    cautions = failed(records, estimate, rows, vehicle.derivatives) if method in SIMULATED else ()
     return IdentificationResult(
         record,
         vehicle,
         method,
         estimate,
-        tuple(row for row in rows if row.name not in names),
-        tuple(row for row in rows if row.name in names),
-        _derived(vehicle, system, estimate, in_system if airborne else None),
+        tuple(row for row in rows if row.name not in bias_names),
+        tuple(row for row in rows if row.name in bias_names),
+        _derived(vehicle, system, estimate, in_system if has_modes else None),
         _fixed(biased, model.ties),
         tests,
         tuple(others),
-        notes=(*filter(None, (weight_note, estimate.message)), *_laid_down(vehicle, model)),
+        notes=(*filter(None, (weight_note, estimate.message)), *_constraints(vehicle, model)),
         cautions=(
-            *cautions,
-            *(record_cautions(records, tests, alone) if method in SIMULATED else ()),
+            *(failed(records, estimate, rows, vehicle.derivatives) if is_simulated else ()),
+            *(record_cautions(records, tests, fit_alone) if is_simulated else ()),
             *cautions_of(vehicle, estimate, rows),
-            *sigma_cautions(records, by_data, compiled, tests, [PATH]),
+            *sigma_cautions(records, with_exact_constants, compiled, tests, [PATH]),
             *considered_sentences(considered),
         ),
-        modes=characteristics(system, in_system, SLOW) if airborne else None,
+        modes=characteristics(system, in_system, PHUGOID_STATES) if has_modes else None,
         system=system,
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
-        intervals=_intervals(records, bounded, outputs, by_data, settings, options),
+        intervals=_intervals(records, bounded, outputs, with_exact_constants, settings, options),
         band=options.band,
         fits=_fits(records, held_out, compiled, estimate, settings, trusted=trusted),
-        trained=trained_by(compiled, estimate.as_dict(), settings),
+        trained=values_for_prediction(compiled, estimate.as_dict(), settings),
         engine=engine_of(method, options),
         considered=considered,
     )
+
+
+def _has_modes(vehicle: VehicleFile, model: Model, estimate: Estimate) -> bool:
+    """Return whether modes of the estimated model have a meaning: about a rest, and finite."""
+    if vehicle.model == "ballistic" or not moves_about_rest(model):
+        return False
+    return bool(np.all(np.isfinite(estimate.values)))
 
 
 def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
@@ -231,12 +245,12 @@ def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _started_at(estimate: Estimate, model: Model, *, begins: bool) -> Model:
-    """The model with its starts at an estimate; unchanged where starts are a prior (``begins``)."""
-    found = {name: v for name, v in estimate.as_dict().items() if name in model.parameters}
-    if begins or not np.all(np.isfinite(estimate.values)):
+def _started_at(estimate: Estimate, model: Model, *, starts_are_priors: bool) -> Model:
+    """Return the model with its starts at the estimate, unless the starts are priors."""
+    if starts_are_priors or not np.all(np.isfinite(estimate.values)):
         return model
-    return model.with_values(found)
+    values = estimate.as_dict().items()
+    return model.with_values({name: value for name, value in values if name in model.parameters})
 
 
 def _refuse_uncertainty(vehicle: VehicleFile) -> None:
@@ -255,30 +269,37 @@ def _declared(
     vehicle: VehicleFile,
     method: str,
 ) -> tuple[Model, Sequence[Record], Sequence[Record], str]:
-    """Return the model with effects of a measured attitude, records for the method, a note."""
+    """Return model, fitted and held-out records for the method, and a note on a measured attitude.
+
+    If the method cannot use the attitude, it is taken out of the records. Otherwise the model gets
+    the weight along the flight path, if the records prefer that.
+    """
     if vehicle.own is not None:
         return model, records, held_out, ""
     if not uses_attitude(vehicle, method):
-        model, every = without_theta(model, [*records, *held_out])
-        records, held_out = every[: len(records)], every[len(records) :]
+        model, without = without_theta(model, [*records, *held_out])
+        records, held_out = without[: len(records)], without[len(records) :]
     model, weight_note = with_weight_if_needed(model, records, _measured(model, records))
     return model, records, held_out, weight_note
 
 
 def _measured(model: Model, records: Sequence[Record]) -> list[str]:
-    """Return the model's outputs that one of the records has."""
+    """Return the outputs of the model that at least one record has."""
     return [
         signal.name
         for signal in model.equations.outputs
-        if any(signal.name in each.output_names for each in records)
+        if any(signal.name in record.output_names for record in records)
     ]
 
 
 def _derived(
-    vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None
+    vehicle: VehicleFile, system: System, estimate: Estimate, modal: Estimate | None
 ) -> dict[str, tuple[float, float]]:
-    """Return the modes of the estimated model and the delay of a low-order system."""
-    derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
+    """Return value and sigma of modal quantities, and of the delay of a low-order system.
+
+    ``modal``: estimate of the parameters of ``system``; None if it has no modes.
+    """
+    derived = modal_estimate(system, modal, PHUGOID_STATES) if modal is not None else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return derived
@@ -308,7 +329,7 @@ def _low_order(
     fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
     modes = characteristics(compile_model(model), found.estimate)
     cautions = cautions_of(vehicle, found.estimate, found.rows)
-    trained = trained_by(system, values, settings)
+    trained = values_for_prediction(system, values, settings)
     return replace(
         found,
         cautions=cautions,
@@ -328,7 +349,7 @@ def _fits(
     *,
     trusted: bool,
 ) -> tuple[RecordFit, ...]:
-    """Return free simulations of all records, from the estimate where it has them."""
+    """Return free simulations of all records; those that the estimate has are not repeated."""
     simulated = (
         estimate.fitted
         if estimate.method in SIMULATED and estimate.output_names == system.output_names
@@ -339,7 +360,8 @@ def _fits(
     )
 
 
-def _laid_down(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
+def _constraints(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
+    """Return sentences on the constraints of the vehicle file."""
     units = {item.name: item.unit for item in model.parameters}
     return constraint_sentences(
         vehicle.constraints, {item.name: item.value for item in model.parameters}, units
@@ -354,22 +376,20 @@ def _intervals(
     settings: FitSettings,
     options: Options,
 ) -> tuple[ProfileInterval, ...]:
-    """Profile-likelihood intervals where they are asked."""
+    """Return profile-likelihood intervals if the options ask for them."""
     if options.profile is None:
         return ()
-    calm = compile_model(model, outputs)
-    system = (
-        compile_model(forced(model, records), outputs)
-        if estimate.method == "filter-error"
-        else calm
-    )
+    without_noise = compile_model(model, outputs)
+    system = without_noise
+    if estimate.method == "filter-error":
+        system = compile_model(forced(model, records), outputs)
     return profiled(
         estimate,
         records,
         system,
         settings,
         options.profile,
-        calm=calm,
+        without_noise=without_noise,
         local=[PATH],
         delays=delays_of(model),
         band=options.band,
@@ -379,19 +399,24 @@ def _intervals(
 def _best_alone(
     record: Record, fit: Callable[[Sequence[Record]], Estimate]
 ) -> tuple[Estimate, Sequence[ResidualTest]]:
-    """Return the estimate from one record and its tests, with the better fitting hold.
+    """Return the estimate from one record and its tests, with the hold that passes more tests.
 
-    Contradicting records may have been read with the wrong hold.
+    Records that contradict each other may have been read with the wrong hold.
     """
-    readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
-    tried = [(found := fit(some), _tests(some, found)) for some in readings]
-    return max(tried, key=lambda each: sum(test.passed for test in each[1]))
+    readings = [[record]]
+    if record.inputs:
+        readings.append(with_hold([record], opposite(record.hold)))
+    results = []
+    for read in readings:
+        estimate = fit(read)
+        results.append((estimate, _tests(read, estimate)))
+    return max(results, key=lambda result: sum(test.passed for test in result[1]))
 
 
 def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
-    """Tests of the residuals of all records, one after the other."""
-    measured = [each.output_array(estimate.output_names) for each in records]
-    valid = np.concatenate([known for _, known in measured], axis=1)
+    """Return the tests of the residuals; the residuals of all records follow each other."""
+    measured = [record.output_array(estimate.output_names) for record in records]
+    valid = np.concatenate([mask for _, mask in measured], axis=1)
     residuals = np.concatenate(
         [z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1
     )
@@ -403,11 +428,16 @@ def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest,
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identified:
-    """An identification with what it was made from.
+    """An identification and its inputs.
 
-    ``flown``: aircraft class and flight phase for levels of flying qualities. ``measured``: fitted
-    records as written to files. ``files``, ``validation``: fitted and predicted files. ``plan``:
-    preparation of the records.
+    Attributes
+    ----------
+    found : the result.
+    flown : aircraft class and flight phase, for levels of flying qualities.
+    measured : the fitted records, as they are written to files.
+    files : record files that were fitted.
+    validation : record files that were predicted.
+    plan : preparation of the records.
     """
 
     found: IdentificationResult
@@ -422,11 +452,14 @@ class Identified:
 
 
 def identify_files(request: Request, method: str, options: Options = DEFAULT_OPTIONS) -> Identified:
-    """Read the files, fit, and report changes with the other hold if the hold is not stated.
+    """Read the files and fit them.
+
+    If no file states the hold of the inputs, the fit is repeated with the other hold. The data
+    choose between both, or the result reports what changes.
 
     Raises
     ------
-    FlightidError : anything asked or in the files that keeps them from being used.
+    FlightidError : the request or a file cannot be used.
     """
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
@@ -447,11 +480,13 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
     )
     files, validation = read_with_validation(request.records, request.validate)
 
-    # Here the rate only serves files without a clock; nothing is resampled.
+    # The rate only serves files without a clock; nothing is resampled.
     opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
 
-    def identified(plan: Plan, asked: Options) -> tuple[PreparedData, IdentificationResult]:
-        return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
+    def identified(plan: Plan, plan_options: Options) -> tuple[PreparedData, IdentificationResult]:
+        return _identified(
+            vehicle, method, (files, validation), choices, plan, plan_options, opening
+        )
 
     ready, found = identified(request.plan, options)
     if (
@@ -460,13 +495,13 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
         and request.plan.hold is None
         and not any(file.sidecar.says_hold for file in files)
     ):
-        ready, found = _read_otherwise(
+        ready, found = _with_other_hold(
             ready,
             found,
-            lambda hold, asked: identified(replace(request.plan, hold=hold), asked),
+            lambda hold, hold_options: identified(replace(request.plan, hold=hold), hold_options),
             options,
         )
-    found = replace(found, doubts=(*_not_to_be_used(request, vehicle, found), *found.doubts))
+    found = replace(found, doubts=(*_unusable_sigmas(request, vehicle, found), *found.doubts))
     proposed = _filter_error_proposed(request, vehicle, found)
     found = replace(
         found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed)
@@ -480,28 +515,31 @@ def _identified(
     files: tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]],
     choices: Mapping[str, ColumnChoice] | None,
     plan: Plan,
-    asked: Options,
+    options: Options,
     opening: Sequence[str] = (),
 ) -> tuple[PreparedData, IdentificationResult]:
     """Return the result of a fit to records prepared by ``plan``.
 
     ``opening``: command-line options that open the files.
     """
-    # The filter of the low-order system has its own equations at one speed, and estimates the
-    # trim.
-    own = vehicle.model == "loes" and method == "ekf"
-    flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
+    # The filter of the low-order system has its own equations at constant speed, and estimates
+    # the trim.
+    is_filter_of_low_order = vehicle.model == "loes" and method == "ekf"
+    flow, attitude = (
+        not is_filter_of_low_order and method != FREQUENCY,
+        uses_attitude(vehicle, method),
+    )
     ready = prepare(
         files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
-    # The number of samples first: a record of three shows no control moving either.
+    # A record of three samples shows no control moving either: its length is the better message.
     refuse_too_few(ready.fitted, ready.model)
     refuse_still(ready.fitted, ready.model)
     refuse_unfit_records(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY
-    first, *others = ready.measured if own else ready.fitted
+    first, *others = ready.measured if is_filter_of_low_order else ready.fitted
     notes = ready.notes
     if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
         first, others = max((first, *others), key=len), []
@@ -518,43 +556,49 @@ def _identified(
             records[1:],
             ready.model,
             ready.validation,
-            asked,
+            options,
             trusted=trusted,
         )
 
     found, masks = _without_outliers(fitted, (first, *others), trusted=trusted)
     look = with_outliers(ready.look, (first, *others), masks)
-    held = [fit.record for fit in found.fits if fit.held_out]
+    held_out_records = [fit.record for fit in found.fits if fit.held_out]
     look = with_outliers(
         look,
         ready.validation,
-        [left_out(*pair) for pair in zip(ready.validation, held, strict=True)],
+        [left_out(*pair) for pair in zip(ready.validation, held_out_records, strict=True)],
     )
     found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     outputs = tuple(name for fit in found.fits if not fit.held_out for name in fit.outputs)
-    lacking = not_recorded(tuple(dict.fromkeys(outputs)), ready.predicted)
-    by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
-    measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
+    missing_outputs = not_recorded(tuple(dict.fromkeys(outputs)), ready.predicted)
+    masks_by_name = {
+        record.name: some for record, some in zip((first, *others), masks, strict=True)
+    }
+    measured = tuple(
+        without(record, masks_by_name.get(record.name, {})) for record in ready.measured
+    )
     cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
     return replace(ready, measured=measured), replace(
-        found, notes=(*notes, *lacking, *found.notes), doubts=doubts, look=look
+        found, notes=(*notes, *missing_outputs, *found.notes), doubts=doubts, look=look
     )
 
 
 def _filter_error_proposed(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """Return the command for filter error if residuals look like process noise, else nothing."""
-    moved = in_rough_air([found.record, *found.others], found.estimate, found.tests)
-    if not moved:
+    """Return a sentence that proposes filter error if the residuals look like process noise."""
+    disturbed = in_rough_air([found.record, *found.others], found.estimate, found.tests)
+    if not disturbed:
         return ()
     try:
         forced(model_of_file(vehicle), [found.record])
     except DeclarationError:
         return ()
     command = _command(request, "identify", ["--method", "filter-error"])
-    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    listed = (
+        f"{', '.join(disturbed[:-1])} and {disturbed[-1]}" if len(disturbed) > 1 else disturbed[0]
+    )
     return (
         f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
         "noise together with the parameters",
@@ -562,7 +606,10 @@ def _filter_error_proposed(
 
 
 def _command(request: Request, command: str, further: Sequence[str] = ()) -> str:
-    """Another command on the same records, with the options that were given."""
+    """Return another command on the same records with the options of the request.
+
+    ``further``: options that are added.
+    """
     paths = [path_of(record) for record in request.records]
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"
@@ -582,12 +629,12 @@ def _command(request: Request, command: str, further: Sequence[str] = ()) -> str
     return shlex.join(["flightid", command, *words, *options, *further])
 
 
-def _not_to_be_used(
+def _unusable_sigmas(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """Return a warning with the command for a diagnosis if residuals are more than noise.
+    """Return a warning that the sigmas are unusable if the residuals are more than noise.
 
-    Empty if they are not, or if ``diagnose`` does not take such a model.
+    It names the command for a diagnosis if ``diagnose`` takes the model. Empty for good residuals.
     """
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:
@@ -625,45 +672,46 @@ def _without_outliers(
     *,
     trusted: bool,
 ) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
-    """Return a fit less isolated wrong samples, and these by record and channel; looked for again
-    among all samples once they no longer bend the fit.
+    """Return the fit without isolated wrong samples, and masks of these by record and channel.
+
+    Wrong samples change the fit from which they are found. So they are looked for a second time, in
+    the fit without them. ``trusted``: no sample is left out.
     """
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
         fits = [fit for fit in found.fits if not fit.held_out]
-        again = isolated_outliers(
-            fits[0].outputs if fits else (), [fit.simulated for fit in fits], records
-        )
-        if same_points(again, masks):
+        outputs = fits[0].outputs if fits else ()
+        new_masks = isolated_outliers(outputs, [fit.simulated for fit in fits], records)
+        if same_points(new_masks, masks):
             break
-        masks = again
-        found = fitted([without(record, some) for record, some in zip(records, masks, strict=True)])
+        masks = new_masks
+        found = fitted([without(record, mask) for record, mask in zip(records, masks, strict=True)])
     return found, masks
 
 
-def _read_otherwise(
+def _with_other_hold(
     ready: PreparedData,
     found: IdentificationResult,
-    again: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
+    identified: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
     options: Options,
 ) -> tuple[PreparedData, IdentificationResult]:
-    """Return the identification under the reading of its inputs that the data choose, with what the
-    other one changes where they do not choose.
+    """Return the identification with the hold of the inputs that the data prefer.
 
-    The first reading was chosen before wild points were set aside; inputs that a computer steps
+    If the data prefer none, the result is the first one and reports what the other hold changes.
+    The first hold was chosen before wild points were set aside. Inputs that move in single steps
     stay held.
     """
     used = found.record.hold
-    other_ready, other = again(opposite(used), replace(options, profile=None))
-    if any(each.estimate.outcome not in SETTLED for each in (found, other)):
+    other_ready, other = identified(opposite(used), replace(options, profile=None))
+    if any(result.estimate.outcome not in SETTLED for result in (found, other)):
         return ready, found
     gain = _gain(found, other)
     if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO and not all(
         held_by_computer(record) for record in (found.record, *found.others)
     ):
         if options.profile is not None:
-            other_ready, other = again(opposite(used), options)
+            other_ready, other = identified(opposite(used), options)
         decision = OtherReading(opposite(used), used, (), -gain).decision
         chosen = f"inputs {WORDS[opposite(used)]} between samples: {BY_HAND}"
         notes = tuple(decision if note == chosen else note for note in other.notes)
@@ -684,16 +732,16 @@ def _read_otherwise(
 
 
 def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
-    """Return twice the log likelihood ratio of another identification of the same records."""
+    """Return twice the log likelihood ratio of ``other`` to ``found``, both of the same records."""
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
         return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
     residuals: tuple[list[np.ndarray], list[np.ndarray]] = [], []
-    known = []
+    masks = []
     for pair in pairs:
         measured, valid = pair[0].record.output_array(pair[0].outputs)
-        sound = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
-        known.append(sound)
-        for some, fit in zip(residuals, pair, strict=True):
-            some.append(np.where(sound, measured - fit.simulated, 0.0))
-    return likelier_by(*residuals, known)
+        mask = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
+        masks.append(mask)
+        for residuals_of_fit, fit in zip(residuals, pair, strict=True):
+            residuals_of_fit.append(np.where(mask, measured - fit.simulated, 0.0))
+    return log_likelihood_gain(*residuals, masks)

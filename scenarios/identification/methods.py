@@ -1,4 +1,4 @@
-"""Estimate any model by any method: requirements of the methods, and their calls."""
+"""Estimate any model by any method: what each method requires, and how it is called."""
 
 from __future__ import annotations
 
@@ -31,26 +31,32 @@ from sim.vehicles.other_vehicles import Multirotor
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
-LARGEST_BIAS_SCATTERS = 1.0  # prior sigma of a bias, share of the channel's scatter
-STARTING_SAMPLES = 5  # initial samples whose median is a sensor's initial value
-ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
+# Prior standard deviation of a bias, as a share of the channel's scatter: for equations of total
+# motion, and for those of perturbations.
+BIAS_SCATTERS, BIAS_SCATTERS_OF_PERTURBATIONS = 1.0, 3.0
+STARTING_SAMPLES = 5  # first samples, whose median is the initial value of a sensor
+ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s; starting value for the noise on a falling body
 TURBULENCE = "gust-turbulence"
-# Starting process noise: share of a state's typical change in one second.
+# Starting process noise changes a state in one second by this share of its typical change.
 PROCESS_NOISE_SHARE = 0.1
-TRIAL_OFFSET = 0.1  # offset from rest at which effects of parameters on rates are tested
-FILTER_AGREEMENT_SIGMAS = 3.0  # prior of a filter's first pass about a fit, in sigmas of the fit
-# prior of a filter about a fit, in sigmas of the fit; the data then count 1 + 1/400 times
+TRIAL_OFFSET = 0.1  # offset from rest at which the effects of parameters on rates are tested
+# Prior of a filter's first pass about an output-error fit, in sigmas of that fit.
+FILTER_AGREEMENT_SIGMAS = 3.0
+# Prior of a filter about an output-error fit, in sigmas of that fit. The data count twice, the
+# second time with a weight of 1/400.
 FILTER_PRIOR_SIGMAS = 20.0
-# Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the
-# rest is left for the update.
+# Least noise of a filter, as a share of a channel's scatter. The variances then differ by half of
+# the digits of a float, and the update of the covariance keeps the other half.
 LEAST_NOISE = float(np.finfo(float).eps ** 0.25)
+UNKNOWN_NOISE = 0.1  # noise over scatter of a channel for which a fit gives no noise level
 SETTLED = (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-LARGEST_NUMBER = 1e50  # squares and sums of larger numbers leave the range of finite ones
+LARGEST_NUMBER = 1e50  # squares and sums of larger numbers could overflow
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
-    """Return whether a measured pitch attitude can enter: the speed that it changes is a state
-    which only a whole-record simulation has.
+    """Return whether a method can use a measured pitch attitude of a rigid aircraft.
+
+    The attitude changes the speed, a state that only simulations of whole records have.
     """
     return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
@@ -58,8 +64,9 @@ def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
 def refuse_method(
     records: Sequence[Record], vehicle: VehicleFile, method: str, options: Options, fitted: int
 ) -> None:
-    """Refuse a method that there is not, or not for these records (the first ``fitted`` of them to
-    be fitted) and this model.
+    """Raise DeclarationError for a method that is unknown or cannot take the records or the model.
+
+    ``fitted``: number of records that are fitted.
     """
     if method not in METHODS:
         raise DeclarationError(
@@ -89,8 +96,8 @@ def refuse_method(
             where="--method",
             remedy="use output-error, filter-error, equation-error or frequency-domain",
         )
-    for each in records:
-        refuse_beyond_measure(each, [channel.name for channel in each.channels], LARGEST_NUMBER)
+    for record in records:
+        refuse_beyond_measure(record, [channel.name for channel in record.channels], LARGEST_NUMBER)
     if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
         what = (
             "the bank of delays estimates every derivative from its start, and the vehicle file "
@@ -126,8 +133,10 @@ def engine_of(method: str, options: Options) -> dict[str, str]:
     if method == "ukf":
         sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
         return {"name": "filterpy", "sentence": sentence}
+    if method != "ekf":
+        return {}
     engine = ENGINES[options.engine or FILTERPY.name]
-    return {"name": engine.name, "sentence": engine.label} if method == "ekf" else {}
+    return {"name": engine.name, "sentence": engine.label}
 
 
 def estimated_by(
@@ -138,13 +147,13 @@ def estimated_by(
     settings: FitSettings,
     options: Options,
 ) -> tuple[System, Estimate]:
-    """Return the system of a method and its estimate.
+    """Return the system that a method estimates, and its estimate.
 
     A filter runs over the first record and starts from an output-error fit of it.
 
     Raises
     ------
-    RecordError : the method's linear algebra fails on these numbers.
+    RecordError : the linear algebra of the method fails.
     """
     try:
         return _estimated_by(records, model, outputs, method, settings, options)
@@ -184,44 +193,42 @@ def _estimated_by(
     if delay is None:
         return _filtered(records[0], model, outputs, method, settings, options, fit)
     value = _values_of(fit).get(delay, model.parameters[delay].value)
+    # A filter cannot estimate a pure delay: it takes that of the fit.
     held = model.with_parameters(model.parameters.with_values({delay: value}).hold([delay]))
-    filtered, found = _filtered(
-        records[0],
-        held,
-        outputs,
-        method,
-        settings,
-        options,
-        fit.only([name for name in fit.names if name != delay]),
+    without_delay = fit.only([name for name in fit.names if name != delay])
+    filter_system, estimate = _filtered(
+        records[0], held, outputs, method, settings, options, without_delay
     )
-    return filtered, _with_delay(found, fit, delay) if _values_of(fit) else found
+    if _values_of(fit):
+        estimate = _with_delay(estimate, fit, delay)
+    return filter_system, estimate
 
 
-def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
-    """Return a filter's estimate, completed by the delay of an output-error ``fit``.
+def _with_delay(estimate: Estimate, fit: Estimate, delay: str) -> Estimate:
+    """Return a filter's estimate with the delay of an output-error ``fit`` added.
 
-    The delay was fixed in the filter. Its uncertainty propagates to the others as in the fit.
+    The delay was fixed in the filter. Its uncertainty widens the other sigmas as in the fit.
     """
     at = fit.names.index(delay)
     variance = float(fit.covariance[at, at])
     if not variance > 0.0:
-        return found
+        return estimate
     slopes = {
         name: float(fit.covariance[fit.names.index(name), at]) / variance for name in fit.names
     }
-    moves = np.array([*(slopes.get(name, 0.0) for name in found.names), 1.0])
-    covariance = np.pad(found.covariance, (0, 1)) + variance * np.outer(moves, moves)
+    per_delay = np.array([*(slopes.get(name, 0.0) for name in estimate.names), 1.0])
+    covariance = np.pad(estimate.covariance, (0, 1)) + variance * np.outer(per_delay, per_delay)
     sentence = (
         f"{delay} is that of the output-error fit: a pure delay has no state that a filter could "
         "estimate"
     )
     return replace(
-        found,
-        names=(*found.names, delay),
-        units=(*found.units, fit.units[at]),
-        values=np.append(found.values, fit.values[at]),
+        estimate,
+        names=(*estimate.names, delay),
+        units=(*estimate.units, fit.units[at]),
+        values=np.append(estimate.values, fit.values[at]),
         covariance=covariance,
-        message="; ".join(text for text in (found.message, sentence) if text),
+        message="; ".join(text for text in (estimate.message, sentence) if text),
     )
 
 
@@ -234,32 +241,34 @@ def _by_filter_error(
 ) -> tuple[System, Estimate]:
     """Return the filter-error estimate in turbulence, or with white noise on the states.
 
-    Turbulence acts through the angle of attack only. If this fit does not converge for equations of
-    totals, because speed and pitch are disturbed as well, each state gets white noise and sensor
-    biases are dropped.
+    Turbulence acts through the angle of attack only. In equations of total motion, speed and pitch
+    may be disturbed as well, so that the fit does not converge. Then each state gets white noise,
+    and the sensor biases are dropped.
     """
     from ident.process_noise.filter_error import fit_filter_error
 
-    def fitted(calm: Model, rough: Model) -> tuple[System, Estimate]:
-        system = compile_model(calm, outputs)
+    def fitted(without_noise: Model, with_noise: Model) -> tuple[System, Estimate]:
+        system = compile_model(without_noise, outputs)
         return system, fit_filter_error(
-            records, compile_model(rough, outputs), settings, calm=system, local=[PATH]
+            records, compile_model(with_noise, outputs), settings, calm=system, local=[PATH]
         )
 
-    first = fitted(model, forced(model, records))
+    first_system, first = fitted(model, forced(model, records))
     if (
-        first[1].outcome is Outcome.CONVERGED
+        first.outcome is Outcome.CONVERGED
         or is_own(model)
         or not of_totals(model)
         or options.profile is not None
     ):
-        return first
-    zeros = [name for name in model.parameters.free_names if not name.startswith("bias_")]
-    calm = model.with_parameters(model.parameters.only_free(zeros))
-    noise = {name: _density(name, records) for name in _driven_states(calm, records)}
-    system, second = fitted(calm, calm.with_noise(replace(calm.noise, process_density=noise)))
-    if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first[1].log_likelihood:
-        return first
+        return first_system, first
+    not_biases = [name for name in model.parameters.free_names if not name.startswith("bias_")]
+    unbiased = model.with_parameters(model.parameters.only_free(not_biases))
+    noise = {name: _density(name, records) for name in _driven_states(unbiased, records)}
+    system, second = fitted(
+        unbiased, unbiased.with_noise(replace(unbiased.noise, process_density=noise))
+    )
+    if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first.log_likelihood:
+        return first_system, first
     sentence = (
         f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence "
         "and biases did not settle"
@@ -282,15 +291,15 @@ def _filtered(
 
     The covariance is corrected for coloured innovations. A prior that the record contradicts is
     widened to the distance of the estimate. If the filter assumes more noise than the record has,
-    its integration steps are those of the fit, so that their error stays below the noise.
+    it takes the integration steps of the fit, whose error is below the noise.
     """
     ready = _for_filter(model, record, outputs, fit)
     first = compile_model(_near_fit(ready, fit), outputs, online=True)
     if not settings.use_priors:
         ready = _about_fit(ready, fit)
     system = compile_model(ready, outputs, online=True)
-    calm = _calm(fit, ready)
-    steps = FilterSettings(max_step=settings.max_step) if calm else None
+    quiet = _quiet_outputs(fit, ready)
+    steps = FilterSettings(max_step=settings.max_step) if quiet else None
     estimate = _run_filter(record, system, first, method, options, steps)
     for _ in range(WIDENINGS):
         held_back = contradicted(system, estimate.as_dict()) if estimate.outcome in SETTLED else ()
@@ -299,9 +308,9 @@ def _filtered(
         system = widened(system, held_back)
         estimate = _run_filter(record, system, first, method, options, steps)
     estimate = with_coloured_covariance(estimate)
-    if calm and not estimate.message:
+    if quiet and not estimate.message:
         sentence = (
-            f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes "
+            f"{', '.join(quiet)}: hardly any noise; a filter needs some, and assumes "
             f"{LEAST_NOISE:.1g} of the channel's scatter"
         )
         estimate = replace(
@@ -318,15 +327,15 @@ def _filtered(
     return system, estimate
 
 
-def _calm(fit: Estimate, ready: Model) -> list[str]:
-    """Return outputs in which a converged fit finds less noise than the filter assumes."""
+def _quiet_outputs(fit: Estimate, ready: Model) -> list[str]:
+    """Return the outputs in which a converged fit finds less noise than the filter assumes."""
     if not _values_of(fit):
         return []
     assumed = ready.noise.measurement_std
     return [
         name
-        for name, found in zip(fit.output_names, fit.noise_std.tolist(), strict=True)
-        if found < assumed[name]
+        for name, std in zip(fit.output_names, fit.noise_std.tolist(), strict=True)
+        if std < assumed[name]
     ]
 
 
@@ -338,36 +347,37 @@ def _run_filter(
     options: Options,
     steps: FilterSettings | None,
 ) -> Estimate:
+    """Return the estimate of an iterated filter; ``first``: the system of its first pass."""
     if method == "ekf":
-        return run_iterated_ekf(
-            record, system, steps, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass
-        )
+        one_pass = ENGINES[options.engine or FILTERPY.name].one_pass
+        return run_iterated_ekf(record, system, steps, first=first, by=one_pass)
     from ident.filters.ukf import run_iterated_ukf
 
     return run_iterated_ukf(record, system, steps, first=first)
 
 
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
-    """Return the model with what filter error estimates besides the derivatives.
+    """Return the model with the process noise that filter error estimates.
 
-    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own
-    model and of a multirotor, which feels gusts as moments without a model of them, white noise on
-    each state whose rate has a free parameter, in proportion to what that state changes in a second
-    in ``records``; a common factor on its standard deviation is estimated.
+    - Aircraft: turbulence, if gusts act on the equations.
+    - Falling body: white noise on the acceleration.
+    - User's model, and multirotor, on which gusts act as moments that are not modelled: white noise
+      on each state whose rate has a free parameter. Its size is in proportion to the change of the
+      state in a second of ``records``; a common factor on it is estimated.
 
     Raises
     ------
-    DeclarationError : built-in equations on which neither is known to act.
+    DeclarationError : no process noise is known for the built-in equations.
     """
     from sim.effects.library import effects_for
 
     if is_own(model):
         return _with_white_noise(model, records)
-    rough = next(
+    turbulence = next(
         (effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None
     )
-    if rough is not None:
-        return model.with_effects(rough)
+    if turbulence is not None:
+        return model.with_effects(turbulence)
     if model.equations.name == Multirotor().name:
         return _with_white_noise(model, records)
     if not any(state.name == "velocity" for state in model.equations.states):
@@ -395,34 +405,33 @@ def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
 
 
 def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
-    """Return states whose rate depends on a free parameter; others have no process noise."""
+    """Return the states whose rate depends on a free parameter."""
     system = compile_model(model)
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + TRIAL_OFFSET
     x, u = rest[: len(system.states)].tolist(), rest[len(system.states) :].tolist()
     p = system.parameters.values()
-    moved: set[str] = set()
+    driven: set[str] = set()
     for name in system.parameters.free_names:
-        other = p.copy()
-        other[system.parameters.index(name)] += TRIAL_OFFSET * max(
-            1.0, abs(other[system.parameters.index(name)])
-        )
+        changed = p.copy()
+        i = system.parameters.index(name)
+        changed[i] += TRIAL_OFFSET * max(1.0, abs(changed[i]))
         rates = zip(
             system.f(times, x, u, p.tolist()),
-            system.f(times, x, u, other.tolist()),
+            system.f(times, x, u, changed.tolist()),
             system.state_names,
             strict=True,
         )
-        moved |= {state for one, two, state in rates if np.any(one != two)}
-    return [name for name in system.state_names if name in moved]
+        driven |= {state for before, after, state in rates if np.any(before != after)}
+    return [name for name in system.state_names if name in driven]
 
 
 def _density(state: str, records: Sequence[Record]) -> float:
-    """Spectral density, unit^2/s, that moves a state in a second by a tenth of what it is recorded
-    to change in one; not recorded: .1 of its unit.
+    """Return the starting spectral density of the white noise on a state, unit^2/s.
 
-    Airspeed changes in a second by a small part of its scatter along a record: noise in proportion
-    to that would follow its sensor everywhere.
+    In a second the noise changes the state by a tenth of its recorded change in a second, or by 0.1
+    of its unit if it is not recorded. The scatter over a record would be a wrong measure: that of
+    an airspeed is so large that the state would follow its sensor.
     """
     channels = [(record.time, record[state]) for record in records if state in record.output_names]
     changes = max((_change_in_a_second(time, channel) for time, channel in channels), default=0.0)
@@ -430,7 +439,7 @@ def _density(state: str, records: Sequence[Record]) -> float:
 
 
 def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
-    """Return the standard deviation of a channel's change in one second, or its scatter."""
+    """Return the standard deviation of a channel's change in 1 s; its scatter if it is short."""
     t, values = time[channel.valid], channel.values[channel.valid]
     if t.size < 2 or t[-1] - t[0] < 2.0:
         return float(np.std(values)) if t.size else 0.0
@@ -439,40 +448,39 @@ def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
-    """Noise, initial state and bias priors for a filter, from the record alone.
+    """Return the model with noise, initial state and priors of biases for a filter.
 
-    A sensor's zero is looked for about where its record begins, the perturbation from trim about
-    zero: a record of total angles must not start the state at the trim's. Equations of totals are
-    the other way about.
+    They come from the record and the noise levels of an output-error ``fit``. In equations of
+    perturbations the states start at zero, and each bias at the first value of its sensor: a record
+    of total angles starts at its trim. In equations of total motion the states start at the first
+    values, and the biases at zero.
     """
-    std, spread, begins = {}, {}, {}
+    std, scatter, begins = {}, {}, {}
     totals = of_totals(model)
     for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
         channel = record[name]
         values = channel.values[channel.valid]
-        spread[name] = max(float(np.std(values)), 1e-12)
-        sound = (
-            fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
-        )
-        std[name] = max(float(fitted), LEAST_NOISE * spread[name]) if sound else 0.1 * spread[name]
+        scatter[name] = max(float(np.std(values)), 1e-12)
+        if fit.outcome in SETTLED and 0 < fitted < scatter[name]:
+            std[name] = max(float(fitted), LEAST_NOISE * scatter[name])
+        else:
+            std[name] = UNKNOWN_NOISE * scatter[name]
         begins[name] = float(np.median(values[:STARTING_SAMPLES]))
     states = []
     for item in model.initial:
         if totals and item.name in outputs:
-            value, prior = begins[item.name], LARGEST_BIAS_SCATTERS * spread[item.name]
+            value, prior = begins[item.name], BIAS_SCATTERS * scatter[item.name]
         elif is_own(model):
             value, prior = item.value, max(abs(item.value), 1.0)
         else:
-            value, prior = _first_state(item.name, record, outputs, std, spread)
+            value, prior = _first_state(item.name, record, outputs, std, scatter)
         states.append(replace(item, value=value, prior_std=prior))
     states += _settled_actuators(model, record)
-    zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
-    parameters = model.parameters.with_values(zeros)
+    biases = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
+    parameters = model.parameters.with_values(biases)
+    scatters = BIAS_SCATTERS if totals else BIAS_SCATTERS_OF_PERTURBATIONS
     parameters = parameters.with_prior(
-        {
-            f"bias_{name}": (LARGEST_BIAS_SCATTERS if totals else 3.0) * spread[name]
-            for name in model.biases
-        }
+        {f"bias_{name}": scatters * scatter[name] for name in model.biases}
     )
     return replace(
         model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std)
@@ -480,8 +488,9 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
 
 
 def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
-    """Return the initial states of the model's own lags in a filter: settled at the first input, as
-    a whole-record simulation has them.
+    """Return the initial states of the model's actuator lags in a filter.
+
+    Each lag is at rest at its first input, as in a simulation of the whole record.
     """
     lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
     first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}
@@ -495,8 +504,9 @@ def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
 def _near_fit(model: Model, fit: Estimate) -> Model:
     """Return the model for a filter's first pass, which only gives a point of linearisation.
 
-    Priors are near an output-error fit. Without a fit they are as declared, but so narrow that the
-    points of an unscented filter (sqrt(n) sigmas, n unknowns) do not change a sign.
+    The priors are near an output-error fit; without a fit they are about the declared values. They
+    are so narrow that no sigma point of an unscented filter (sqrt(n) sigmas from its mean, for n
+    unknowns) changes the sign of a parameter.
     """
     count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
     biases = {f"bias_{output}" for output in model.biases}
@@ -530,20 +540,25 @@ def _about_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _values_of(fit: Estimate) -> dict[str, float]:
-    """Return the values of a fit that has settled, by name; empty for one that has not."""
-    sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(
-        np.all(np.isfinite([*fit.values, *fit.std]))
-    )
-    return fit.as_dict() if sound else {}
+    """Return the values of a fit by name; empty if it has not converged to finite values."""
+    has_converged = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE)
+    if has_converged and np.all(np.isfinite([*fit.values, *fit.std])):
+        return fit.as_dict()
+    return {}
 
 
 def _first_state(
-    name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]
+    name: str, record: Record, outputs: list[str], std: dict[str, float], scatter: dict[str, float]
 ) -> tuple[float, float]:
+    """Return initial value and prior standard deviation of a state of built-in equations.
+
+    A perturbation starts at zero, an altitude at its first sample, and the velocity of a falling
+    body at the slope of the altitude over the first tenth of the record.
+    """
     if name in outputs:
         channel = record[name]
         if name != "altitude":
-            return 0.0, max(3.0 * std[name], spread[name])
+            return 0.0, max(3.0 * std[name], scatter[name])
         return float(channel.values[channel.valid][0]), 3.0 * std[name]
     if name == "velocity" and "altitude" in outputs:
         channel = record["altitude"]

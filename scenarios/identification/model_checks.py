@@ -1,10 +1,11 @@
 """Checks of a user's model without a record, and the effect of uncertain constants on sigmas.
 
-Mass, inertias, density and airspeed are held in a fit, and errors in them move the estimates. With
-s_i the change of the estimates for one standard deviation of constant i, and independent
-constants, the covariance is P + sum_i s_i s_i' ("consider" parameters [1]_). The change is half the
-difference of two estimates with the same method and records, one sigma of the constant apart on
-either side; it holds what is not linear in that distance, and every method has it.
+Mass, inertias, density and airspeed are fixed in a fit, and errors in them shift the estimates. Let
+s_i be the change of the estimates for one standard deviation of constant i. For independent
+constants the covariance is P + sum_i s_i s_i' ("consider" parameters [1]_). The change is half the
+difference of two estimates with the same method and records, one with the constant a standard
+deviation above its value and one below. It is available for every method, and includes what is
+nonlinear over that distance.
 
 References
 ----------
@@ -31,26 +32,32 @@ from sim.declaration.model import Model, System
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 from sim.propagation import rk4_step
 
-# ---- An example of a motion
+# ---- A motion with a doublet on each input
 
-DOUBLET_ANGLE = 0.05  # rad, doublet of an angle; at most one unit for other inputs
-# largest change of a state by a pulse, share of its initial value
+DOUBLET_ANGLE = 0.05  # rad, largest doublet of an angle; other inputs move by one unit at most
+# Largest change of a state by a pulse, as a share of its initial value.
 PULSE_STATE_SHARE = 0.02
-PULSE_LENGTH_FACTOR = 1.5  # over a root's size: half the doublet's length
-PULSES_BETWEEN_DOUBLETS = 8.0  # pulses from one doublet to the next
-STEPS_PER_PULSE = 20.0  # steps in a pulse, and within the quickest root's time
+PULSE_LENGTH_FACTOR = 1.5  # length of a pulse (half a doublet) times the mean root of the model
+PULSES_BETWEEN_DOUBLETS = 8.0  # from the start of one doublet to that of the next
+STEPS_PER_PULSE = 20.0  # integration steps in a pulse for the fastest root
 MOST_STEPS = 4000
-RUNAWAY_GROWTH = 1e6  # growth beyond which a motion has run away
-LARGEST_SLOPE = 1e20  # limit of sensitivities
+RUNAWAY_GROWTH = 1e6  # a motion that grows by a larger factor is cut off
+LARGEST_SLOPE = 1e20  # a motion with larger sensitivities is cut off
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """``pulse`` s, half the length of each doublet; ``amplitudes`` of the inputs; ``end`` s.
+    """Response of a model to a doublet on each input.
 
-    ``names`` of the unknowns: free parameters, states at the start, biases of outputs. ``slopes``:
-    of each output ``(N, unknowns)``; ``sizes``: its largest value less its first. ``ran_away``: the
-    motion was cut short where it left all measure.
+    Attributes
+    ----------
+    pulse : half the length of a doublet, s.
+    amplitudes : size of the doublet by input.
+    end : duration, s.
+    names : the unknowns, which are free parameters, initial states and biases of outputs.
+    slopes : sensitivities of each output, shape ``(N, unknowns)``.
+    sizes : largest change of each output from its first value.
+    ran_away : whether the motion was cut off because it grew too large.
     """
 
     pulse: float
@@ -63,7 +70,7 @@ class Motion:
 
 
 def doublet_motion(model: Model) -> Motion:
-    """Return the motion from the model's initial state, doublets as long as its roots ask for."""
+    """Return the motion from the initial state of a model, with pulses that suit its roots."""
     system = compile_model(model)
     rest = inputs_at_rest(model)
     sizes = root_sizes(system, rest)
@@ -77,12 +84,13 @@ def doublet_motion(model: Model) -> Motion:
     amplitudes = _amplitudes(system, rest, pulse)
 
     def inputs(t: float) -> list[float]:
-        along = [
+        # Time since the doublet of each input began, in pulses.
+        since = [
             (t - (1.0 + PULSES_BETWEEN_DOUBLETS * i) * pulse) / pulse for i in range(len(rest))
         ]
         return [
-            each + size * ((0.0 <= at < 1.0) - (1.0 <= at < 2.0))
-            for each, size, at in zip(rest, amplitudes.values(), along, strict=True)
+            level + size * ((0.0 <= at < 1.0) - (1.0 <= at < 2.0))
+            for level, size, at in zip(rest, amplitudes.values(), since, strict=True)
         ]
 
     free = [model.parameters.index(name) for name in model.parameters.free_names]
@@ -101,7 +109,7 @@ def doublet_motion(model: Model) -> Motion:
             read = np.array(
                 [np.broadcast_to(row, (unknown,)) for row in system.h(t, list(x), u, p)]
             )
-            # The root of a negative number is imaginary as no slope is.
+            # The square root of a negative number has an imaginary part that is no sensitivity.
             if not (
                 np.all(np.isfinite(read))
                 and np.max(np.abs(x.real)) < largest
@@ -135,25 +143,26 @@ def doublet_motion(model: Model) -> Motion:
 
 
 def _amplitudes(system: System, rest: list[float], pulse: float) -> dict[str, float]:
-    """Doublets that move no state far from where it starts, by input."""
+    """Return the size of the doublet of each input, so small that no state moves far."""
     x, p = system.initial.values(), system.parameters.values().tolist()
     gains = (
         np.abs(complex_step_jacobian(lambda u: system.f(0.0, x.tolist(), u, p), rest))
         if rest
         else np.zeros((len(x), 0))
     )
-    out = {}
+    sizes = {}
     for i, signal in enumerate(system.inputs):
         limits = [
             PULSE_STATE_SHARE * abs(value) / (gain * pulse)
             for value, gain in zip(x, gains[:, i], strict=True)
             if value and gain > 0.0
         ]
-        out[signal.name] = min([DOUBLET_ANGLE if signal.unit == "rad" else 1.0, *limits])
-    return out
+        sizes[signal.name] = min([DOUBLET_ANGLE if signal.unit == "rad" else 1.0, *limits])
+    return sizes
 
 
 def _stepped(value: float, column: int, count: int) -> np.ndarray:
+    """Return a value ``count`` times, with a complex step in one column."""
     row = np.full(count, complex(value))
     row[column] += 1j * COMPLEX_STEP
     return row
@@ -161,21 +170,27 @@ def _stepped(value: float, column: int, count: int) -> np.ndarray:
 
 # ---- Checks of a model file without a record
 
-SHAPE = (3, 5)
-# distance of points at which functions are compared, share of a value
+SHAPE = (3, 5)  # shape of the arrays with which the equations are tried
+# Distance of the points at which functions are compared, as a share of a value.
 TRIAL_OFFSET = 0.01
 DIFFERENCE_STEP_SHARE = 1e-6  # step of central differences over the value or ``TRIAL_OFFSET``
-NOISE_SHARE = 0.01  # assumed noise over an output's largest value
-# Eigenvalue of the scaled information over the largest one, below which a direction is unknown.
+NOISE_SHARE = 0.01  # assumed noise over the largest change of an output
+# A direction with a smaller eigenvalue of the scaled information, as a share of the largest one, is
+# undetermined.
 UNDETERMINED_EIGENVALUE_SHARE = 1e-10
-LEAST_DIRECTION_SHARE = 1e-3  # component of a parameter in such a direction
+# A parameter with a larger squared component in such a direction is undetermined.
+LEAST_DIRECTION_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
 class Excited:
-    """Expected sigma of a parameter, infinite without effect on outputs.
+    """What a motion determines of a parameter.
 
-    ``beside``: parameters that cannot be distinguished from it.
+    Attributes
+    ----------
+    name, value : the parameter and its start.
+    sigma : expected standard deviation; infinite if the motion does not determine the parameter.
+    beside : unknowns that the motion cannot distinguish from it.
     """
 
     name: str
@@ -188,15 +203,16 @@ def unknown_units(model: Model) -> list[str]:
     """Return ``"NAME (UNIT)"`` of signals and parameters with an unknown unit."""
     e = model.equations
     named = [
-        (each.name, each.unit)
-        for each in (*e.states, *e.inputs, *e.outputs, *e.ports, *model.parameters)
+        (item.name, item.unit)
+        for item in (*e.states, *e.inputs, *e.outputs, *e.ports, *model.parameters)
     ]
     return [f"{name} ({unit})" for name, unit in dict.fromkeys(named) if not is_unit(unit)]
 
 
 def one_by_one(model: Model) -> float:
-    """Return the largest relative difference between a call with arrays of ``SHAPE`` and calls with
-    single numbers, over all rates and readings.
+    """Return how much a call of the equations with arrays differs from calls with single numbers.
+
+    It is the largest relative difference over all rates and outputs.
     """
     system = compile_model(model)
     points = _points(model, system, int(np.prod(SHAPE)))
@@ -204,19 +220,21 @@ def one_by_one(model: Model) -> float:
     worst = 0.0
     for k in range(points.shape[1]):
         alone = np.array(_answers(system, points[:, k].tolist()), dtype=float)
-        there = np.array([np.broadcast_to(row, SHAPE).reshape(-1)[k] for row in together])
-        worst = max(worst, _apart(alone, there))
+        in_array = np.array([np.broadcast_to(row, SHAPE).reshape(-1)[k] for row in together])
+        worst = max(worst, _relative_difference(alone, in_array))
     return worst
 
 
 def steps_against_differences(model: Model) -> float:
-    """Return the largest difference between complex steps and central differences over all rates
-    and readings, relative to the largest slope of each.
+    """Return how much derivatives by complex steps differ from central differences.
+
+    It is the largest difference over all rates and outputs, relative to the largest derivative of
+    each.
     """
     system = compile_model(model)
     point = _points(model, system, 2)[:, 1].tolist()
     exact = complex_step_jacobian(lambda at: _answers(system, at), point)
-    found = np.zeros_like(exact)
+    differences = np.zeros_like(exact)
     for k, value in enumerate(point):
         step = DIFFERENCE_STEP_SHARE * (abs(value) or TRIAL_OFFSET)
         above, below = (
@@ -225,16 +243,16 @@ def steps_against_differences(model: Model) -> float:
             )
             for sign in (1.0, -1.0)
         )
-        found[:, k] = (above - below) / (2.0 * step)
+        differences[:, k] = (above - below) / (2.0 * step)
     sizes = np.abs(np.array(point)) + TRIAL_OFFSET
-    return _apart((exact * sizes).T, (found * sizes).T)
+    return _relative_difference((exact * sizes).T, (differences * sizes).T)
 
 
 def excited(model: Model) -> tuple[Motion, list[Excited]]:
     """Return the response to a doublet on each input, and Cramer-Rao bounds of the parameters.
 
-    Initial states and biases are unknown, too. White noise of ``NOISE_SHARE`` of each output; an
-    output that does not move is not used.
+    Initial states and biases are unknown, too. Each output has white noise of ``NOISE_SHARE`` of
+    its largest change. An output that does not move is not used.
     """
     motion = doublet_motion(model)
     rows = [
@@ -250,28 +268,30 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
     seen = np.flatnonzero(lengths > 0.0)
     scaled = jacobian[:, seen] / lengths[seen]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    dark = values < UNDETERMINED_EIGENVALUE_SHARE * values[-1]
-    variance = np.sum(vectors[:, ~dark] ** 2 / values[~dark], axis=1)
-    untold = vectors[:, dark] ** 2 > LEAST_DIRECTION_SHARE
-    out = []
+    open_directions = values < UNDETERMINED_EIGENVALUE_SHARE * values[-1]
+    variance = np.sum(vectors[:, ~open_directions] ** 2 / values[~open_directions], axis=1)
+    undetermined = vectors[:, open_directions] ** 2 > LEAST_DIRECTION_SHARE
+    parameters = []
     for i, name in enumerate(names):
         value, place = model.parameters[name].value, np.flatnonzero(seen == i)
         if place.size == 0:
-            out.append(Excited(name, value, np.inf))
+            parameters.append(Excited(name, value, np.inf))
             continue
-        mine = untold[place[0]]
+        own_directions = undetermined[place[0]]
         beside = [
             motion.names[seen[j]]
-            for j in np.flatnonzero(np.any(untold[:, mine], axis=1))
+            for j in np.flatnonzero(np.any(undetermined[:, own_directions], axis=1))
             if seen[j] != i
         ]
-        sigma = np.inf if np.any(mine) else float(np.sqrt(variance[place[0]])) / float(lengths[i])
-        out.append(Excited(name, value, sigma, tuple(beside)))
-    return motion, out
+        sigma = np.inf
+        if not np.any(own_directions):
+            sigma = float(np.sqrt(variance[place[0]])) / float(lengths[i])
+        parameters.append(Excited(name, value, sigma, tuple(beside)))
+    return motion, parameters
 
 
 def _points(model: Model, system: System, count: int) -> np.ndarray:
-    """States, inputs and parameters at ``count`` points about the starts, ``(n, count)``."""
+    """Return states, inputs and parameters at ``count`` points about the starts, ``(n, count)``."""
     start = np.concatenate(
         [system.initial.values(), inputs_at_rest(model), system.parameters.values()]
     )
@@ -282,23 +302,21 @@ def _points(model: Model, system: System, count: int) -> np.ndarray:
 
 
 def _answers(system: System, point: Sequence[Any]) -> list[Any]:
+    """Return rates and outputs at a point of states, inputs and parameters."""
     n, m = len(system.states), len(system.inputs)
     x, u, p = point[:n], point[n : n + m], point[n + m :]
     return [*system.f(0.0, x, u, p), *system.h(0.0, x, u, p)]
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
+def _relative_difference(first: np.ndarray, second: np.ndarray) -> float:
     """Return the largest difference relative to the largest number of each column."""
-    sizes = np.maximum(
-        np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0)
-    )
-    return float(
-        np.max(
-            np.max(np.abs(np.atleast_2d(one - other)), axis=0) / np.where(sizes > 0.0, sizes, 1.0),
-            initial=0.0,
-        )
-    )
+    first, second = np.atleast_2d(first), np.atleast_2d(second)
+    sizes = np.maximum(np.max(np.abs(first), axis=0), np.max(np.abs(second), axis=0))
+    difference = np.max(np.abs(first - second), axis=0)
+    return float(np.max(difference / np.where(sizes > 0.0, sizes, 1.0), initial=0.0))
 
+
+# ---- Effect of uncertain constants on sigmas
 
 CAPTION = "Standard deviations with the uncertainty of constants"
 DATA = "data"
@@ -311,11 +329,13 @@ class Considered:
 
     Attributes
     ----------
-    names, units : of the ``n`` parameters.
-    constants : the ``k`` constants whose uncertainty counts, with ``sigmas`` in their units.
-    data : ``(n,)`` standard deviations from the data alone, constants taken as exact.
-    moved : ``(k, n)`` change of each estimate for one standard deviation of each constant, signed.
-    failed : constants for which a fit did not converge; not included.
+    names, units : the n parameters and their units.
+    constants : the k constants whose uncertainty counts.
+    sigmas : standard deviation of each constant, in its unit.
+    data : standard deviations from the data alone, with exact constants, shape ``(n,)``.
+    moved : change of each estimate for one standard deviation of each constant, with its sign,
+        shape ``(k, n)``.
+    failed : constants for which a fit did not converge; they are not among ``constants``.
     """
 
     names: tuple[str, ...]
@@ -328,12 +348,12 @@ class Considered:
 
     @property
     def total(self) -> np.ndarray:
-        """Standard deviations with the constants' share, ``(n,)``."""
+        """Standard deviations with the share of the constants, ``(n,)``."""
         return np.sqrt(self.data**2 + np.sum(self.moved**2, axis=0))
 
     @property
     def shares(self) -> np.ndarray:
-        """Shares of the variance, ``(k + 1, n)``, the data's first; each column sums to one."""
+        """Shares of the variance, ``(k + 1, n)``, that of the data first; a column sums to one."""
         variance = np.vstack([self.data**2, self.moved**2])
         whole = variance.sum(axis=0)
         return variance / np.where(whole > 0.0, whole, 1.0)
@@ -350,23 +370,20 @@ def consider(
     estimate: Estimate,
     estimated: Callable[[Model], Estimate],
 ) -> tuple[Estimate, Considered | None]:
-    """Return an estimate with the uncertainty of constants in its covariance, and what contributes.
+    """Return an estimate with the uncertainty of constants in its covariance, and contributions.
 
     Parameters
     ----------
-    model : as it was fitted, with its constants.
-    sigmas : standard deviation of each uncertain constant, in the constant's unit.
-    estimate : the model's, from the data alone.
-    estimated : the same estimation of another model.
+    model : the fitted model with its constants.
+    sigmas : standard deviation of each uncertain constant, in its unit.
+    estimate : estimate from the data, with exact constants.
+    estimated : returns the same estimate for a model with other constants. Its errors are passed
+        on.
 
     Returns
     -------
-    The estimate with the larger covariance, and the contributions; without ``sigmas``, or where the
-    estimate has not settled, the same estimate and None.
-
-    Raises
-    ------
-    What ``estimated`` raises.
+    The estimate with the larger covariance, and the contributions. Without ``sigmas``, or if the
+    estimate has not converged, the same estimate and None.
     """
     if not sigmas or estimate.outcome not in _SETTLED:
         return estimate, None
@@ -378,7 +395,9 @@ def consider(
         ends = [
             estimated(model.with_values({name: held[name] + side * sigma})) for side in (1.0, -1.0)
         ]
-        change = 0.5 * (ends[0].values - ends[1].values) if _alike(estimate, ends) else None
+        change = None
+        if _comparable(estimate, ends):
+            change = 0.5 * (ends[0].values - ends[1].values)
         if change is None or not np.all(np.isfinite(change)):
             failed.append(name)
             continue
@@ -397,8 +416,9 @@ def consider(
     return replace(estimate, covariance=estimate.covariance + rows.T @ rows), considered
 
 
-def _alike(estimate: Estimate, ends: list[Estimate]) -> bool:
-    return all(each.names == estimate.names and each.outcome in _SETTLED for each in ends)
+def _comparable(estimate: Estimate, ends: list[Estimate]) -> bool:
+    """Return whether other estimates have converged and have the same parameters."""
+    return all(end.names == estimate.names and end.outcome in _SETTLED for end in ends)
 
 
 def considered_sentences(considered: Considered | None) -> list[str]:
@@ -413,7 +433,7 @@ def considered_sentences(considered: Considered | None) -> list[str]:
 
 
 def considered_table(considered: Considered, parameters: tuple[str, ...]) -> Table:
-    """Sigmas from the data and in all, and shares of the variance, for some parameters."""
+    """Return a table of sigmas from the data and in all, and of shares of the variance."""
     places = [considered.names.index(name) for name in parameters if name in considered.names]
     names = [considered.names[i] for i in places]
     shown = [shown_in(considered.units[i], considered.names[i]) for i in places]

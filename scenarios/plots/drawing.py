@@ -1,4 +1,4 @@
-"""Write figures as files, as SVG elements and as data for interactive figures of a page.
+"""Write figures as files, as SVG elements of a page, and as data of interactive figures.
 
 The same figure always gives the same bytes.
 """
@@ -33,11 +33,13 @@ from scenarios.plots.style import bold_title, hide_bold_title
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
-MOST_CURVE_SAMPLES = 4000  # longer curves keep the extremes of each interval
-MOST_ZOOMING_CURVES = 40  # curves of an interactive figure
-# Marks texts that an interactive figure omits, since a table has them.
+MOST_CURVE_SAMPLES = 4000  # a longer curve keeps only the extremes of its intervals
+MOST_ZOOMING_CURVES = 40  # a figure with more curves in a panel, on average, is not interactive
+# Identifier of texts that an interactive figure omits, since a table has them.
 ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
+# Values of matplotlib for no marker, a dot and a disc.
+_MARKS = ("None", "none", None, "", " ", ".", "o")
 _GREEK = {
     "alpha": "α",
     "beta": "β",
@@ -54,17 +56,17 @@ _GREEK = {
 
 
 def plot_data(figure: Figure) -> PlotData | None:
-    """Return the data of an interactive figure, or None if it has more than simple curves.
+    """Return the data of an interactive figure, or None if the figure cannot be interactive.
 
-    Bars, error bars, maps and texts in a panel cannot be drawn from curves over a rising abscissa.
-    Long curves keep the smallest and the largest value of each interval.
+    An interactive figure consists of curves over a rising abscissa: it has no bars, error bars,
+    maps or texts in a panel. Long curves keep the smallest and the largest value of each interval.
     """
     panels = [panel for panel in figure.axes if panel.get_visible()]
     if not panels or not all(map(_plain_panel, panels)):
         return None
     tops = sorted({round(panel.get_position().y1, 3) for panel in panels}, reverse=True)
     lefts = sorted({round(panel.get_position().x0, 3) for panel in panels})
-    out = []
+    panel_data = []
     for panel in panels:
         place = panel.get_position()
         curves = tuple(map(_thinned, _curves(panel)))
@@ -73,12 +75,12 @@ def plot_data(figure: Figure) -> PlotData | None:
         shared = panel.get_shared_x_axes().get_siblings(panel)
         left, right = sorted(map(float, panel.get_xlim()))
         low, high = sorted(map(float, panel.get_ylim()))
-        out.append(
+        panel_data.append(
             Panel(
                 words(panel.get_xlabel()),
                 words(panel.get_ylabel()),
                 words(panel.get_title(loc="left")),
-                min(panels.index(each) for each in shared if each in panels),
+                min(panels.index(other) for other in shared if other in panels),
                 tops.index(round(place.y1, 3)),
                 lefts.index(round(place.x0, 3)),
                 float(place.height * figure.get_figheight()),
@@ -89,9 +91,9 @@ def plot_data(figure: Figure) -> PlotData | None:
                 panel.get_yscale() == "log",
             )
         )
-    if sum(len(panel.curves) for panel in out) > MOST_ZOOMING_CURVES * len(out):
+    if sum(len(panel.curves) for panel in panel_data) > MOST_ZOOMING_CURVES * len(panel_data):
         return None
-    return as_kept(PlotData(tuple(out)))
+    return as_kept(PlotData(tuple(panel_data)))
 
 
 def words(label: str) -> str:
@@ -100,15 +102,15 @@ def words(label: str) -> str:
         label = re.sub(rf"\\{name}(?![a-z])", letter, label)
     label = re.sub(r"\\(?:dot|mathrm|mathit)(?![a-z])", "", label)
     # Outside mathtext, underscores stay.
-    bare = re.sub(r"\$([^$]*)\$", lambda found: re.sub(r"[{}_\\\s]", "", found[1]), label)
-    return " ".join(bare.replace("$", "").split())
+    plain = re.sub(r"\$([^$]*)\$", lambda match: re.sub(r"[{}_\\\s]", "", match[1]), label)
+    return " ".join(plain.replace("$", "").split())
 
 
 def _plain_panel(panel: Axes) -> bool:
     """Return whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
-    bands = [each for each in panel.collections if _is_band(each)]
-    drawable = all(line.get_marker() in _MARKS for line in panel.lines)
+    bands = [area for area in panel.collections if _is_band(area)]
+    known_markers = all(line.get_marker() in _MARKS for line in panel.lines)
     return (
         panel.get_xscale() in _SCALES
         and panel.get_yscale() in _SCALES
@@ -117,21 +119,22 @@ def _plain_panel(panel: Axes) -> bool:
         and len(spans) == len(panel.patches)
         and len(bands) == len(panel.collections)
         and all(line.get_drawstyle() in ("default", "steps-post") for line in panel.lines)
-        and drawable
+        and known_markers
     )
 
 
-_MARKS = ("None", "none", None, "", " ", ".", "o")
-
-
-def _is_band(each: object) -> bool:
+def _is_band(artist: object) -> bool:
     """Return whether an artist is an area between two curves (``fill_between``)."""
-    if not isinstance(each, PolyCollection):
+    if not isinstance(artist, PolyCollection):
         return False
-    return all(_is_outline(np.asarray(path.vertices)) for path in each.get_paths())
+    return all(_is_band_outline(np.asarray(path.vertices)) for path in artist.get_paths())
 
 
-def _is_outline(points: np.ndarray) -> bool:
+def _is_band_outline(points: np.ndarray) -> bool:
+    """Return whether an outline, ``(M, 2)``, goes along one curve and back along another.
+
+    Both curves have the same abscissas. Matplotlib adds a point at each end and closes the outline.
+    """
     count = (len(points) - 3) // 2
     return (
         len(points) >= 5
@@ -141,6 +144,7 @@ def _is_outline(points: np.ndarray) -> bool:
 
 
 def _curves(panel: Axes) -> Iterator[Curve]:
+    """Yield spans, bands and lines of a panel, in the order in which they are drawn."""
     for patch in panel.patches:
         span = _span(panel, patch)
         if span is not None:
@@ -167,29 +171,28 @@ def _span(panel: Axes, patch: object) -> Curve | None:
     points = np.asarray(patch.get_path().vertices)
     points = np.asarray(patch.get_patch_transform().transform(points))
     low, high = points.min(axis=0), points.max(axis=0)
-    look = to_hex(patch.get_facecolor()), _label(patch.get_label())
-    along = np.array(sorted(map(float, panel.get_xlim())))
+    colour, label = to_hex(patch.get_facecolor()), _label(patch.get_label())
     if patch.get_data_transform() == panel.get_yaxis_transform(which="grid"):
-        return _band(look, along, np.full(2, low[1]), np.full(2, high[1]))
+        x = np.array(sorted(map(float, panel.get_xlim())))
+        return Curve(label, BAND, colour, x, np.full(2, low[1]), top=np.full(2, high[1]))
     if patch.get_data_transform() == panel.get_xaxis_transform(which="grid"):
         bottom, top = sorted(map(float, panel.get_ylim()))
-        return _band(look, np.array([low[0], high[0]]), np.full(2, bottom), np.full(2, top))
+        x = np.array([low[0], high[0]])
+        return Curve(label, BAND, colour, x, np.full(2, bottom), top=np.full(2, top))
     return None
 
 
 def _bands(area: PolyCollection) -> Iterator[Curve]:
+    """Yield the areas between two curves, from outlines as in ``_is_band_outline``."""
     colours = area.get_facecolor()
     for path in area.get_paths():
         points = np.asarray(path.vertices, dtype=float)
         count = (len(points) - 3) // 2
-        x, one = points[1 : count + 1].T
-        other = points[count + 2 : -1, 1][::-1]
-        look = to_hex(np.asarray(colours).reshape(-1, 4)[0]), _label(area.get_label())
-        yield _band(look, x, np.minimum(one, other), np.maximum(one, other))
-
-
-def _band(look: tuple[str, str], x: np.ndarray, low: np.ndarray, high: np.ndarray) -> Curve:
-    return Curve(look[1], BAND, look[0], x, low, top=high)
+        x, first = points[1 : count + 1].T
+        second = points[count + 2 : -1, 1][::-1]
+        colour = to_hex(np.asarray(colours).reshape(-1, 4)[0])
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        yield Curve(_label(area.get_label()), BAND, colour, x, low, top=high)
 
 
 def _curve(panel: Axes, line: Line2D) -> Curve | None:
@@ -199,30 +202,24 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         x = np.array(sorted(map(float, panel.get_xlim())))
     elif line.get_transform() == panel.get_xaxis_transform(which="grid"):
         y = np.array(sorted(map(float, panel.get_ylim())))
-    x = _nearly_upright(x, panel)
-    sound = np.isfinite(x)
-    x, y = x[sound], np.where(np.isfinite(y), y, np.nan)[sound]
+    x = _distinct_abscissas(x, panel)
+    finite = np.isfinite(x)
+    x, y = x[finite], np.where(np.isfinite(y), y, np.nan)[finite]
     if not x.size:
         return None
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
-    marks = str(line.get_linestyle()) in ("None", "none", " ", "")
-    kind, size = (POINTS, line.get_markersize()) if marks else (LINE, line.get_linewidth())
-    return Curve(
-        _label(line.get_label()),
-        HELD if kind == LINE and line.get_drawstyle() == "steps-post" else kind,
-        to_hex(line.get_color()),
-        x,
-        y,
-        float(size),
-        () if marks else _dash(line),
-    )
+    label, colour = _label(line.get_label()), to_hex(line.get_color())
+    if str(line.get_linestyle()) in ("None", "none", " ", ""):
+        return Curve(label, POINTS, colour, x, y, float(line.get_markersize()), ())
+    kind = HELD if line.get_drawstyle() == "steps-post" else LINE
+    return Curve(label, kind, colour, x, y, float(line.get_linewidth()), _dash(line))
 
 
-def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
-    """Return the abscissas of a vertical line, less than a pixel apart.
+def _distinct_abscissas(x: np.ndarray, panel: Axes) -> np.ndarray:
+    """Return the abscissas of a line; those of a vertical line become less than a pixel apart.
 
-    A page merges all curves over one abscissa and would drop one of two equal abscissas.
+    A page merges all curves over one abscissa, and would drop one of two equal abscissas.
     """
     if x.size != 2 or x[0] != x[1]:
         return x
@@ -239,7 +236,7 @@ def _dash(line: Line2D) -> tuple[float, ...]:
 
 
 def _thinned(curve: Curve) -> Curve:
-    """Return the curve with the smallest and largest values of its intervals, if it is long."""
+    """Return a curve; of a long one only the smallest and the largest value of each interval."""
     if len(curve.x) <= MOST_CURVE_SAMPLES:
         return curve
     edges = np.linspace(0, len(curve.x), MOST_CURVE_SAMPLES // 2 + 1).astype(int)
@@ -266,9 +263,9 @@ _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "
 def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUAL) -> list[Path]:
     """Write ``folder/stem.FORMAT`` in every format; return the paths. The folder must exist."""
     paths = []
-    for name in formats:
-        path = Path(folder) / f"{stem}.{name}"
-        path.write_bytes(_WRITERS[name](figure))
+    for format_name in formats:
+        path = Path(folder) / f"{stem}.{format_name}"
+        path.write_bytes(_WRITERS[format_name](figure))
         paths.append(path)
     return paths
 
@@ -291,7 +288,7 @@ def figure_svg(figure: Figure) -> bytes:
 
 def figure_pdf(figure: Figure) -> bytes:
     """Return the figure as a PDF of one page at its own size."""
-    # its font library loads slowly
+    # Imported here, since its font library loads slowly.
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     buffer = io.BytesIO()
@@ -313,17 +310,17 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 
 POINTS_PER_INCH = 72.0
 PIXELS_PER_POINT = 1.75  # scale on a wide screen
-# Points; wider figures scroll on a small screen instead of shrinking.
+# On a small screen, figures of more points in width scroll; others shrink.
 WIDEST_SCALED_FIGURE = 400.0
-LONG_OUTLINE = 128  # vertices above which outlines are simplified
+LONG_OUTLINE = 128  # outlines with more vertices are simplified
 OUTLINE_TOLERANCE = 0.25  # largest error of a simplified line, points: a quarter of its width
 DISC_ARCS = 8  # arcs in matplotlib's outline of a disc
-# Grid cells per dot diameter; one dot is drawn per cell.
+# Cells of a grid over the diameter of a dot; of several dots in a cell one is drawn.
 CELLS_PER_DOT = 2
 
-TALLEST_ASPECT = 1.15  # height over width of a drawing that is printed
-PRINTED_HEIGHT_SHARE = 0.85  # least height of a printed panel over that on the screen
-# Letters stay text, in the font of the page.
+TALLEST_ASPECT = 1.15  # largest height over width of a printed drawing
+PRINTED_HEIGHT_SHARE = 0.85  # least height of a printed panel over its height on the screen
+# In an SVG element of a page, letters stay text in the font of the page.
 _PAGE: dict[Any, Any] = _VECTOR | {
     "svg.fonttype": "none",
     "path.simplify_threshold": OUTLINE_TOLERANCE,
@@ -348,9 +345,14 @@ def draw_for_page(
 ) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page.
 
-    The page omits repeated titles. ``methods``: label of each method whose name ends a stem.
+    The page omits a title that an earlier figure has.
+
+    Parameters
+    ----------
+    figures : file stem and drawing function of each figure.
+    methods : label by method; the name of a method may end a stem.
     """
-    out, titles = [], set[str]()
+    drawn, titles = [], set[str]()
     for stem, make in figures:
         figure = make()
         if not save_figure(figure, folder, stem, formats):
@@ -359,22 +361,23 @@ def draw_for_page(
         title = bold_title(figure)
         left_out = hide_bold_title(figure) if title and title in titles else 0.0
         titles |= {title}
-        draw = page_svg if data is None else _for_a_sheet
+        draw = page_svg if data is None else _print_svg
         svg = draw(figure, stem, left_out)
-        out.append(Drawn(stem, svg, caption_of(stem, methods=methods), data))
-    return tuple(out)
+        drawn.append(Drawn(stem, svg, caption_of(stem, methods=methods), data))
+    return tuple(drawn)
 
 
-def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
-    """Return the printed drawing of an interactive figure.
+def _print_svg(figure: Figure, stem: str, left_out: float) -> str:
+    """Return the drawing that stands for an interactive figure on paper.
 
-    Panels of tall figures are lowered to fit a sheet, at most to ``PRINTED_HEIGHT_SHARE`` of their
-    height so that labels do not overlap. If this is not enough, the whole figure is scaled.
+    Panels of a tall figure become lower so that it fits a sheet, but not below
+    ``PRINTED_HEIGHT_SHARE`` of their height: labels would overlap. If the figure is then still too
+    tall, it is drawn smaller.
     """
     width, height = figure.get_size_inches()
     if height > TALLEST_ASPECT * width:
-        wide = max(width, PRINTED_HEIGHT_SHARE * height / TALLEST_ASPECT)
-        figure.set_size_inches(wide, TALLEST_ASPECT * wide)
+        wider = max(width, PRINTED_HEIGHT_SHARE * height / TALLEST_ASPECT)
+        figure.set_size_inches(wider, TALLEST_ASPECT * wider)
     try:
         return page_svg(figure, stem, left_out * figure.get_figheight() / height)
     finally:
@@ -382,14 +385,14 @@ def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
 
 
 def figure_document(figure: Figure, words: str) -> str:
-    """Return a figure as an interactive HTML document; as a static one if `plot_data` is None.
+    """Return a figure as an HTML document, interactive if ``plot_data`` is not None.
 
     ``words``: description of the figure.
     """
     from scenarios.report.document import Figure as Block
     from scenarios.report.html import figure_html
 
-    svg = page_svg(figure, "alone")  # first, since it places artists shared between panels
+    svg = page_svg(figure, "alone")  # before plot_data, since it places artists of several panels
     return figure_html(Block("figure-alone", svg, words, plot_data(figure)))
 
 
@@ -398,9 +401,9 @@ def figure_frame(document: str, words: str, height: int) -> str:
 
     Parameters
     ----------
-    document : embedded in the frame, because a separate file might be deleted too early.
+    document : text of the document. It is embedded: a separate file might be deleted too early.
     words : description for screen readers.
-    height : px.
+    height : height of the frame, px.
 
     Examples
     --------
@@ -415,9 +418,13 @@ def figure_frame(document: str, words: str, height: int) -> str:
 def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     """Return the figure as an ``<svg>`` element at full width; the same bytes for the same figure.
 
-    Matplotlib's SVG with shorter numbers and with styles as attributes: the security policy of a
-    page allows those, and its dark theme replaces them. ``stem``: unique prefix of the
-    identifiers. ``left_out``: inches cut off at the top.
+    It is matplotlib's SVG with shorter numbers, and with attributes in place of styles: the
+    security policy of a page allows no styles, and its dark theme can replace attributes.
+
+    Parameters
+    ----------
+    stem : unique prefix of the identifiers.
+    left_out : inches that are cut off at the top.
     """
     buffer, dpi = io.StringIO(), figure.dpi
     width, height = (figure.get_size_inches() * POINTS_PER_INCH).tolist()
@@ -440,22 +447,23 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     body = _TAG.sub(_short_numbers, body)
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
-    mapped = bool(
-        figure.findobj(QuadMesh)
-    )  # colours of a map are data: not changed in the dark theme
-    kinds = [*(["full"] if width > WIDEST_SCALED_FIGURE else []), *(["mapped"] if mapped else [])]
-    wide = f' class="{" ".join(kinds)}"' if kinds else ""
+    classes = []
+    if width > WIDEST_SCALED_FIGURE:
+        classes.append("full")
+    if figure.findobj(QuadMesh):  # colours of a map are data: the dark theme keeps them
+        classes.append("mapped")
+    class_attribute = f' class="{" ".join(classes)}"' if classes else ""
     top = left_out * POINTS_PER_INCH
-    seen = height - top
+    visible = height - top
     return (
-        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{PIXELS_PER_POINT * width:.0f}" '
-        f'height="{PIXELS_PER_POINT * seen:.0f}"{wide} role="img" '
+        f'<svg viewBox="0 {top:g} {width:g} {visible:g}" width="{PIXELS_PER_POINT * width:.0f}" '
+        f'height="{PIXELS_PER_POINT * visible:.0f}"{class_attribute} role="img" '
         f'aria-label="{escape(description(figure), quote=True)}">{body}'
     )
 
 
 def _short_numbers(tag: re.Match[str]) -> str:
-    return _FRACTION.sub(lambda found: _decimal(float(found[0])), tag[0])
+    return _FRACTION.sub(lambda number: _decimal(float(number[0])), tag[0])
 
 
 def _decimal(value: float) -> str:
@@ -464,19 +472,20 @@ def _decimal(value: float) -> str:
 
 
 def _declarations(style: str) -> dict[str, str]:
+    """Return the values of a CSS text by their names."""
     pairs = (part.partition(":") for part in style.split(";") if part.strip())
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
 def _attributes(match: re.Match[str]) -> str:
-    """Return a style as attributes, without the font."""
-    known = _declarations(match[1])
-    if font := _FONT.search(known.pop("font", "")):  # matplotlib before 3.11
-        known |= {key: value for key, value in font.groupdict().items() if value}
-    known = {key.replace("_", "-"): value for key, value in known.items()}
+    """Return a style as attributes, without the names of fonts."""
+    values = _declarations(match[1])
+    if font := _FONT.search(values.pop("font", "")):  # matplotlib before 3.11
+        values |= {key: value for key, value in font.groupdict().items() if value}
+    values = {key.replace("_", "-"): value for key, value in values.items()}
     return "".join(
         f' {name}="{value.removesuffix("px")}"'
-        for name, value in known.items()
+        for name, value in values.items()
         if name not in _DROPPED
     )
 
@@ -498,9 +507,10 @@ def _path_data(match: re.Match[str]) -> str:
 
 
 class PageRenderer(RendererSVG):
-    """SVG renderer that draws the disc markers of a line as one path instead of one element each.
+    """SVG renderer that draws all disc markers of a line as a single path.
 
-    The path has strokes of length zero. Of overlapping discs one is drawn (``CELLS_PER_DOT``).
+    The path has a stroke of length zero for each disc. Of discs that overlap much, one is drawn
+    (``CELLS_PER_DOT``). Matplotlib would write an element for each marker.
     """
 
     def draw_markers(
@@ -512,7 +522,7 @@ class PageRenderer(RendererSVG):
         trans: Transform,
         rgbFace: Any = None,
     ) -> None:
-        """Marks of a line; those that are no discs of one colour as matplotlib draws them."""
+        """Draw the markers of a line; other markers than discs of one colour as matplotlib does."""
         size = 0.0 if rgbFace is None else _diameter(marker_path, marker_trans)
         edge = gc.get_linewidth()
         if not size or (edge and to_hex(gc.get_rgb()) != to_hex(rgbFace)):
@@ -525,19 +535,19 @@ class PageRenderer(RendererSVG):
         )
         strokes = np.repeat(points[np.sort(first)], 2, axis=0)
         codes = np.tile([Outline.MOVETO, Outline.LINETO], len(first))
-        look = self.new_gc()
-        look.copy_properties(gc)
-        look.set_linewidth(size + edge)
-        look.set_capstyle("round")
-        look.set_foreground(rgbFace)
-        look.set_dashes(0.0, None)
+        stroke_style = self.new_gc()
+        stroke_style.copy_properties(gc)
+        stroke_style.set_linewidth(size + edge)
+        stroke_style.set_capstyle("round")
+        stroke_style.set_foreground(rgbFace)
+        stroke_style.set_dashes(0.0, None)
         dots = Outline(strokes, codes)
         dots.should_simplify = False
-        self.draw_path(look, dots, IdentityTransform())
+        self.draw_path(stroke_style, dots, IdentityTransform())
 
 
 def _diameter(mark: Outline, transform: Transform) -> float:
-    """Return the diameter of a mark that is a disc, zero of any other."""
+    """Return the diameter of a marker if it is a disc, else zero; in the unit of the drawing."""
     if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * DISC_ARCS:
         return 0.0
     width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
@@ -548,10 +558,10 @@ def description(figure: Figure) -> str:
     """Return a figure's description in words: title, axes and content of its panels."""
     title = " ".join(text.get_text() for text in figure.texts).strip()
     panels = [panel for panel in figure.axes if panel.get_visible()]
-    across = dict.fromkeys(
+    x_labels = dict.fromkeys(
         label for panel in panels if (label := _without_math(panel.get_xlabel()))
     )
-    upward = dict.fromkeys(
+    y_labels = dict.fromkeys(
         label
         for panel in panels
         for label in (_without_math(panel.get_ylabel()), _without_math(panel.get_title(loc="left")))
@@ -564,14 +574,16 @@ def description(figure: Figure) -> str:
         if label and not str(label).startswith("_")
     )
     sentences = [_without_math(title) or "Figure"]
-    against = f" against {', '.join(across)}" if across else ""
-    sentences += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
-    sentences += [f"Shown: {', '.join(lines)}"] if lines else []
+    against = f" against {', '.join(x_labels)}" if x_labels else ""
+    if y_labels or x_labels:
+        sentences.append(f"Panels: {', '.join(y_labels)}{against}")
+    if lines:
+        sentences.append(f"Shown: {', '.join(lines)}")
     return ". ".join(sentences) + "."
 
 
 def _without_math(text: str) -> str:
-    """Return a label without the marks of mathematics."""
+    """Return a label without the marks of mathtext."""
     return " ".join(
         text.replace("\\mathrm", "")
         .replace("\\dot", "")

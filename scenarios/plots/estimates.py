@@ -66,17 +66,20 @@ def figure_parameter_histories(
     title: str = "",
     true_label: str = "true",
 ) -> Figure:
-    """Plot estimates with bands of two standard deviations over time, a panel per parameter.
+    """Plot estimates with bands of two standard deviations over time, a panel for each parameter.
+
+    The limits of the axes follow from the converged part; a wide early band may be cut off. If the
+    filter diverges, the curve ends, and the panels say when.
 
     Parameters
     ----------
-    names, units : parameters or states of the history. The axes show the converged part; a wide
-        early band may be cut off.
-    true : dashed lines, labelled ``true_label``.
-    published, prior : drawn as a square after the last, a diamond before the first sample, with two
-        standard deviations if known. Values far outside the panel become arrows with numbers.
-
-    If the filter diverges, the curve ends and the panels say when.
+    history : history of the filter.
+    names, units : parameters or states of the history, and their units.
+    true : true values, drawn as dashed lines with the label ``true_label``.
+    published : published values, drawn as a square after the last sample, with two standard
+        deviations if they are known. A value far outside the panel becomes an arrow with its
+        number.
+    prior : the same for priors, drawn as a diamond before the first sample.
     """
     true, published, prior = true or {}, published or {}, prior or {}
     columns = 2 if len(names) <= 4 else 3
@@ -85,10 +88,10 @@ def figure_parameter_histories(
         [1.15] * rows, (1.0,) * columns, count=len(names), row_gap=0.36, column_gap=0.58, left=0.6
     )
     sound = sound_samples(history)
-    broke = sound < len(history.time)
+    diverged = sound < len(history.time)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = _unit(history, name, unit, true.get(name, 0.0))
-        ending = f", ends at {history.time[sound - 1]:.3g} s" if broke and sound else ""
+        ending = f", ends at {history.time[sound - 1]:.3g} s" if diverged and sound else ""
         caption(panel, axis_label(name, shown) + ending, LABEL_SIZE)
         if sound == 0:
             caption(panel, f"{axis_label(name, shown)}: no sound sample", LABEL_SIZE)
@@ -115,15 +118,17 @@ def figure_watched(
     reference: Mapping[str, ValueAndStd] = MappingProxyType({}),
     title: str = "",
 ) -> Figure:
-    """Plot estimates of a stream with bands of two standard deviations over time, a panel each.
+    """Plot estimates of a stream with bands of two standard deviations over time.
+
+    Each parameter has a panel. The limits of its axes follow from the converged part; a wide early
+    band may be cut off.
 
     Parameters
     ----------
-    time : ``(N,)`` s.
-    courses : unit, values and standard deviations ``(N,)``, by parameter.
-    reference : drawn as a dashed line with a band of two standard deviations.
-
-    Axes show the converged part; a wide early band may be cut off.
+    time : shape ``(N,)``, s.
+    courses : by parameter its unit, values and standard deviations, ``(N,)`` each.
+    reference : reference value and its standard deviation by parameter, drawn as a band of two
+        standard deviations.
     """
     columns = 2 if len(courses) <= 4 else 3
     rows = -(-len(courses) // columns)
@@ -144,16 +149,16 @@ def figure_watched(
             float(np.nanmax((x + 3.0 * sigma)[later])),
         ]
         if name in reference and reference[name][1] is not None:
-            value, wide = (unit.factor * float(each or 0.0) for each in reference[name])
+            value, reference_std = (unit.factor * float(entry or 0.0) for entry in reference[name])
             panel.axhspan(
-                value - 2.0 * wide,
-                value + 2.0 * wide,
+                value - 2.0 * reference_std,
+                value + 2.0 * reference_std,
                 color=ORANGE,
                 alpha=0.2,
                 linewidth=0,
                 label="reference ±2σ",
             )
-            ends += [value - 2.5 * wide, value + 2.5 * wide]
+            ends += [value - 2.5 * reference_std, value + 2.5 * reference_std]
         if np.all(np.isfinite(ends)) and max(ends) > min(ends):
             panel.set_ylim(min(ends), max(ends))
     for panel in sheet.panels[-columns:]:
@@ -162,20 +167,19 @@ def figure_watched(
 
 
 def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figure:
-    """Plot the poles of an identified model in the upper half of the complex plane, with samples
-    from the covariance of the estimates.
+    """Plot the poles of an identified model in the upper half of the complex plane.
+
+    Poles at the right of the imaginary axis are unstable. The distance of a pole from the origin is
+    the natural frequency. The cosine of its angle to the negative real axis is the damping ratio.
 
     Parameters
     ----------
-    poles : ``(n,)`` complex, 1/s.
-    draws : ``(N, n)``, poles at estimates drawn from the covariance.
-
-    Poles right of the axis are unstable. The distance from the origin is the natural frequency, the
-    cosine of the angle to the negative real axis the damping ratio.
+    poles : poles at the estimate, complex, shape ``(n,)``, 1/s.
+    draws : poles at parameters drawn from the covariance of the estimate, shape ``(N, n)``.
     """
     sheet = make_sheet([2.6], left=0.75)
     panel = sheet.panels[0]
-    cloud, shown = (np.ravel(each)[np.ravel(each).imag >= -1e-9] for each in (draws, poles))
+    cloud, shown = (np.ravel(roots)[np.ravel(roots).imag >= -1e-9] for roots in (draws, poles))
     panel.axvline(0.0, **ZERO)
     panel.axhline(0.0, **ZERO)
     panel.plot(
@@ -208,11 +212,11 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """Return the unit whose power of a thousand suits true value, later estimates and bands."""
+    """Return the unit, with a power of a thousand that suits the true and the later values."""
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
-    reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
-    return scaled_unit(base, base.factor * max(abs(true), float(reached.max(initial=0.0))))
+    upper_edge = np.abs(path.mean[later]) + 2.0 * path.std[later]
+    return scaled_unit(base, base.factor * max(abs(true), float(upper_edge.max(initial=0.0))))
 
 
 def _panel(
@@ -225,6 +229,7 @@ def _panel(
     true: float | None,
     true_label: str,
 ) -> None:
+    """Draw the course of a parameter with its true, published and prior value."""
     low, high = path.mean - 2.0 * path.std, path.mean + 2.0 * path.std
     panel.fill_between(path.time, low, high, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
     panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
@@ -236,12 +241,12 @@ def _panel(
     pad = 0.05 * (last - first)
     span = top - bottom
     for entry in (published, prior):
-        # Near marks widen the axis; far ones must not compress the curve.
-        if entry is not None and bottom - 0.6 * span <= unit.factor * entry[0] <= top + 0.6 * span:
-            bottom, top = (
-                min(bottom, unit.factor * entry[0] - 0.05 * span),
-                max(top, unit.factor * entry[0] + 0.05 * span),
-            )
+        if entry is None:
+            continue
+        # A near mark widens the axis. A far mark does not: it would compress the curve.
+        value = unit.factor * entry[0]
+        if bottom - 0.6 * span <= value <= top + 0.6 * span:
+            bottom, top = min(bottom, value - 0.05 * span), max(top, value + 0.05 * span)
     panel.set_ylim(bottom, top)
     panel.set_xlim(first - pad, last + pad)
     _mark(panel, last + 0.5 * pad, published, unit, "s", VERMILION, "published ±2σ")
@@ -257,15 +262,17 @@ def _mark(
     colour: str,
     label: str,
 ) -> None:
+    """Draw a value with a bar of two standard deviations; an arrow if it is outside the panel."""
     if entry is None:
         return
-    value, std = unit.factor * entry[0], None if entry[1] is None else 2.0 * unit.factor * entry[1]
+    value = unit.factor * entry[0]
+    bar = None if entry[1] is None else [2.0 * unit.factor * entry[1]]
     bottom, top = panel.get_ylim()
     inside = bottom <= value <= top
     panel.errorbar(
         [x],
         [value],
-        yerr=None if std is None else [std],
+        yerr=bar,
         fmt=marker,
         color=colour,
         markersize=4.0,
@@ -273,13 +280,10 @@ def _mark(
         label=label,
     )
     if not inside:
-        edge, end = (top, "^") if value > top else (bottom, "v")
-        panel.plot([x], [edge], marker=end, color=colour, markersize=5.0, clip_on=False, zorder=5)
-        side = (
-            "right"
-            if x > panel.get_xlim()[0] + 0.5 * (panel.get_xlim()[1] - panel.get_xlim()[0])
-            else "left"
-        )
+        edge, arrow = (top, "^") if value > top else (bottom, "v")
+        panel.plot([x], [edge], marker=arrow, color=colour, markersize=5.0, clip_on=False, zorder=5)
+        first, last = panel.get_xlim()
+        side = "right" if x > first + 0.5 * (last - first) else "left"
         panel.annotate(
             f"{value:.4g}".replace("-", "−"),
             (x, edge),
@@ -296,10 +300,11 @@ def _mark(
 
 # ---- Correlations of estimated parameters as a map
 
-FRAMED_CORRELATION = 0.9  # absolute correlation above which a pair is framed
-_PRINTED_CORRELATION = 0.5  # absolute correlation above which the number is printed
-_COLOUR_SCALE_WIDTH = 1.0  # inches, for the colour scale
-_COUNT_LINE_HEIGHT = 0.28  # inches, for a line of text
+FRAMED_CORRELATION = 0.9  # a larger absolute correlation has a frame
+_PRINTED_CORRELATION = 0.5  # from this absolute correlation on, the number is printed
+_DARK_CORRELATION = 0.65  # a larger absolute correlation has a dark colour, and its number is white
+_COLOUR_SCALE_WIDTH = 1.0  # inches
+_COUNT_LINE_HEIGHT = 0.28  # inches; height of the line with the number of framed pairs
 
 
 def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
@@ -308,11 +313,11 @@ def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
 
 
 def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "") -> Figure:
-    """Plot the lower triangle of a correlation matrix ``(n, n)`` as a heat map.
+    """Plot the lower triangle of a correlation matrix, ``(n, n)``, as a heat map.
 
-    Large correlations are printed (``_PRINTED_CORRELATION``) or framed (``FRAMED_CORRELATION``).
-    Entries that are not finite (a parameter without variance) are grey. Raises ModelError for fewer
-    than two parameters.
+    Large correlations have a number (``_PRINTED_CORRELATION``) and a frame
+    (``FRAMED_CORRELATION``). A cell of a parameter without variance is grey. Raises ModelError for
+    fewer than two parameters.
     """
     n = len(names)
     if n < 2:
@@ -326,12 +331,11 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     matrix, n = matrix[1:, :-1], n - 1
     below = np.tril(np.ones((n, n), dtype=bool))
     shown = np.ma.masked_where(~below | ~np.isfinite(matrix), matrix)
-    # all columns but the last, all rows but the first
     labels = [symbol(name) for name in names]
     size = LABEL_SIZE if n <= 20 else TICK_SIZE - 2.0
     left, bottom = (
-        max([0.6, *(text_width(label, size) + 0.2 for label in some)])
-        for some in (labels[1:], labels[:-1])
+        max([0.6, *(text_width(label, size) + 0.2 for label in axis_labels)])
+        for axis_labels in (labels[1:], labels[:-1])
     )
     cell = min(max(0.42, min(0.8, 2.0 / n)), (WIDTH - left - _COLOUR_SCALE_WIDTH) / n)
     width = max(n * cell + left + _COLOUR_SCALE_WIDTH, 5.0)
@@ -348,7 +352,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
         elif abs(value) >= _PRINTED_CORRELATION:
             if abs(value) > FRAMED_CORRELATION:
                 panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
-            colour = "white" if abs(value) > 0.65 else BLACK
+            colour = "white" if abs(value) > _DARK_CORRELATION else BLACK
             panel.text(
                 column,
                 row,
@@ -388,9 +392,10 @@ def _short(value: float) -> str:
 
 # ---- Innovations of a filter with their bounds, and their autocorrelation
 
-EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # share of a Gaussian outside two sigmas
-OF_PRIOR = 5.0  # bounds wider than this multiple of 90 % of the bounds come from the prior
-_FEWEST_SAMPLES = 8  # samples that an autocorrelation needs
+EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # probability of a Gaussian outside two sigmas
+# Bounds wider than this multiple of their 90th percentile come from a wide prior.
+PRIOR_BOUND_RATIO = 5.0
+_FEWEST_SAMPLES = 8  # with fewer samples no autocorrelation is drawn
 
 
 def figure_innovations(
@@ -402,9 +407,14 @@ def figure_innovations(
 ) -> Figure:
     """Plot innovations with two-sigma bounds and their autocorrelation with a 95 % band.
 
-    Bounds: 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA TM-101722). The band is that of white noise.
-    ``output_names`` and ``units`` of the ``m`` outputs. Missing samples and those after a
-    divergence are left out. The share of samples outside the bounds is printed. Angles in degrees.
+    The bounds are 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA TM-101722). The band is that of white
+    noise. A caption has the share of samples outside the bounds. Missing samples and samples after
+    a divergence are left out. Angles are in degrees.
+
+    Parameters
+    ----------
+    output_names, units : names and units of the m outputs.
+    lags : largest lag of the autocorrelation, samples.
     """
     sound = sound_samples(history)
     rows = [row for row in range(len(output_names)) if np.any(history.valid[row])]
@@ -415,17 +425,9 @@ def figure_innovations(
     for row, (left, right) in zip(rows, sheet.axes, strict=False):
         valid, base = history.valid[row], display_unit(units[row])
         # The power of ten is part of the unit: above the axis it would overlap the caption.
-        unit = scaled_unit(
-            base,
-            base.factor
-            * _limit(history.innovation[row, valid], history.innovation_std[row, valid]),
-        )
-        _innovations(
-            left,
-            history.time[valid],
-            unit.factor * history.innovation[row, valid],
-            unit.factor * history.innovation_std[row, valid],
-        )
+        innovation, std = history.innovation[row, valid], history.innovation_std[row, valid]
+        unit = scaled_unit(base, base.factor * _limit(innovation, std))
+        _innovations(left, history.time[valid], unit.factor * innovation, unit.factor * std)
         left.set_xlim(history.time[0], history.time[-1])
         y_label(left, axis_label(output_names[row], unit))
         normalised = np.where(valid, history.innovation[row] / history.innovation_std[row], 0.0)
@@ -444,6 +446,7 @@ def figure_innovations(
 
 
 def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.ndarray) -> None:
+    """Draw innovations with two-sigma bounds; those beyond the axis become marks at its edge."""
     panel.axhline(0.0, **ZERO)
     panel.plot(
         time,
@@ -478,14 +481,15 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
     """Return the axis limit; early bounds, which come from the wide prior, do not count."""
     usual = float(np.quantile(std, 0.9))
-    of_prior = std > OF_PRIOR * usual
+    of_prior = std > PRIOR_BOUND_RATIO * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
-    """Plot the autocorrelation with its band, which depends on the number of pairs at each lag.
+    """Draw the autocorrelation of normalized innovations with the 95 % band of white noise.
 
-    Missing samples are zero in ``normalised``.
+    The band depends on the number of pairs of samples at each lag. ``normalised``: ``(N,)``, zero
+    at missing samples.
     """
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)

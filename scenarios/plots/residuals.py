@@ -1,5 +1,7 @@
-"""Figures of residuals over time, over frequency with coherence, and of a held-out record; errors
-of estimates in their own standard deviations, ours beside published ones; equivalent derivatives.
+"""Figures of residuals and of errors of estimates.
+
+Residuals over time and over frequency with coherence; a held-out record; errors of estimates in
+their own standard deviations, beside published estimates; equivalent derivatives.
 """
 
 from __future__ import annotations
@@ -47,18 +49,23 @@ from scenarios.plots.style import (
     y_label,
 )
 
-CLIPPED_SIGMAS = 8.0  # standard deviations; an error beyond becomes an arrow with its size
-_LABEL_WIDTH = 2.0  # inches, where a label is folded
-_OWN_OFFSET = 0.17  # offset of our residuals within a row
-_PUBLISHED_OFFSET = -0.17  # offset of published ones within a row
+CLIPPED_SIGMAS = 8.0  # standard deviations; a larger error is an arrow with its size
+_LABEL_WIDTH = 2.0  # inches; a longer label is folded
+_OWN_OFFSET = 0.17  # offset of the errors of this study within a row
+_PUBLISHED_OFFSET = -0.17  # offset of the errors of published estimates within a row
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One parameter: true value, estimate, standard deviation and, if there is one, the
-    published value with its own.
+    """A parameter beside its true and its published value, all in the same unit.
 
-    All in one unit. ``label`` is shown instead of the name's symbol, e.g. to tell methods apart.
+    Attributes
+    ----------
+    name : name of the parameter.
+    true : true value.
+    estimate, std : estimate and its standard deviation.
+    published, published_std : published estimate and its standard deviation, or None.
+    label : text in place of the symbol, to tell methods apart; empty for the symbol.
     """
 
     name: str
@@ -72,8 +79,16 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class EquivalentRow:
-    """A derivative of a flexible aircraft: rigid, statically condensed and estimated value, in
-    ``unit``.
+    """A derivative of a flexible aircraft, in ``unit``.
+
+    Attributes
+    ----------
+    aircraft : name of the aircraft or method.
+    name, unit : the derivative and its unit.
+    rigid : value of the rigid aircraft.
+    condensed : value with the elastic modes statically condensed.
+    estimate, std : estimate and its standard deviation.
+    published, published_std : published estimate and its standard deviation, or None.
     """
 
     aircraft: str
@@ -89,8 +104,14 @@ class EquivalentRow:
 
 @dataclass(frozen=True, eq=False)
 class ErrorCloud:
-    """Errors of one method on one flight in its own sigmas, ``(n, M)`` by derivative and run, and
-    how often each outcome came.
+    """Errors of a method on a repeated flight.
+
+    Attributes
+    ----------
+    method, flight : labels.
+    names : names of the derivatives.
+    sigmas : errors over reported sigmas, shape ``(n, M)`` by derivative and run.
+    outcomes : number of runs by outcome code.
     """
 
     method: str
@@ -101,70 +122,65 @@ class ErrorCloud:
 
 
 def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
-    """Return the errors of all runs in reported sigmas, one panel per method: of each derivative a
-    column of dots for each flight, its root mean square a bar.
+    """Plot the errors of all runs in reported sigmas, a panel for each method.
 
-    The band of two is shaded; errors beyond ``CLIPPED_SIGMAS`` stand at the edge. Above a panel how
-    many runs settled.
+    Each derivative has a column of dots for each flight, and a bar for their root mean square. The
+    band of two sigmas is shaded. Errors beyond ``CLIPPED_SIGMAS`` stand at the edge. The caption of
+    a panel has the number of runs that converged.
     """
-    methods, flights = (
-        list(dict.fromkeys(each.method for each in clouds)),
-        list(dict.fromkeys(each.flight for each in clouds)),
-    )
+    methods = list(dict.fromkeys(cloud.method for cloud in clouds))
+    flights = list(dict.fromkeys(cloud.flight for cloud in clouds))
     sheet = make_sheet([1.45] * len(methods), row_gap=0.42)
     for method, panel in zip(methods, sheet.panels, strict=True):
-        mine = [each for each in clouds if each.method == method]
-        names = mine[0].names
+        of_method = [cloud for cloud in clouds if cloud.method == method]
+        names = of_method[0].names
         settled = ", ".join(
-            f"{each.flight} {each.outcomes.get('converged', 0)} of {sum(each.outcomes.values())}"
-            for each in mine
+            f"{cloud.flight} {cloud.outcomes.get('converged', 0)} of {sum(cloud.outcomes.values())}"
+            for cloud in of_method
         )
         caption(panel, f"{method}; settled: {settled}")
         panel.axhspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
         panel.axhline(0.0, **ZERO)
-        for each in mine:
-            place = flights.index(each.flight)
-            style = {"color": method_style(place)["color"], "label": each.flight}
+        for cloud in of_method:
+            place = flights.index(cloud.flight)
+            style = {"color": method_style(place)["color"], "label": cloud.flight}
             offset = (place - 0.5 * (len(flights) - 1)) * 0.8 / len(flights)
-            for i, errors in enumerate(each.sigmas):
+            for i, errors in enumerate(cloud.sigmas):
                 spread = np.linspace(-0.06, 0.06, max(len(errors), 1))[: len(errors)]
                 shown = np.clip(errors, -CLIPPED_SIGMAS, CLIPPED_SIGMAS)
                 panel.plot(
                     i + offset + spread, shown, ".", markersize=2.5, markeredgewidth=0.0, **style
                 )
                 if len(errors):
-                    size = min(float(np.sqrt(np.mean(errors**2))), CLIPPED_SIGMAS)
+                    rms = min(float(np.sqrt(np.mean(errors**2))), CLIPPED_SIGMAS)
                     panel.plot(
-                        [i + offset] * 2, [-size, size], "-", linewidth=1.4, color=style["color"]
+                        [i + offset] * 2, [-rms, rms], "-", linewidth=1.4, color=style["color"]
                     )
         panel.set_xticks(range(len(names)), [symbol(name) for name in names])
         panel.tick_params(labelbottom=True)
         panel.set_xlim(-0.6, len(names) - 0.4)
-        widest = max(
-            (float(np.max(np.abs(each.sigmas), initial=0.0)) for each in mine), default=0.0
-        )
-        panel.set_ylim(*(np.array([-1.05, 1.05]) * min(max(widest, 3.5), CLIPPED_SIGMAS)))
+        largest = max(float(np.max(np.abs(cloud.sigmas), initial=0.0)) for cloud in of_method)
+        panel.set_ylim(*(np.array([-1.05, 1.05]) * min(max(largest, 3.5), CLIPPED_SIGMAS)))
         panel.grid(False, axis="x")
         y_label(panel, "error (σ)")
     return finish(sheet, title, bottom=0.3, head=0.24)
 
 
 def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
-    """Return the error of each parameter, estimate minus true, in the standard deviations that its
-    method itself states.
+    """Plot the error of each parameter, estimate minus true, in its own standard deviations.
 
-    The band of two is shaded. Errors in per cent stand at the right: a method that states a large
-    deviation is not near the truth for being within it. A published value without a deviation has
-    its per cent only.
+    The band of two standard deviations is shaded. Errors in per cent stand at the right: an
+    estimate within a large standard deviation may be far from the true value. A published value
+    without a standard deviation has only its per cent.
     """
     n, has_published = len(rows), any(row.published is not None for row in rows)
     lines = [
         folded(escaped_dollars(row.label), _LABEL_WIDTH) if row.label else [symbol(row.name)]
         for row in rows
     ]
-    labels = ["\n".join(some) for some in lines]
-    left = max([1.0, *(text_width(line) + 0.2 for some in lines for line in some)])
-    tallest = max((len(some) for some in lines), default=1)
+    labels = ["\n".join(label_lines) for label_lines in lines]
+    left = max([1.0, *(text_width(line) + 0.2 for label_lines in lines for line in label_lines)])
+    tallest = max((len(label_lines) for label_lines in lines), default=1)
     sheet = make_sheet(
         [(0.34 + 0.15 * max(0, tallest - 2)) * n + 0.1],
         count=min(n, 1),
@@ -172,8 +188,9 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
         right=1.85 if has_published else 1.0,
     )
     panel = sheet.panels[0]
-    # right edges of the columns of errors
-    first, second = (1.0 + inches / (WIDTH - sheet.left - sheet.right) for inches in (0.8, 1.65))
+    # Right edges of the columns of errors in per cent, as shares of the panel.
+    panel_width = WIDTH - sheet.left - sheet.right
+    first, second = 1.0 + 0.8 / panel_width, 1.0 + 1.65 / panel_width
     panel.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     panel.axvline(0.0, **ZERO)
     heading = n - 0.35
@@ -216,28 +233,22 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
 
 
 def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure:
-    """Equivalent derivatives, one panel each: rigid value (dashed), condensed, estimated and
-    published for each aircraft.
+    """Plot equivalent derivatives, a panel for each.
 
-    Bars are two standard deviations; where one is not seen it is smaller than its mark. Aircraft
-    (or methods) with names too long for the axis are numbered there and named under the title.
+    For each aircraft it has the rigid value (dashed) and the condensed, the estimated and the
+    published value. Bars are two standard deviations; a bar that is not visible is smaller than its
+    mark. Aircraft (or methods) whose names are too long for the axis have numbers there, with the
+    names under the title.
     """
-    names, aircraft = (
-        list(dict.fromkeys(row.name for row in rows)),
-        list(dict.fromkeys(row.aircraft for row in rows)),
-    )
+    names = list(dict.fromkeys(row.name for row in rows))
+    aircraft = list(dict.fromkeys(row.aircraft for row in rows))
     panels = PanelsOverNames.of(len(names), aircraft, "method", title)
     for name, panel in zip(names, panels.sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
         # A power of ten stands in the unit, not above the axis.
         base = display_unit(of_name[0].unit, name)
-        unit = scaled_unit(
-            base,
-            base.factor
-            * max(
-                abs(value) for row in of_name for value in (row.rigid, row.condensed, row.estimate)
-            ),
-        )
+        values = (value for row in of_name for value in (row.rigid, row.condensed, row.estimate))
+        unit = scaled_unit(base, base.factor * max(map(abs, values)))
         caption(panel, axis_label(name, unit), LABEL_SIZE)
         for row in of_name:
             x = float(aircraft.index(row.aircraft))
@@ -268,7 +279,7 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
 
 
 def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label: str) -> None:
-    """A mark at the error, or an arrow at the edge with the error's size."""
+    """Draw a mark at an error, or an arrow at the edge with the size of a large error."""
     if abs(error) <= CLIPPED_SIGMAS:
         panel.plot(
             [error], [y], marker=marker, color=colour, markersize=5.5, linestyle="none", label=label
@@ -297,6 +308,7 @@ def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label:
 
 
 def _percent(panel: Axes, x: float, y: float, value: float, true: float, colour: str) -> None:
+    """Write the error of a value in per cent; a dash if the true value is zero."""
     text = f"{signed(100.0 * (value - true) / abs(true), '.3g')} %" if true else "–"
     panel.text(
         x,
@@ -320,6 +332,7 @@ def _bar(
     colour: str,
     label: str,
 ) -> None:
+    """Draw a value with a bar of two standard deviations, both times ``factor``."""
     bar = None if std is None else [2.0 * factor * std]
     panel.errorbar(
         [x],
@@ -334,25 +347,24 @@ def _bar(
     )
 
 
-# ---- Residuals and their spectra before and after, and the held-out record
+# ---- Residuals and spectra before and after effects are added, and the held-out record
 
 _BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Return the residuals of the fitted record against time, left with the declared model, right
-    with the effects, one scale for both.
+    """Plot the residuals of a fitted record over time.
 
-    Where nothing was added there is one column. ``noise`` is the noise's standard deviation by
-    channel. Samples that were set aside are ringed; angles in degrees.
+    Residuals of the declared model are at the left, those with the effects at the right, with the
+    same scale. If no effect was added, there is a single column. Samples that were set aside have a
+    ring. Angles are in degrees. ``noise``: noise level by channel.
     """
     shown = _measured(fitted)
-    count, same = len(shown), _same(fitted, [row for row, _ in shown])
-    sides = (
-        (("residual", fitted.after),)
-        if same
-        else (("before", fitted.before), ("after", fitted.after))
-    )
+    count = len(shown)
+    if _same(fitted, [row for row, _ in shown]):
+        sides = [("residual", fitted.after)]
+    else:
+        sides = [("before", fitted.before), ("after", fitted.after)]
     sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
     for line, (row, name) in zip(sheet.axes, shown, strict=True):
         channel = fitted.record[name]
@@ -389,11 +401,8 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                     **ring,
                 )
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
-            rms = (
-                float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2)))
-                if np.any(valid & fitted.used[row])
-                else 0.0
-            )
+            used = valid & fitted.used[row]
+            rms = float(np.sqrt(np.mean(values[used] ** 2))) if np.any(used) else 0.0
             caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
         for panel in line:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
@@ -408,11 +417,16 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 def figure_held_out(
     prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """Return the predicted record: its inputs and what no model predicts, such as the airspeed;
-    then its samples, called ``data``, predicted with and without the effects, and below what each
-    leaves; angles in degrees.
+    """Plot a predicted record.
 
-    One prediction where nothing was added.
+    The upper panels have its inputs and outputs without a prediction, such as the airspeed. Below
+    are the samples with the predictions with and without the effects, and the residual of each. If
+    no effect was added, there is a single prediction. Angles are in degrees.
+
+    Parameters
+    ----------
+    noise : noise level by channel.
+    data : legend label of the samples.
     """
     same = np.array_equal(prediction.after, prediction.before)
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
@@ -429,19 +443,21 @@ def figure_held_out(
     return figure
 
 
-COHERENCE_SEGMENTS = 15  # that overlap by half, of a coherence
+COHERENCE_SEGMENTS = 15  # segments of a record for a coherence; they overlap by half
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Return the power spectra of the residuals before and after over that of the noise: white
-    noise of the right size lies at one. One where nothing was added.
+    """Plot power spectra of the residuals, before and after, over that of the noise.
 
-    Periodograms under a Hann window, averaged over neighbouring frequencies; below each its
-    coherence with the inputs, with the level that noise alone exceeds once in twenty. Samples
-    missing or set aside count as zero, uneven sampling is read as even at its mean interval.
+    White noise of the right level is at one. If no effect was added, there is a single spectrum.
+    Spectra are periodograms under a Hann window, averaged over neighbouring frequencies. Below each
+    is the coherence with the inputs, with the level that noise alone exceeds once in twenty.
+    Samples that are missing or set aside count as zero. Uneven sampling counts as even at its mean
+    interval.
     """
     shown = _measured(fitted)
-    inputs = np.array([each.values for each in fitted.record.inputs if np.ptp(each.values) > 0.0])
+    moving = [channel for channel in fitted.record.inputs if np.ptp(channel.values) > 0.0]
+    inputs = np.array([channel.values for channel in moving])
     coherent = len(inputs) > 0 and len(fitted.record) >= 16 * COHERENCE_SEGMENTS
     sheet = make_sheet([1.25, *([0.7] if coherent else [])] * len(shown), row_gap=0.3)
     same = _same(fitted, [row for row, _ in shown])
@@ -466,8 +482,7 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
             if coherent:
                 below = sheet.panels[2 * number + 1]
                 at, shares = input_coherence(np.where(used, residual, 0.0), inputs, interval)
-                look = method_style(order, alone=len(lines) == 1)
-                below.plot(at, shares, **look)
+                below.plot(at, shares, **method_style(order, alone=len(lines) == 1))
         if coherent:
             level = coherence_level(len(inputs))
             below.axhline(level, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
@@ -487,13 +502,15 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
 def input_coherence(
     residual: np.ndarray, inputs: np.ndarray, interval: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequencies (Hz) and multiple coherence of a residual ``(N,)`` with inputs ``(q,
-    N)``: the share of its power that follows the inputs linearly (Bendat and Piersol, *Random
-    Data*, 4th edition, 2010, chapter 7).
+    """Return frequencies, Hz, and the multiple coherence of a residual with the inputs at each.
+
+    The coherence is the share of the residual's power that follows the inputs linearly (Bendat and
+    Piersol, *Random Data*, 4th edition, 2010, chapter 7). ``residual``: ``(N,)``. ``inputs``:
+    ``(q, N)``. ``interval``: s.
     """
     length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
     starts = range(0, residual.size - length + 1, max(length // 2, 1))
-    # SciPy's signal package takes longer to load than this to compute.
+    # Not by SciPy's signal package, which takes longer to load than this to compute.
     rows = np.array([[row[at : at + length] for at in starts] for row in (*inputs, residual)])
     rows = np.fft.rfft((rows - rows.mean(axis=2, keepdims=True)) * np.hanning(length), axis=2)
     matrix = np.einsum("asf,bsf->fab", rows.conj(), rows) / len(starts)
@@ -506,8 +523,9 @@ def input_coherence(
 
 
 def coherence_level(inputs: int) -> float:
-    """Multiple coherence that noise alone exceeds once in twenty, of ``COHERENCE_SEGMENTS``
-    segments.
+    """Return the multiple coherence that noise alone exceeds once in twenty.
+
+    ``inputs``: number of inputs. It is that of ``COHERENCE_SEGMENTS`` segments.
     """
     from scipy.special import betaincinv
 
@@ -515,8 +533,10 @@ def coherence_level(inputs: int) -> float:
 
 
 def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not
-    zero by default; white noise of variance s2 gives s2.
+    """Return frequencies, Hz, and the power of a series at each.
+
+    White noise has its variance as power. ``residual``: ``(N,)``, zero at missing samples.
+    ``interval``: s. ``used``: number of samples that are not missing.
     """
     n = len(residual)
     window = np.hanning(n)
@@ -530,15 +550,13 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
     """Return whether before and after differ by less than a figure can show."""
-    change, size = (
-        np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
-        np.abs(fitted.after)[rows].max(axis=1, initial=0.0),
-    )
+    change = np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0)
+    size = np.abs(fitted.after)[rows].max(axis=1, initial=0.0)
     return bool(np.all(change <= 5e-3 * size))
 
 
 def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
-    """Row and name of the channels that this record has; others of the fit may lack it."""
+    """Return row and name of the channels of the fit that the record has."""
     return [
         (row, name)
         for row, name in enumerate(fitted.channels)
@@ -547,12 +565,13 @@ def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
 
 
 def _band(panel: Axes, sigma: float) -> None:
+    """Draw the zero line, and the band of two sigmas of the noise if it is known."""
     if sigma > 0.0:
         panel.axhspan(-2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.25, linewidth=0, label=_BAND)
     panel.axhline(0.0, **ZERO)
 
 
 def _few_ticks(panel: Axes) -> None:
-    """Use few ticks, which take most of the drawing time."""
+    """Use few ticks; they take most of the time of drawing."""
     for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
         axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))

@@ -55,26 +55,36 @@ from sim.truth.flight import Truth
 
 @dataclass(frozen=True, eq=False)
 class MethodOutputs:
-    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN if missing."""
+    """Outputs of a method for a record.
+
+    Attributes
+    ----------
+    label : label of the method.
+    outputs : values by output at the samples of the record, shape ``(N,)``; NaN if missing.
+    """
 
     label: str
     outputs: Mapping[str, np.ndarray]
 
 
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
-    """Return the outputs of an estimate for its record number ``record``.
+    """Return the outputs of an estimate for one of its records.
 
-    For a filter, the one-step prediction, NaN if a sample was missing or the filter
-    had broken down.
+    Those of a filter are one-step predictions, NaN if a sample was missing or the filter had
+    diverged.
+
+    Parameters
+    ----------
+    label : label of the method; empty: its name.
+    record : number of the record, from 0.
     """
     values = np.array(estimate.fitted[record], dtype=float)
-    shown = label or (
-        estimate.method.upper() if len(estimate.method) <= 3 else estimate.method.replace("-", " ")
-    )
+    method = estimate.method
+    name = method.upper() if len(method) <= 3 else method.replace("-", " ")
     if estimate.history is not None:
         values[~estimate.history.valid] = np.nan
-        shown = label or f"{shown}, one sample ahead"
-    return MethodOutputs(shown, dict(zip(estimate.output_names, values, strict=True)))
+        name = f"{name}, one sample ahead"
+    return MethodOutputs(label or name, dict(zip(estimate.output_names, values, strict=True)))
 
 
 def units_of(record: Record, names: Sequence[str]) -> list[str]:
@@ -127,13 +137,14 @@ def figure_fit(
 
     Parameters
     ----------
-    responses : one for each method; outputs that none of them has are left out.
-    truth : its noise-free outputs are added, dashed.
-    noise_std : by output; adds a band of two standard deviations of the measurement noise to the
-        residual.
-    above : channels drawn above the outputs, each in its own panel, such as inputs and airspeed.
+    record : the record.
+    responses : outputs of each method; an output that no method has is left out.
+    truth : adds its outputs without noise, dashed.
+    noise_std : noise level by output; adds a band of two noise levels to the residual.
+    data : legend label of the samples.
+    above : channels that are drawn above the outputs, such as inputs and airspeed.
 
-    ``data``: legend label of the samples. Angles in degrees. Raises ModelError without any output.
+    Angles are in degrees. Raises ModelError if there is no output to draw.
     """
     shown = [
         channel
@@ -143,7 +154,7 @@ def figure_fit(
     sheet = make_sheet(
         [*[0.9] * (len(above) if shown else 0), *[1.45, 1.0] * len(shown)], row_gap=0.18
     )
-    _alone(sheet.panels, record, above)
+    _draw_channels(sheet.panels, record, above)
     for number, channel in enumerate(shown):
         unit = display_unit(channel.unit)
         upper, below = sheet.panels[len(above) + 2 * number :][:2]
@@ -165,11 +176,9 @@ def figure_fit(
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:
                 continue
-            look, values = (
-                method_style(order, alone=len(responses) == 1 and truth is None),
-                unit.factor * response.outputs[channel.name],
-            )
-            upper.plot(record.time, values, label=escaped_dollars(response.label), **look)
+            line_style = method_style(order, alone=len(responses) == 1 and truth is None)
+            values = unit.factor * response.outputs[channel.name]
+            upper.plot(record.time, values, label=escaped_dollars(response.label), **line_style)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(
                 record.time,
@@ -178,9 +187,9 @@ def figure_fit(
                 marker=".",
                 markersize=2.5,
                 markeredgewidth=0.0,
-                color=look["color"],
+                color=line_style["color"],
             )
-        _keep_in_sight(upper, below, unit.factor * channel.values[channel.valid])
+        _limit_to_measured(upper, below, unit.factor * channel.values[channel.valid])
         y_label(upper, axis_label(channel.name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])
@@ -188,12 +197,15 @@ def figure_fit(
 
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
-    """Return the channels above the outputs ``shown``: inputs, and outputs without a model."""
-    return [*record.inputs, *(each for each in record.outputs if each.name not in shown)]
+    """Return the channels to draw above the outputs ``shown``: inputs and all other outputs."""
+    return [
+        *record.inputs,
+        *(channel for channel in record.outputs if channel.name not in shown),
+    ]
 
 
-def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
-    """Draw a panel for each channel without an estimate, held inputs as steps."""
+def _draw_channels(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
+    """Draw each channel in a panel of its own; held inputs as steps."""
     is_held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
@@ -205,25 +217,29 @@ def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) 
         y_label(panel, axis_label(channel.name, unit))
 
 
-def _keep_in_sight(above: Axes, below: Axes, measured: np.ndarray) -> None:
-    """Set axis limits by the measurement, so that a diverging response leaves the panel."""
+def _limit_to_measured(above: Axes, below: Axes, measured: np.ndarray) -> None:
+    """Limit a panel and its residual to a range about the measured values, ``(N,)``.
+
+    A response that diverges leaves the panel, and a caption says so.
+    """
     low, high = float(measured.min()), float(measured.max())
-    reach = 1.5 * (high - low) or 1.0
+    margin = 1.5 * (high - low) or 1.0
     bottom, top = above.get_ylim()
-    above.set_ylim(max(bottom, low - reach), min(top, high + reach))
-    if bottom < low - reach or top > high + reach:
+    above.set_ylim(max(bottom, low - margin), min(top, high + margin))
+    if bottom < low - margin or top > high + margin:
         caption(above, "a response leaves the panel")
     bottom, top = below.get_ylim()
-    below.set_ylim(max(bottom, -reach), min(top, reach))
+    below.set_ylim(max(bottom, -margin), min(top, margin))
 
 
 def _dots(panel: Axes, record: Record, channel: Channel, factor: float, data: str) -> None:
+    """Draw the samples of a channel, times ``factor``, as dots with the label ``data``."""
     panel.plot(
         record.time[channel.valid], factor * channel.values[channel.valid], label=data, **MEASURED
     )
 
 
-# ---- The falling body: trajectory, ballistic coefficient and its error
+# ---- Falling body: trajectory, ballistic coefficient and its error
 
 
 def figure_trajectory(
@@ -247,7 +263,7 @@ def figure_trajectory(
         **MEASURED,
     )
     metres = DisplayUnit("m")
-    for row, (name, unit, fine) in enumerate(
+    for row, (name, unit, error_unit) in enumerate(
         (("altitude", KILOMETRES, metres), ("velocity", METRES_PER_SECOND, METRES_PER_SECOND))
     ):
         panel = sheet.axes[row][0]
@@ -258,7 +274,7 @@ def figure_trajectory(
         if truth is not None:
             actual = truth.states[name]
             panel.plot(truth.time, unit.factor * actual, label="true", zorder=5, **TRUE)
-            _errors(sheet.axes[row][1], name, fine, histories, actual)
+            _draw_errors(sheet.axes[row][1], name, error_unit, histories, actual)
     for panel in sheet.axes[-1]:
         time_axis(panel)
     return finish(sheet, title, head=0.24 if errors else 0.08)
@@ -271,11 +287,17 @@ def figure_ballistic_coefficient(
 ) -> Figure:
     """Plot the ballistic coefficient over time by each method, and its error if the truth is known.
 
-    ``true`` and the histories' ``beta`` are in kg/m2 (``true`` may be ``(N,)``); the figure shows
-    lb/ft^2. Bands are two standard deviations. Axes of errors are scaled by the second half of the
-    flight.
+    Bands are two standard deviations. The second half of the flight sets the limits of the axes of
+    errors.
+
+    Parameters
+    ----------
+    histories : history of each method; its ``beta`` is in kg/m2, the figure in lb/ft2.
+    true : true ballistic coefficient, kg/m2, a number or ``(N,)``.
     """
     unit = POUNDS_PER_SQUARE_FOOT
+    # Two methods stand beside each other in a block: a row of estimates and, with the truth, a
+    # row of errors.
     count, per_row = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
     sheet = make_sheet(
@@ -293,18 +315,10 @@ def figure_ballistic_coefficient(
         panel = sheet.axes[row][column]
         lowest = [*lowest[-1:], sheet.axes[row + per_row - 1][column]]
         lowest[-1].tick_params(labelbottom=True)
-        caption(
-            panel,
-            "\n".join(
-                folded(
-                    escaped_dollars(label)
-                    if path.time.size
-                    else f"{escaped_dollars(label)}: no sound sample",
-                    available_width,
-                    TICK_SIZE,
-                )
-            ),
-        )
+        heading = escaped_dollars(label)
+        if not path.time.size:
+            heading = f"{heading}: no sound sample"
+        caption(panel, "\n".join(folded(heading, available_width, TICK_SIZE)))
         if column == 0:
             y_label(panel, f"{symbol('beta')} ({unit.text})")
             if true is not None:
@@ -325,22 +339,16 @@ def figure_ballistic_coefficient(
             )
             panel.plot(path.time, actual, label="true", zorder=5, **TRUE)
             errors.append(path.mean - actual)
-            _error(sheet.axes[row + 1][column], path, errors[-1])
-    for row in range(per_row * blocks) if count % 2 and blocks > 1 else ():
-        if row >= per_row * (blocks - 1):
+            _draw_error(sheet.axes[row + 1][column], path, errors[-1])
+    if count % 2 and blocks > 1:  # the last block has no second method
+        for row in range(per_row * (blocks - 1), per_row * blocks):
             sheet.axes[row][1].set_visible(False)
-    _share_limits(
-        sheet,
-        0,
-        per_row,
-        *_range(
-            [
-                array
-                for path in paths.values()
-                for array in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)
-            ]
-        ),
-    )
+    bands = [
+        edge
+        for path in paths.values()
+        for edge in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)
+    ]
+    _share_limits(sheet, 0, per_row, *_range(bands))
     if true is not None:
         limit = max(
             _settled_limit(error, path.std)
@@ -352,7 +360,8 @@ def figure_ballistic_coefficient(
     return finish(sheet, title, head=0.24 if blocks == 1 else 0.38)
 
 
-def _error(panel: Axes, path: StateHistory, error: np.ndarray) -> None:
+def _draw_error(panel: Axes, path: StateHistory, error: np.ndarray) -> None:
+    """Draw an error, ``(N,)``, with two-sigma bounds; the caption has its last value."""
     panel.axhline(0.0, **ZERO)
     panel.plot(path.time, error, color=BLUE, linewidth=1.2)
     for sign in (-2.0, 2.0):
@@ -370,27 +379,28 @@ def _error(panel: Axes, path: StateHistory, error: np.ndarray) -> None:
         )
 
 
-def _errors(
+def _draw_errors(
     panel: Axes,
     name: str,
     unit: DisplayUnit,
     histories: Mapping[str, FilterHistory],
     actual: np.ndarray,
 ) -> None:
+    """Draw the errors of all methods with two-sigma bounds; ``actual``: true values, ``(N,)``."""
     panel.axhline(0.0, **ZERO)
     limit = 0.0
     for number, (_, history) in enumerate(histories.items()):
-        path, look = course(history, name, unit.factor), method_style(number)
+        path, line_style = course(history, name, unit.factor), method_style(number)
         error = path.mean - unit.factor * actual[: path.time.size]
-        panel.plot(path.time, error, **look)
+        panel.plot(path.time, error, **line_style)
         for sign in (-2.0, 2.0):
             panel.plot(
                 path.time,
                 sign * path.std,
-                color=look["color"],
-                linewidth=0.5 * look["linewidth"],
-                linestyle=look["linestyle"],
-                zorder=look["zorder"],
+                color=line_style["color"],
+                linewidth=0.5 * line_style["linewidth"],
+                linestyle=line_style["linestyle"],
+                zorder=line_style["zorder"],
             )
         limit = max(limit, _settled_limit(error, path.std, 0.1))
     panel.set_ylim(-limit or -1.0, limit or 1.0)
@@ -399,28 +409,27 @@ def _errors(
 
 
 def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
-    """Axis limit for an error and its bounds after this share of the samples."""
+    """Return an axis limit that contains an error and its bounds after a share of the samples."""
     if error.size == 0:
         return 1.0
     start = int(after * error.size)
-    return (
-        1.15 * max(float(np.abs(error[start:]).max()), 2.0 * float(np.median(std[start:]))) or 1.0
-    )
+    largest_error = float(np.abs(error[start:]).max())
+    return 1.15 * max(largest_error, 2.0 * float(np.median(std[start:]))) or 1.0
 
 
 def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
+    """Return the range of all arrays with a margin."""
     filled = [array for array in arrays if array.size]
     if not filled:
         return 0.0, 1.0
-    low, high = (
-        min(float(array.min()) for array in filled),
-        max(float(array.max()) for array in filled),
-    )
+    low = min(float(array.min()) for array in filled)
+    high = max(float(array.max()) for array in filled)
     margin = 0.05 * (high - low) or 1.0
     return low - margin, high + margin
 
 
 def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float) -> None:
+    """Set the same limits in every row ``first``, ``first + every`` ... of a sheet."""
     for row in sheet.axes[first::every]:
         for panel in row:
             panel.set_ylim(low, high)
@@ -434,8 +443,8 @@ def figure_reconstruction(
 ) -> Figure:
     """Plot each output: recorded (dots), integrated from the measured inputs, and smoothed.
 
-    Residuals are below. The integrated curve drifts because of input noise. ``data``: legend label
-    of the samples. Angles in degrees.
+    Residuals are below. The integrated curve drifts because of the noise of the inputs. Angles are
+    in degrees. ``data``: legend label of the samples.
     """
     names = list(item.measured)
     sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)
@@ -453,8 +462,8 @@ def figure_reconstruction(
             shown.append((item.integrated[name], "with the faults found"))
         shown.append((item.smoothed[name], "smoothed"))
         for order, (values, label) in enumerate(shown):
-            look = method_style(order)
-            above.plot(item.time, unit.factor * values, label=label, **look)
+            line_style = method_style(order)
+            above.plot(item.time, unit.factor * values, label=label, **line_style)
             residual = np.where(used, measured - unit.factor * values, np.nan)
             below.plot(
                 item.time,
@@ -462,7 +471,7 @@ def figure_reconstruction(
                 linestyle="none",
                 marker=".",
                 markersize=2.5,
-                color=look["color"],
+                color=line_style["color"],
                 markeredgewidth=0.0,
             )
         y_label(above, axis_label(name, unit))

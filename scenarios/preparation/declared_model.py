@@ -1,7 +1,7 @@
-"""Comparison of two readings of the same records by fits of the declared model.
+"""The declared model of a vehicle file, and comparison of two readings of the same records by it.
 
 A reading is an assumption on the records, such as inputs held or linear between samples. Also
-drafts of vehicle files: numbers from a record, all others as comments.
+drafts of vehicle files, with the numbers that a record has; other numbers are comments.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # ---- From a user's vehicle file to the model it declares
 
-# The vehicle file has frequency and damping, the equations omega and zeta.
-FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
-INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
-# Runge-Kutta step over a root's time constant: error of about 1e-6.
+# Constants of an elastic mode: key in a vehicle file -> name in the equations.
+MODE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
+INTEGRATOR_ROOT = 1e-9  # rad/s; a smaller root is an integrator
+# Runge-Kutta step over the time constant of the fastest root: the error is about 1e-6.
 RESOLVED_STEP_SHARE = 0.15
 MOST_SUB_STEPS = 200.0  # sub-steps between samples; faster motion is not resolved
-RARE_SAMPLE_STEPS = 10.0  # longer sample intervals, in usual sub-steps, indicate slow motion
+# A sample interval of more usual sub-steps than this indicates slow motion.
+RARE_SAMPLE_STEPS = 10.0
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
-    """Return the declared model of a vehicle file for one of ``MODELS``.
+    """Return the declared model of a vehicle file.
 
-    Each free parameter gets a prior standard deviation of half its starting value (files may be 30
-    % wrong), for filters, which need one; whole-record fits use priors only where the data alone
-    cannot fix a scale.
+    Each free parameter has a prior standard deviation of half its starting value, since files may
+    be 30 % wrong. Filters need it. Fits of whole records use it only for a scale that the data
+    cannot determine.
     """
     if vehicle.own is not None:
         return constrained(with_priors(vehicle.own, list(vehicle.derivatives)), vehicle.constraints)
@@ -54,8 +55,8 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     constants = {**vehicle.constants}
     for number, mode in vehicle.modes:
         for name, value in mode.items():
-            if name in FILE_NAMES:
-                constants[f"{FILE_NAMES[name]}{number}"] = value
+            if name in MODE_NAMES:
+                constants[f"{MODE_NAMES[name]}{number}"] = value
             else:
                 values[name] = value
     kind = "rigid" if vehicle.model == "flexible" else vehicle.model
@@ -72,9 +73,9 @@ def model_of_file(vehicle: VehicleFile) -> Model:
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
-    """Return outputs with a free bias: those of the equations, else all except an altitude.
+    """Return the outputs that have a bias: those that the equations name, else all but an altitude.
 
-    For a falling body, a bias of the altitude is equivalent to another ballistic coefficient.
+    The bias of the altitude of a falling body is equivalent to another ballistic coefficient.
     """
     if isinstance(model.equations, Biased):
         return [name for name in outputs if name in model.equations.biased_outputs]
@@ -82,10 +83,9 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Return the longest integration sub-step, s: ``usual`` except for a user's model.
+    """Return the longest integration sub-step, s: ``usual``, s, for a built-in model.
 
-    For a user's model, which may be much slower or faster than an aircraft, a share of the fastest
-    root's time constant, at most ``usual`` or a long sample interval.
+    A user's model may be much slower or faster than an aircraft; ``step_of`` gives its sub-step.
     """
     if not is_own(model) or not records:
         return usual
@@ -93,19 +93,21 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 
 
 def step_of(model: Model, interval: float, usual: float) -> float:
-    """Return the sub-step of a user model for samples ``interval`` apart, s."""
+    """Return the sub-step of a user model, s, for a sample interval ``interval``, s.
+
+    It is a share of the time constant of the fastest root, but not longer than ``usual``, s, or
+    than a long sample interval.
+    """
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
-    quick = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
-    return min(
-        max(quick, interval / MOST_SUB_STEPS),
-        usual if interval <= RARE_SAMPLE_STEPS * usual else interval,
-    )
+    resolved = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
+    longest = usual if interval <= RARE_SAMPLE_STEPS * usual else interval
+    return min(max(resolved, interval / MOST_SUB_STEPS), longest)
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Return magnitudes of the roots at the initial state, rad/s, without integrators.
+    """Return the magnitudes of the roots at the initial state, rad/s, without integrators.
 
-    Empty if the Jacobian is not finite.
+    ``u``: the inputs. The result is empty if the Jacobian is not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
@@ -127,17 +129,19 @@ def _coupling(name: str, modes: int) -> bool:
 
 # ---- Two readings of the same records
 
-# Twice the log likelihood ratio (effective samples) above which a reading is accepted.
+# A reading is accepted above this. Twice the log likelihood ratio, for effective samples.
 DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
-CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same for one contradicting record
-# accuracy: half a unit of the log likelihood
+# A record contradicts the others beyond this; unit as above.
+CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0
+# A comparison needs the log likelihood to half a unit only.
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
-LARGEST_NUMBER = 1e50
-MOST_COMPARED_SAMPLES = 3000  # samples used in the comparison
-# Share of zero steps of an input above which a computer may hold it.
+LARGEST_NUMBER = 1e50  # records with larger numbers are not compared; the fit refuses them
+MOST_COMPARED_SAMPLES = 3000  # a comparison reads no further record beyond these samples
+# A computer may hold an input that is constant over a larger share of its sample intervals.
 UNMOVED_STEP_SHARE = 0.7
-# Share of the other steps in sequences above which a hand or an actuator moved it.
-IN_PASSING = 0.5
+# A hand or an actuator moves an input of which a larger share of the steps continues the step
+# before.
+CONTINUED_STEP_SHARE = 0.5
 Reading = tuple[Model, list[Record]]
 
 
@@ -145,33 +149,41 @@ Reading = tuple[Model, list[Record]]
 class Compared:
     """Comparison of two readings of the same records.
 
-    ``gain``: twice the log likelihood ratio of the second to the first, for the effective number of
-    samples; zero if undecided. ``why_open``: reason if undecided, else empty.
+    Attributes
+    ----------
+    gain : twice the log likelihood ratio of the second reading to the first, for the effective
+        number of samples; zero if undecided.
+    why_open : reason why the comparison is undecided; else empty.
     """
 
     gain: float
     why_open: str = ""
 
 
-def better_by(
+def compared_readings(
     first: Reading,
     second: Reading,
     outputs: Sequence[str],
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Return twice the log likelihood ratio of the second reading to the first.
+    """Compare two readings of the same records by fits of the declared model.
 
-    The comparison is undecided (gain zero) in these cases:
+    Isolated wrong samples are left out. Controls count from their trim (``from_trim``). The
+    comparison is undecided (gain zero) in these cases:
 
     - a fit is impossible, does not converge, has an implausible bias (``implausible_bias``), or has
       as many unknowns as samples;
     - a single record contradicts the sum of all. A missing effect may favour the wrong reading in
       one maneuver, but the correct reading fits best in all;
-    - no channel's residual falls by the share ``least``.
+    - the second reading reduces no channel's residual by the share ``least``.
 
-    ``local``: parameters with a separate value for each record. Isolated wrong samples are left
-    out. Controls count from their trim (``from_trim``).
+    Parameters
+    ----------
+    first, second : model and records of each reading.
+    outputs : the outputs that are fitted.
+    least : least share by which a residual has to fall.
+    local : parameters with a separate value for each record.
     """
     if any(
         np.max(np.abs(channel.values)) > LARGEST_NUMBER
@@ -180,17 +192,21 @@ def better_by(
     ):
         return Compared(0.0, "a number is beyond all measure")  # reported by the fit
     first, second = (
-        (model, [from_trim(record, model) for record in some]) for model, some in (first, second)
+        (model, [from_trim(record, model) for record in records])
+        for model, records in (first, second)
     )
     old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
-    wild = _implausible(old, new)
-    if any(np.any(mask) for mask in wild):
+    wrong = _wrong_samples(old, new)
+    if any(np.any(mask) for mask in wrong):
         first, second = (
             (
                 model,
-                [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)],
+                [
+                    _without(record, outputs, mask)
+                    for record, mask in zip(records, wrong, strict=True)
+                ],
             )
-            for model, some in (first, second)
+            for model, records in (first, second)
         )
         old, new = fits_at_their_least(
             _layout(first, outputs, local), _layout(second, outputs, local)
@@ -203,21 +219,21 @@ def better_by(
     ):
         return Compared(0.0, "a fit has no finite likelihood")
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
-        # residuals are rounding errors
+        # The residuals are rounding errors.
         return Compared(0.0, "as many unknowns as samples")
-    if why := _undecided(old, first) or _undecided(new, second):
-        return Compared(0.0, why)
+    if reason := _why_undecided(old, first) or _why_undecided(new, second):
+        return Compared(0.0, reason)
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return Compared(0.0)
     valid = [problem.valid for problem in old.layout.problems]
-    return Compared(likelier_by(old.residuals, new.residuals, valid))
+    return Compared(log_likelihood_gain(old.residuals, new.residuals, valid))
 
 
 def from_trim(record: Record, model: Model) -> Record:
     """Return the record with its controls counted from trim, or from their mean without a trim.
 
-    For perturbation equations this changes only biases, which otherwise absorb the response to the
-    trim deflection. Inputs of equations of totals are not changed.
+    In equations of perturbations this changes only the biases, which would absorb the response to
+    the trim deflection. Inputs of equations of total motion are not changed.
     """
     if of_totals(model):
         return record
@@ -234,15 +250,16 @@ def from_trim(record: Record, model: Model) -> Record:
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
     """Return whether the bias of an output cannot be its trim value; ``measured``: ``(N,)``.
 
-    The trim value lies between the extremes of the samples, or beyond them by at most their range
-    if the motion is on one side of trim only.
+    A trim value is not farther from the range of the samples than the length of that range. It is
+    outside the range if the motion is on one side of trim only.
     """
     low, high = float(np.min(measured)), float(np.max(measured))
-    return not low - (high - low) <= value <= high + (high - low)
+    length = high - low
+    return not low - length <= value <= high + length
 
 
-def _undecided(fit: Fit, reading: Reading) -> str:
-    """Return why a fit cannot decide on its reading; else empty."""
+def _why_undecided(fit: Fit, reading: Reading) -> str:
+    """Return the reason why a fit cannot decide on its reading; else an empty text."""
     if fit.outcome is not Outcome.CONVERGED:
         return "a fit has not converged"
     if of_totals(reading[0]):
@@ -264,67 +281,76 @@ def _undecided(fit: Fit, reading: Reading) -> str:
     return ""
 
 
-def _implausible(*fits: Fit | None) -> list[np.ndarray]:
-    """Return isolated wrong samples of each record by either fit, ``(m, N)``; empty without."""
-    finite = [
-        fit
-        for fit in fits
-        if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)
-    ]
-    if len(finite) < len(fits):
+def _wrong_samples(*fits: Fit | None) -> list[np.ndarray]:
+    """Return isolated wrong samples of each record by either fit, booleans of shape ``(m, N)``.
+
+    Empty if a fit is missing or has a residual that is not finite.
+    """
+    if any(
+        fit is None or not all(np.all(np.isfinite(rows)) for rows in fit.residuals) for fit in fits
+    ):
         return []
+    finite = [fit for fit in fits if fit is not None]
     problems = finite[0].layout.problems
-    out = [np.zeros_like(problem.valid) for problem in problems]
+    masks = [np.zeros_like(problem.valid) for problem in problems]
     edges = [input_edges(problem.record) for problem in problems]
+    measured = [
+        i for i in range(len(masks[0])) if any(np.any(problem.valid[i]) for problem in problems)
+    ]
     for fit in finite:
-        for i in np.flatnonzero(
-            [any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]
-        ):
+        for i in measured:
             wrong = isolated_wrong(
-                [each[i] for each in fit.residuals],
+                [rows[i] for rows in fit.residuals],
                 [problem.valid[i] for problem in problems],
                 edges,
             )
-            for mask, result in zip(out, wrong, strict=True):
-                mask[i] |= result
-    return out
+            for mask, wrong_in_record in zip(masks, wrong, strict=True):
+                mask[i] |= wrong_in_record
+    return masks
 
 
 def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Record:
+    """Return the record without the wrong samples of its outputs, booleans of shape ``(m, N)``."""
     masks = {name: row for name, row in zip(outputs, wrong, strict=True) if np.any(row)}
-    return replace(
-        record,
-        outputs=tuple(
-            replace(c, valid=c.valid & ~masks[c.name]) if c.name in masks else c
-            for c in record.outputs
-        ),
+    channels = tuple(
+        replace(channel, valid=channel.valid & ~masks[channel.name])
+        if channel.name in masks
+        else channel
+        for channel in record.outputs
     )
+    return replace(record, outputs=channels)
 
 
-def likelier_by(
-    before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
+def log_likelihood_gain(
+    before: Sequence[np.ndarray], after: Sequence[np.ndarray], valid: Sequence[np.ndarray]
 ) -> float:
     """Return twice the log likelihood ratio of the second residuals to the first.
 
-    For the effective number of samples; zero if records contradict each other. Residuals and their
-    validity are ``(m, N)`` per record; each output has one noise level.
+    Each sample counts by the effective share of samples, and each output has one noise level. Zero
+    if a record contradicts the sum of all records.
+
+    Parameters
+    ----------
+    before, after : residuals of the outputs, shape ``(m, N)`` for each record.
+    valid : whether each sample counts, shape ``(m, N)`` for each record.
     """
-    total = np.zeros(len(known))
-    for i in range(len(known[0])):
-        valid = [each[i : i + 1] for each in known]
+    gains = np.zeros(len(valid))
+    for i in range(len(valid[0])):
+        valid_rows = [mask[i : i + 1] for mask in valid]
         share = min(
-            effective_share([r[i : i + 1] for r in residuals], valid)
+            effective_share([rows[i : i + 1] for rows in residuals], valid_rows)
             for residuals in (before, after)
         )
-        for k, (row,) in enumerate(valid):
-            (old, new), count = (
-                (float(np.sum(residuals[k][i, row] ** 2)) for residuals in (before, after)),
-                int(np.count_nonzero(row)),
-            )
+        for k, (row,) in enumerate(valid_rows):
+            old = float(np.sum(before[k][i, row] ** 2))
+            new = float(np.sum(after[k][i, row] ** 2))
+            count = int(np.count_nonzero(row))
             if count and old > 0.0 and new > 0.0:
-                total[k] += share * count * np.log(old / new)
-    result = float(np.sum(total))
-    return 0.0 if np.min(total * np.sign(result)) < -CONTRADICTING_LOG_LIKELIHOOD_RATIO else result
+                gains[k] += share * count * np.log(old / new)
+    total = float(np.sum(gains))
+    if np.min(gains * np.sign(total)) < -CONTRADICTING_LOG_LIKELIHOOD_RATIO:
+        return 0.0
+    return total
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
@@ -333,37 +359,41 @@ def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
 
 
 def held_by_computer(record: Record) -> bool:
-    """Return whether every input is constant most of the time to the last digit and changes in
-    steps, as a computer's.
+    """Return whether every input is exactly constant most of the time and changes in single steps.
+
+    Such inputs are commands of a computer.
     """
     return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Return whether an input rests mostly and moves in single steps, unlike a moving surface."""
+    """Return whether an input is mostly constant and moves in single steps.
+
+    ``steps``: differences of its samples. A surface in motion has several steps in one direction.
+    """
     moves = steps != 0.0
-    onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
-    passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
-    return bool(np.mean(moves) < 1.0 - UNMOVED_STEP_SHARE and passing < IN_PASSING)
+    continued = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
+    continued_share = float(np.sum(continued)) / max(1.0, float(np.sum(moves)))
+    mostly_constant = np.mean(moves) < 1.0 - UNMOVED_STEP_SHARE
+    return bool(mostly_constant and continued_share < CONTINUED_STEP_SHARE)
 
 
-def linear_by(
+def gain_of_linear_inputs(
     records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
 ) -> float:
-    """Return the gain of linear inputs over held ones; zero if undecided."""
+    """Return twice the log likelihood ratio of linear to held inputs; zero if undecided.
+
+    ``read``: makes a reading from model and records.
+    """
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
-    some = _some(records)
-    outputs = _outputs(some, model)
-    return (
-        better_by(
-            read(model, with_hold(some, Hold.PREVIOUS)),
-            read(model, with_hold(some, Hold.LINEAR)),
-            outputs,
-        ).gain
-        if outputs
-        else 0.0
-    )
+    compared = _first_records(records)
+    outputs = _outputs(compared, model)
+    if not outputs:
+        return 0.0
+    held = read(model, with_hold(compared, Hold.PREVIOUS))
+    linear = read(model, with_hold(compared, Hold.LINEAR))
+    return compared_readings(held, linear, outputs).gain
 
 
 def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
@@ -383,16 +413,18 @@ def _outputs(records: Sequence[Record], model: Model) -> list[str]:
     ]
 
 
-def _some(records: Sequence[Record]) -> list[Record]:
-    """Return the first records, up to ``MOST_COMPARED_SAMPLES`` samples."""
-    some, count = [], 0
+def _first_records(records: Sequence[Record]) -> list[Record]:
+    """Return the first records, until they have ``MOST_COMPARED_SAMPLES`` samples."""
+    first, count = [], 0
     for record in records:
-        some.append(record)
+        first.append(record)
         count += len(record)
         if count >= MOST_COMPARED_SAMPLES:
             break
-    return some
+    return first
 
+
+# ---- Drafts of vehicle files
 
 ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs, your recorder)"
 

@@ -1,5 +1,6 @@
-"""The channels that the headers of a recorder's file suggest, each tried, with a reason for each
-guess.
+"""Draft a channel map from the headers of a file: guess each channel, and try to read it.
+
+Each guess has a reason.
 """
 
 from __future__ import annotations
@@ -30,20 +31,21 @@ COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
 # PX4 columns with the type of vehicle, and the number of a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
-SPELT = {  # Units as they stand after a name without brackets.
+UNIT_SUFFIXES = {  # Unit by its spelling after a name without brackets.
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
-# an unlabelled angle or rate that moves further is more likely to be in degrees
-BEYOND = {"rad": 1.6, "rad/s": 8.0}
-# Limits that most samples of any flight respect; beyond them, the unit is wrong.
-NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
-MOST_UNUSED = 60  # columns without a channel that are tried
+# An angle or rate without a unit that moves farther is more likely to be in degrees.
+LARGEST_IN_RADIANS = {"rad": 1.6, "rad/s": 8.0}
+# Most samples of any flight stay below; beyond, the unit is wrong.
+LARGEST_IN_FLIGHT = {"rad": LARGEST_IN_RADIANS["rad"], "rad/s": 20.0}
+MOST_UNUSED = 60  # largest number of columns without a channel that are tried
 SERVO_PULSES = re.compile(r"RCOU\.C\d+")  # outputs to the servos of ArduPilot, us
-EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
-MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
-ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}  # beside an aileron or a rudder
-# topics that hold no measured motion
+EVEN_CLOCK_TOLERANCE = 1e-3  # largest relative deviation of a step of a clock that is no gap
+MOST_GAP_SHARE = 0.02  # largest share of the steps of a clock that are gaps
+# With an aileron or a rudder, these channels suggest the model ``aircraft``.
+ALL_AXES = {"elevator", "p", "q", "r", "airspeed", "alpha"}
+# Names of topics without measured motion.
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
@@ -54,13 +56,13 @@ class Guess:
 
     Attributes
     ----------
-    channel : our name.
-    choice : the column or expression.
-    reason : why this one, in a few words.
-    least, most : smallest and largest value, SI.
+    channel : name of the channel.
+    choice : its column or expression.
+    reason : why this column, in a few words.
     samples : number of values.
-    fault : reason why it cannot be used, or empty.
-    command : the column is a command from -1 to 1 of a channel that is an angle.
+    least, most : smallest and largest value, SI.
+    fault : error when the channel was read, or empty.
+    command : whether the channel is an angle and its column a command from -1 to 1.
     """
 
     channel: str
@@ -75,9 +77,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """A topic of a log: its name, columns, rows and samples a second (zero if it has no
-    clock).
-    """
+    """A topic of a log: name, columns, number of rows, and rate in Hz (zero without a clock)."""
 
     name: str
     columns: tuple[str, ...]
@@ -92,15 +92,15 @@ class Draft:
     Attributes
     ----------
     file : the record file.
-    topics : its topics.
-    guesses : channels found, in the order of our channels.
-    faults : everything that is wrong with the file, one line each.
+    topics : topics of the file.
+    guesses : channels that were found, in the order of ``CHANNEL_UNITS``.
+    faults : errors of the file, one line each.
     unused : columns that no channel takes.
-    model : the model that the channels fit, empty if none does.
-    clockless : the file has no clock, and no rate was given.
-    constant : column of each channel that is recorded but never moves.
-    moving : servo pulses that no channel takes and that move.
-    readable : a channel can be read, or a column that no channel takes, or there is no guess.
+    model : name of the model that the channels suit; empty if they suit none.
+    clockless : whether the file has no clock and no rate was given.
+    constant : column by channel that is recorded but constant.
+    moving : columns of servo pulses that move and that no channel takes.
+    readable : whether a channel or an unused column can be read, or no channel was found.
     """
 
     file: RecordFile
@@ -116,10 +116,10 @@ class Draft:
 
     @property
     def nearest(self) -> str:
-        """Return the model that fits the channels; if none does, the one with these outputs."""
-        found = {guess.channel for guess in self.guesses if not guess.fault}
-        sideways = found & {"p", "r", "beta", "phi", "ay", "ny"}
-        if self.model or not sideways or found & {"elevator", "q", "alpha", "nz", "az"}:
+        """Return the model that the channels suit; ``lateral`` for lateral outputs only."""
+        readable = {guess.channel for guess in self.guesses if not guess.fault}
+        lateral = readable & {"p", "r", "beta", "phi", "ay", "ny"}
+        if self.model or not lateral or readable & {"elevator", "q", "alpha", "nz", "az"}:
             return self.model
         return "lateral"
 
@@ -129,30 +129,38 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
 
     Parameters
     ----------
-    file : the file as it was read.
-    rate : Hz, of a file without a clock.
+    file : the open file.
+    rate : Hz; sample rate of a file without a clock.
     """
     topics = topics_of(file)
-    result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
+    guesses = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
-    if not any(guess.channel == TIME for guess in result) and len(topics) == 1 and rate is None:
+    if not any(guess.channel == TIME for guess in guesses) and len(topics) == 1 and rate is None:
         clockless = (
             "the file has no clock; give its rate with --rate HZ, or name the column of time",
         )
     if len(topics) > 1:
-        result = [guess for guess in result if guess.channel != TIME]
-    tried = _tried(file, result, 1.0 if clockless else rate)
+        guesses = [guess for guess in guesses if guess.channel != TIME]
+    tried = _tried(file, guesses, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     constant = _constant({*CHANNEL_UNITS} - {guess.channel for guess in tried}, topics)
     taken |= {*constant.values()}
-    names = [  # without clocks, which are used although no channel is made of them
+    names = [  # without clocks, which are used but are no channel in a log of several topics
         _path(topic, cell)
         for topic in topics
         for cell in topic.table.header
         if not is_clock(split_header(cell)[0])
     ]
     unused = tuple(name for name in names if name not in taken)
+    moving = tuple(
+        path
+        for topic in topics
+        for index, cell in enumerate(topic.table.header)
+        if (path := _path(topic, cell)) not in taken
+        and SERVO_PULSES.fullmatch(path)
+        and _moves(topic, index)
+    )
     return Draft(
         file,
         tuple(_summary(topic) for topic in topics),
@@ -162,35 +170,31 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
         constant,
-        tuple(
-            path
-            for topic in topics
-            for at, cell in enumerate(topic.table.header)
-            if (path := _path(topic, cell)) not in taken
-            and SERVO_PULSES.fullmatch(path)
-            and _moves(topic, at)
-        ),
+        moving,
         _is_readable(file, tried, unused, 1.0 if clockless else rate),
     )
 
 
 def _constant(channels: Collection[str], topics: Sequence[Topic]) -> dict[str, str]:
-    """Return the columns with the names of channels that hold one value only."""
-    result: dict[str, str] = {}
-    for channel in (each for each in CHANNEL_UNITS if each in channels and each != TIME):
+    """Return, for each channel that is recorded but constant, its column."""
+    columns: dict[str, str] = {}
+    for channel in CHANNEL_UNITS:
+        if channel not in channels or channel == TIME:
+            continue
         names = (channel, *recorder_names().get(channel, {}).get("names", ()))
         known = {_letters_and_digits(name) for name in names}
         for topic in topics:
             for index, cell in enumerate(topic.table.header):
                 named = _letters_and_digits(split_at(topic.table.header, index)[0]) in known
                 if named and _numbers(topic, index).size and not _moves(topic, index):
-                    result.setdefault(channel, _path(topic, cell))
-    return result
+                    columns.setdefault(channel, _path(topic, cell))
+    return columns
 
 
 def named_only(draft: Draft) -> Draft:
-    """Return the draft of a file with one fault that keeps every channel from being read: a draft
-    needs the headers alone.
+    """Return the draft without the faults of its channels.
+
+    For a file with a fault that prevents reading every channel: the headers still make a draft.
     """
     guesses = tuple(replace(guess, fault="") for guess in draft.guesses)
     model = _model_for({guess.channel for guess in guesses})
@@ -198,16 +202,9 @@ def named_only(draft: Draft) -> Draft:
 
 
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
-    """Return the columns of a file that a draft of a channel map would take for channels.
+    """Return the column or expression that a draft would take for each channel, if it finds one.
 
-    Parameters
-    ----------
-    file : the file as it was read.
-    channels : our names of the channels that are looked for.
-
-    Returns
-    -------
-    The column or expression of each channel for which one is found.
+    ``file``: the open file. ``channels``: the channels that are looked for.
     """
     return {
         guess.channel: str(guess.choice.column) for guess in _guesses(channels, topics_of(file), ())
@@ -216,14 +213,18 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
 @lru_cache(maxsize=1)
 def recorder_names() -> Mapping[str, Any]:
-    """Return the names and columns that recorders give each channel."""
+    """Return the names and columns that recorders give each channel (recorder_names.toml)."""
     return tomllib.loads(
         files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8")
     )
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Whether a log names a multirotor or has its rate controller alone, or a table a command."""
+    """Return whether a file is of a multirotor.
+
+    A log names its type of vehicle, or has the outputs of rate controllers and no airspeed. A table
+    has a column of a command to the motors.
+    """
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
         for topic in topics:
@@ -234,88 +235,86 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
             _letters_and_digits(split_header(cell)[0]) in map(_letters_and_digits, COMMANDS)
             for cell in topics[0].table.header
         )
-    airspeed = any(
+    has_airspeed = any(
         topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics
     )
-    return _has("RATE.ROut", topics) and not airspeed
+    return _has("RATE.ROut", topics) and not has_airspeed
 
 
 def topics_of(file: RecordFile) -> Sequence[Topic]:
-    """Return the topics of a log; a table is one without a name."""
+    """Return the topics of a log; another file is a single topic without a name."""
     return file.topics or (Topic("", file.table),)
 
 
 def _guesses(
     channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
 ) -> list[Guess]:
-    """Return the best columns for the channels that the vehicle can have."""
+    """Return the best column of each channel that the vehicle can have; ``degrees`` as below."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
-    result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
-    return [guess for guess in result if guess is not None]
+    guesses = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
+    return [guess for guess in guesses if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """Return the best column of a channel, or None if no column with a similar name moves.
+    """Return the best column of a channel; None if no column with a known name of it moves.
 
-    ``degrees``: topics whose unlabelled angles are in degrees.
+    ``degrees``: names of topics in which angles without a unit are in degrees.
     """
-    words = recorder_names().get(channel, {})
+    known = recorder_names().get(channel, {})
     if len(topics) > 1:
-        for path in words.get("columns", ()):
+        for path in known.get("columns", ()):
             if _has(path, topics):
-                unit = words.get("units", {}).get(path)
+                unit = known.get("units", {}).get(path)
                 return Guess(
                     channel,
                     ColumnChoice(path, unit),
                     f"the usual column of {_recorder(path)}{_unit_words(unit)}",
                     command=unit == "rad",
                 )
-        for each in words.get("expression", ()):
-            if all(_has(name, topics) and "." in name for name in each["needs"]):
-                return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    for rank in (
-        _letters_and_digits(channel),
-        *(_letters_and_digits(name) for name in words.get("names", ())),
-    ):
+        for expression in known.get("expression", ()):
+            if all(_has(name, topics) and "." in name for name in expression["needs"]):
+                return Guess(channel, ColumnChoice(expression["text"]), expression["reason"])
+    for name in (channel, *known.get("names", ())):
+        plain = _letters_and_digits(name)
+        spellings = (plain, *(f"{plain}{word}" for word in recorder_names()["unit_words"]))
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            cells, spelt = (
-                topic.table.header,
-                (rank, *(f"{rank}{word}" for word in recorder_names()["unit_words"])),
-            )
+            cells = topic.table.header
             named = [
-                n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
+                n
+                for n in range(len(cells))
+                if _letters_and_digits(split_at(cells, n)[0]) in spellings
             ]
             # Of two columns with one name, prefer the one with a known unit.
-            for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
+            for index in sorted(named, key=lambda n: not _states_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
                     return _of_column(channel, topic, index, degrees)
-    for each in words.get("expression", ()):
-        if all(_has(name, topics) for name in each["needs"]):
-            unit, reason = each.get("unit"), each["reason"]
-            if each.get("of_angles"):  # in the unit of the column that moves most
+    for expression in known.get("expression", ()):
+        if all(_has(name, topics) for name in expression["needs"]):
+            unit, reason = expression.get("unit"), expression["reason"]
+            if expression.get("of_angles"):  # in degrees if one of the columns is
                 cells = topics[0].table.header
                 units = {
                     _of_column(channel, topics[0], cells.index(name), degrees).choice.unit
-                    for name in each["needs"]
+                    for name in expression["needs"]
                     if name in cells
                 }
                 unit = "deg" if "deg" in units else None
                 reason = f"{reason}; taken as {unit or CHANNEL_UNITS[channel]}"
-            return Guess(channel, ColumnChoice(each["text"], unit), reason)
+            return Guess(channel, ColumnChoice(expression["text"], unit), reason)
     return _clock(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 
-def _says_unit(topic: Topic, index: int, channel: str) -> bool:
+def _states_unit(topic: Topic, index: int, channel: str) -> bool:
     """Return whether the file states a unit that suits the channel; any unit suits a clock."""
     unit = stated_unit(topic.table, index)
     return channel == TIME or (unit is not None and _converts(unit, CHANNEL_UNITS[channel]))
 
 
 def _clock(topic: Topic) -> Guess | None:
-    """Return the column that every command takes for the clock; else one of dates; else one of even
-    steps.
+    """Return the column that reading takes for the clock; else a column of dates; else a column
+    that increases in even steps.
     """
     table = topic.table
     place = clock_place(table)
@@ -329,7 +328,7 @@ def _clock(topic: Topic) -> Guess | None:
 
 
 def _even_column(topic: Topic) -> Guess | None:
-    """Return the first column that increases in even steps, as a clock does; a clock may have gaps.
+    """Return the first column that increases in even steps, possibly with gaps, as a clock does.
 
     A column that counts 0, 1, 2 ... is a row number, not a clock.
     """
@@ -345,10 +344,9 @@ def _even_column(topic: Topic) -> Guess | None:
         usual = float(np.median(steps))
         if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
             continue
-        odd = np.abs(steps - usual) >= EVEN_CLOCK_TOLERANCE * usual
-        if (np.all(steps[odd] > usual) and np.mean(odd) < MOST_GAP_SHARE) or grid_of_coarse_stamps(
-            values
-        ) is not None:
+        uneven = np.abs(steps - usual) >= EVEN_CLOCK_TOLERANCE * usual
+        only_gaps = np.all(steps[uneven] > usual) and np.mean(uneven) < MOST_GAP_SHARE
+        if only_gaps or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
     return None
 
@@ -359,10 +357,12 @@ def _moves(topic: Topic, index: int) -> bool:
 
 
 def _in_degrees(topics: Sequence[Topic]) -> set[str]:
-    """Topics with an unlabelled angle or rate that moves further than one in radians would."""
-    result = set()
+    """Return the names of topics with an angle or rate without a unit that moves too far to be in
+    radians.
+    """
+    names = set()
     for channel, inside in CHANNEL_UNITS.items():
-        if inside not in BEYOND or channel in INPUTS:
+        if inside not in LARGEST_IN_RADIANS or channel in INPUTS:
             continue
         guess = _guess(channel, topics, ())
         if (
@@ -370,11 +370,12 @@ def _in_degrees(topics: Sequence[Topic]) -> set[str]:
             and guess.choice.unit in ("deg", "deg/s")
             and "no unit is stated" in guess.reason
         ):
-            result.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
-    return result
+            names.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
+    return names
 
 
 def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str]) -> Guess:
+    """Return the guess that a column is a channel, with the unit that file or numbers show."""
     cell = topic.table.header[index]
     path = f"{topic.name}.{cell}" if topic.name else cell
     inside = CHANNEL_UNITS[channel]
@@ -382,7 +383,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     stated = stated_unit(topic.table, index)
     if channel == TIME:
         if stated is not None and not _converts(stated, inside):
-            # The brackets hold the name of a message or a sensor.
+            # The brackets hold the name of a message or a sensor, no unit.
             stated = next(
                 (unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")),
                 None,
@@ -403,7 +404,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
         values = values[values != fill]
     moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
     degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
-    if moves > BEYOND.get(inside, np.inf):
+    if moves > LARGEST_IN_RADIANS.get(inside, np.inf):
         return Guess(
             channel,
             ColumnChoice(path, degree),
@@ -430,51 +431,52 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
     topic_of = {
         _path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header
     }
-    groups: dict[frozenset[str], list[Guess]] = {}
+    by_topics: dict[frozenset[str], list[Guess]] = {}
     for guess in guesses:
         used = (
             {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
         )
-        groups.setdefault(frozenset(used), []).append(guess)
-    result = {guess.channel: guess for guess in guesses if guess.channel == TIME}
-    for some in groups.values():
-        result |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
-    return [result[guess.channel] for guess in guesses]
+        by_topics.setdefault(frozenset(used), []).append(guess)
+    tried = {guess.channel: guess for guess in guesses if guess.channel == TIME}
+    for group in by_topics.values():
+        tried |= _read(file, [guess for guess in group if guess.channel != TIME], clock, rate)
+    return [tried[guess.channel] for guess in guesses]
 
 
 def _read(
-    file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None
+    file: RecordFile,
+    guesses: Sequence[Guess],
+    clock: Mapping[str, ColumnChoice],
+    rate: float | None,
 ) -> dict[str, Guess]:
-    """Channel -> guess with the range of its values, or with its fault."""
-    if not some:
-        return {}
+    """Return the guess of each channel with the range of its values, or with its fault."""
+    tried: dict[str, Guess] = {}
+    if not guesses:
+        return tried
     try:
-        chosen = {**clock, **{guess.channel: guess.choice for guess in some}}
-        record = read_record(file, (), [guess.channel for guess in some], chosen, rate=rate)
+        chosen = {**clock, **{guess.channel: guess.choice for guess in guesses}}
+        record = read_record(file, (), [guess.channel for guess in guesses], chosen, rate=rate)
     except RecordError as error:
-        if len(some) == 1:
-            (guess,) = some
+        if len(guesses) == 1:
+            (guess,) = guesses
             return {guess.channel: replace(guess, fault=str(error))}
-        return {
-            channel: each
-            for guess in some
-            for channel, each in _read(file, [guess], clock, rate).items()
-        }
-    out = {}
-    for guess in some:
+        for guess in guesses:
+            tried |= _read(file, [guess], clock, rate)
+        return tried
+    for guess in guesses:
         values = record[guess.channel].values[record[guess.channel].valid]
-        out[guess.channel] = replace(
+        tried[guess.channel] = replace(
             guess, samples=int(values.size), least=float(values.min()), most=float(values.max())
         )
-    return out
+    return tried
 
 
 def _is_readable(
     file: RecordFile, tried: Sequence[Guess], unused: Sequence[str], rate: float | None
 ) -> bool:
-    """Return whether a guess can be read, or an unused column in the place of one that cannot.
+    """Return whether any column of the file can be read: that of a guess, or an unused one.
 
-    A fault of the clock or of the rows prevents reading all columns, one of a column only that one.
+    If none can, the fault is in the clock or in the rows and not in single columns.
     """
     faulty = [guess for guess in tried if guess.fault]
     if not faulty or any(guess.samples for guess in tried):
@@ -489,11 +491,11 @@ def _is_readable(
 
 
 def _summary(topic: Topic) -> TopicSummary:
-    place = clock_place(topic.table)
+    clock = clock_place(topic.table)
     rate = 0.0
-    if place is not None:
+    if clock is not None:
         try:
-            steps = np.diff(clock_of(topic.table, place).time)
+            steps = np.diff(clock_of(topic.table, clock).time)
         except RecordError:
             steps = np.zeros(0)
         steps = steps[np.isfinite(steps) & (steps > 0.0)]
@@ -502,6 +504,7 @@ def _summary(topic: Topic) -> TopicSummary:
 
 
 def _model_for(channels: set[str]) -> str:
+    """Return the model that the channels suit, empty if they suit none."""
     if {"roll_command", "pitch_command", "yaw_command"} & channels and {"p", "q", "r"} & channels:
         return "multirotor"
     if channels >= ALL_AXES and {"aileron", "rudder"} & channels:
@@ -515,18 +518,17 @@ def _model_for(channels: set[str]) -> str:
 
 
 def _path(topic: Topic, cell: str) -> str:
-    """Return a column as a channel map names it: with its topic, where that has a name."""
+    """Return a column as a channel map names it, with its topic if that has a name."""
     return f"{topic.name}.{cell}" if topic.name else cell
 
 
 def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
+    """Return the columns of a channel: its column, or all columns in its expression."""
     text = str(choice.column)
     names = {_path(topic, cell) for topic in topics for cell in topic.table.header}
-    return (
-        {text}
-        if text in names
-        else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
-    )
+    if text in names:
+        return {text}
+    return {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
 
 
 def _has(path: str, topics: Sequence[Topic]) -> bool:
@@ -536,17 +538,16 @@ def _has(path: str, topics: Sequence[Topic]) -> bool:
 
 
 def _recorder(path: str) -> str:
+    """Return the autopilot that names a column so: topics of ArduPilot are in capital letters."""
     return "ArduPilot" if path.split(".")[0].split("[")[0].isupper() else "PX4"
 
 
 def _unit_words(unit: str | None) -> str:
     if unit is None:
         return ""
-    return (
-        f", in {unit}"
-        if unit != "rad"
-        else ": a command from -1 to 1; for THROW put the angle, deg, at 1"
-    )
+    if unit == "rad":
+        return ": a command from -1 to 1; for THROW put the angle, deg, at 1"
+    return f", in {unit}"
 
 
 def _letters_and_digits(name: str) -> str:
@@ -558,7 +559,7 @@ def _letters_and_digits(name: str) -> str:
 def _suffix(cell: str) -> str | None:
     """Return a unit after an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
-    return SPELT.get(word)
+    return UNIT_SUFFIXES.get(word)
 
 
 def _converts(unit: str, inside: str) -> bool:

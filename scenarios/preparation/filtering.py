@@ -8,24 +8,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from scenarios.files.measured.grid import BELOW_HALF, FILTER_ORDER
+from scenarios.files.measured.grid import CORNER_SHARE, FILTER_ORDER, ROUNDING
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import RecordError, instant, time_span
 from sim.propagation import MOST_STEPS
 from sim.record import Channel, Hold, Record
 
-# Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
-# split; of 379 that lost up to a tenth of their rows at random one is.
-SHORTEST_GAP_STEPS = 5.0  # shortest gap, in usual steps
-SHORTEST_GAP = 0.25  # s, shortest gap; shorter ones are bridged by the input before them
-FEWEST_PART_SAMPLES = 30  # samples that a part needs to be used
+# A gap is longer than both limits. Of 767 simulated records at 10 to 400 Hz, even or with a jitter
+# of a quarter of a step, none has a gap by these limits; of 379 records that lost up to a tenth of
+# their rows at random, one has.
+SHORTEST_GAP_STEPS = 5.0  # in median sample intervals
+SHORTEST_GAP = 0.25  # s; over a shorter time the input keeps its last value
+FEWEST_PART_SAMPLES = 30  # a part with fewer samples is not used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Return the positions of the samples before a gap, ``(G,)``: a step longer than five usual
-    ones and a quarter of a second.
-    """
+    """Return the positions of the samples before the gaps of a record, ``(G,)``."""
     steps = np.diff(record.time)
     return np.flatnonzero(steps > max(SHORTEST_GAP_STEPS * float(np.median(steps)), SHORTEST_GAP))
 
@@ -36,8 +35,8 @@ class PartedRecord:
 
     Attributes
     ----------
-    name : of the record.
-    time : shape ``(N,)``, s, of all its rows; None if its parts are resampled.
+    name : name of the record.
+    time : times of all its rows, shape ``(N,)``, s; None if its parts are resampled.
     count : number of its parts.
     """
 
@@ -50,24 +49,28 @@ def parts_of(
     parted: Sequence[PartedRecord], all_parts: Sequence[Record]
 ) -> list[tuple[PartedRecord, slice]]:
     """Return each record with the slice of its parts among the parts of all records."""
-    ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
+    ends = np.cumsum([0, *(record.count for record in parted)]).tolist()
     assert ends[-1] == len(all_parts)
-    return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
+    return [(record, slice(*span)) for record, span in zip(parted, pairwise(ends), strict=True)]
 
 
 def put_together(
     parted: PartedRecord, parts: Sequence[Record], predictions: Sequence[Sequence[np.ndarray]]
 ) -> tuple[Record, list[np.ndarray]]:
-    """Join the parts of a record, and predictions ``(m, N)`` of the parts.
+    """Join the parts of a record, and predictions of the parts.
 
-    In rows outside the parts the outputs are missing, the inputs are those of the last row before,
-    and the prediction is its mean, as where a simulation fails.
+    In rows outside the parts the outputs are missing, the inputs keep their last values, and a
+    prediction is its mean.
 
     Parameters
     ----------
     parted : the record.
-    parts : in the order of their times.
-    predictions : one or several; of each, the arrays ``(m, n)`` of all parts.
+    parts : its parts in the order of time.
+    predictions : for each prediction, the arrays of all parts, shape ``(m, n)`` each.
+
+    Returns
+    -------
+    The record and the joined predictions, shape ``(m, N)`` each.
     """
     if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
         return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in predictions]
@@ -96,32 +99,32 @@ def put_together(
             channel.name, channel.unit, np.where(valid, np.concatenate(values)[before], np.nan)
         )
 
-    every = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
+    all_outputs = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
     record = Record(
         time,
         tuple(map(inputs, parts[0].inputs)),
-        tuple(map(outputs, every.values())),
+        tuple(map(outputs, all_outputs.values())),
         parts[0].hold,
         parted.name,
     )
-    out = []
+    joined_predictions = []
     for of_parts in predictions:
         joined = np.concatenate(of_parts, axis=1)
-        out.append(np.where(valid, joined[:, before], joined.mean(axis=1, keepdims=True)))
-    return record, out
+        mean = joined.mean(axis=1, keepdims=True)
+        joined_predictions.append(np.where(valid, joined[:, before], mean))
+    return record, joined_predictions
 
 
 def split_at_gaps(
     record: Record, use: str = "used as {count} record{s}"
 ) -> tuple[tuple[Record, ...], str]:
-    """Return the parts of a record between its gaps, and a sentence on them; the record and an
-    empty text without a gap.
+    """Return the parts of a record between its gaps, and a sentence on them.
 
-    ``use``: use of the parts, for the sentence. A part of fewer than 30 samples, or without a
-    sample of any output, is left out, unless no part has more. A part lacks the outputs without
-    samples in it; its name is ``NAME[from-to s]``.
+    Without a gap the result is the record and an empty text. A part without a sample of any output
+    is left out. So is a part of fewer than ``FEWEST_PART_SAMPLES`` samples, unless all parts are
+    that short. A part has only the outputs with samples in it; its name is ``NAME[from-to s]``.
 
-    Raises RecordError for an impossible time.
+    ``use``: use of the parts, for the sentence. Raises RecordError for an impossible time.
     """
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST_NUMBER)
     if wrong.size:
@@ -135,14 +138,10 @@ def split_at_gaps(
     if not after.size:
         return (record,), ""
     ends = [0, *(int(position) + 1 for position in after), len(record)]
-    seen = [
-        any(np.any(channel.valid[begin:end]) for channel in record.outputs)
-        for begin, end in pairwise(ends)
-    ]
     spans = [
         (begin, end)
-        for (begin, end), some in zip(pairwise(ends), seen, strict=True)
-        if end - begin >= 2 and some
+        for begin, end in pairwise(ends)
+        if end - begin >= 2 and any(np.any(channel.valid[begin:end]) for channel in record.outputs)
     ]
     long_spans = [span for span in spans if span[1] - span[0] >= FEWEST_PART_SAMPLES] or spans
     parts = tuple(_rows(record, begin, end) for begin, end in long_spans)
@@ -150,21 +149,19 @@ def split_at_gaps(
     shown = [f"{time_span(t[position], t[position + 1], 4)}" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
     dropped = len(ends) - 1 - len(long_spans)
-    left = (
-        f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST_PART_SAMPLES} samples "
-        "left out"
-        if dropped
-        else ""
-    )
-    some = (
-        f"the record has {'a gap' if after.size == 1 else f'{after.size} gaps'} "
-        f"({', '.join(shown)}{more})"
-    )
-    return parts, f"{some} and is {use.format(count=len(parts), s='s' * (len(parts) > 1))}{left}"
+    left_out = ""
+    if dropped:
+        parts_word = "part" if dropped == 1 else "parts"
+        left_out = f"; {dropped} {parts_word} of fewer than {FEWEST_PART_SAMPLES} samples left out"
+    gaps = "a gap" if after.size == 1 else f"{after.size} gaps"
+    used = use.format(count=len(parts), s="s" * (len(parts) > 1))
+    return parts, f"the record has {gaps} ({', '.join(shown)}{more}) and is {used}{left_out}"
 
 
 def _rows(record: Record, begin: int, end: int) -> Record:
-    # Outputs without a sample in this part are dropped.
+    """Return the rows of a record from ``begin`` to before ``end``, with the outputs that have a
+    sample there.
+    """
     measured = tuple(channel for channel in record.outputs if np.any(channel.valid[begin:end]))
     part = replace(record, outputs=measured).window(
         float(record.time[begin]), float(record.time[end - 1])
@@ -172,26 +169,26 @@ def _rows(record: Record, begin: int, end: int) -> Record:
     return replace(part, name=f"{record.name}[{instant(part.time[0])}-{instant(part.time[-1])} s]")
 
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
-# Relative difference of rates below which a record is not resampled.
+EVEN_SAMPLING_TOLERANCE = 0.01  # largest relative deviation of even sample intervals
+# A record whose rate differs by a smaller share is not resampled.
 SAME_RATE_TOLERANCE = 1e-6
-FILTERING_FEWEST = 40  # samples that a filter needs to be of use
-# half width of the neighbourhood of a gap whose filtered samples count as missing, as they depend
-# on the interpolation across it; in periods of the corner frequency
+FILTERING_FEWEST = 40  # a record with fewer samples is not filtered
+# Filtered samples this near to a gap count as missing, since they depend on the interpolation
+# across it. In periods of the corner frequency.
 GAP_REACH_PERIODS = 0.5
 
 
 def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     """Return the filtered and resampled record, and a sentence on it.
 
-    Without filter and rate in the plan, the same object is returned. Uneven samples are first
-    interpolated on an even grid. The samples of a held input are placed at the middle of their
-    intervals; afterwards inputs are linear. Samples near a gap count as missing.
+    If the plan has neither filter nor rate, the same object is returned. Uneven samples are first
+    interpolated on an even grid. A held input has its samples at the middle of their intervals.
+    After the filter the inputs are linear between samples. Samples near a gap count as missing.
 
     Raises
     ------
-    RecordError : a rate above the record's, a corner above half its rate or below one period a
-        record, or too few samples.
+    RecordError : the rate is above that of the record; the corner is above half the rate of the
+        record, or below one period in its duration; the record has too few samples.
     """
     step = float(np.median(np.diff(record.time)))
     if plan.lowpass is None and (
@@ -217,15 +214,12 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         name: _near_gaps(valid, int(np.ceil(GAP_REACH_PERIODS / (corner * step))))
         for name, (_, valid) in rows.items()
     }
-    new = (
-        time
-        if plan.rate is None
-        else time[0]
-        + np.arange(int((time[-1] - time[0]) * plan.rate * (1.0 + 1e-9)) + 1) / plan.rate
-    )
+    new = time
     if plan.rate is not None:
         from scipy.interpolate import CubicSpline
 
+        count = int((time[-1] - time[0]) * plan.rate * ROUNDING) + 1
+        new = time[0] + np.arange(count) / plan.rate
         smooth_inputs = smooth
         smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
         smooth |= {
@@ -244,6 +238,10 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
 
 
 def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
+    """Return the corner frequency of the filter, Hz, and a sentence on it.
+
+    ``rate``: sample rate of the record, Hz.
+    """
     corners, sentence = [], ""
     if plan.rate is not None:
         if plan.rate > rate * (1.0 + EVEN_SAMPLING_TOLERANCE):
@@ -253,7 +251,7 @@ def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, s
                 where=record.name,
                 remedy=remedy,
             )
-        corners.append(0.5 * BELOW_HALF * plan.rate)
+        corners.append(0.5 * CORNER_SHARE * plan.rate)
         if corners[0] * (record.time[-1] - record.time[0]) < 1.0:
             what = (
                 f"--rate {plan.rate:g} Hz leaves nothing of a record of "
@@ -299,9 +297,10 @@ def _corner_frequency(record: Record, plan: Plan, rate: float) -> tuple[float, s
 
 
 def _even_times(time: np.ndarray, step: float) -> np.ndarray:
+    """Return even times, s, with the interval ``step`` over a record; its own if they are even."""
     if _is_even(time, step):
         return time
-    count = (time[-1] - time[0]) / step * (1.0 + 1e-9) + 1
+    count = (time[-1] - time[0]) / step * ROUNDING + 1
     if count > MOST_STEPS:
         what = f"a grid of {step:.3g} s over {time[-1] - time[0]:.3g} s has {count:.2g} samples"
         raise RecordError(
@@ -319,24 +318,22 @@ def _is_even(time: np.ndarray, step: float) -> bool:
 def _interpolated(
     time: np.ndarray, record: Record, channel: Channel
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a channel at ``time``, gaps bridged, and where its samples on both sides are there."""
+    """Return a channel at ``time`` with gaps bridged, and where the samples about it are valid."""
     t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
         from scipy.interpolate import CubicSpline
 
         middles = 0.5 * (t + np.append(t[1:], 2.0 * t[-1] - t[-2]))
-        return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(
-            len(time), dtype=bool
-        )
-    return np.interp(time, t[valid], channel.values[valid]), np.interp(
-        time, t, valid.astype(float)
-    ) > 1.0 - 1e-9
+        values = CubicSpline(middles, channel.values)(np.maximum(time, middles[0]))
+        return values, np.ones(len(time), dtype=bool)
+    values = np.interp(time, t[valid], channel.values[valid])
+    return values, np.interp(time, t, valid.astype(float)) > 1.0 - 1e-9
 
 
 def _knots_of_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Return values at ``new`` whose linear interpolation fits the signal by least squares.
+    """Return values at the times ``new`` between which lines fit a signal by least squares.
 
-    Interpolation of its samples would cut its peaks.
+    The signal has ``values`` at ``time``. Lines between its own samples would cut its peaks.
     """
     from scipy.linalg import solveh_banded
 
@@ -351,18 +348,19 @@ def _knots_of_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np
 
 def _near_gaps(valid: np.ndarray, reach: int) -> np.ndarray:
     """Return whether a missing sample is at most ``reach`` samples away, ``(N,)``."""
-    return (
-        np.asarray(np.convolve(~valid, np.ones(2 * reach + 1), mode="same") > 0.5)
-        if not np.all(valid)
-        else ~valid
-    )
+    if np.all(valid):
+        return ~valid
+    return np.asarray(np.convolve(~valid, np.ones(2 * reach + 1), mode="same") > 0.5)
 
 
 def named(name: str, segment: Segment, *, several: bool) -> str:
-    """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
+    """Return the name of a part of a record, ``record.csv[10-25 s]``.
+
+    ``several``: whether the record gives several parts; else the result is ``record.csv``.
+    """
     if not several:
         return name
     start, stop = (
-        f"{each}" if each is None else instant(each, 6) for each in (segment.start, segment.stop)
+        f"{end}" if end is None else instant(end, 6) for end in (segment.start, segment.stop)
     )
     return f"{name}[{start}-{stop} s]"

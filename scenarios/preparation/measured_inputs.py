@@ -1,12 +1,13 @@
 """Measured channels as inputs of the equations: trim, load factors, airspeed, pitch attitude.
 
-With V(t) and qbar(t) the coefficients rho V S/(2 m), rho V^2 S c/(2 Iy) and c/(2 V) of the
-equations follow the flight. The trim lift, which balances the weight, grows with the pressure as
-well: about level flight at the record's beginning alpha_dot gets -(g0/V) (qbar/qbar_0 - 1) and nz
-(qbar/qbar_0 - 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qbar).
+With a measured airspeed V(t) and dynamic pressure qbar(t) the coefficients rho V S/(2 m),
+rho V^2 S c/(2 Iy) and c/(2 V) of the equations vary over the record. The trim lift, which balances
+the weight, grows with the pressure as well. About level flight at the beginning of the record,
+-(g0/V) (qbar/qbar_0 - 1) adds to alpha_dot and (qbar/qbar_0 - 1) to nz. Both follow from a lift
+coefficient of m g0/S (1/qbar_0 - 1/qbar).
 
-Pitch attitude is counted from its mean over the record's beginning, because a phugoid would need
-its zero to one thousandth.
+Pitch attitude is counted from its mean at the beginning of the record: a phugoid effect would need
+the zero of a measured attitude to one thousandth.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ from sim.errors import RecordError, instant
 from sim.maths import G0
 from sim.record import Channel, Hold, Record
 
-# ---- What a measured record needs before it is fitted: inputs about their trim
+# ---- Inputs counted from their trim
 
-REST_SHARE = 0.05  # share of an input's span; smaller motion is rest
-SHORTEST_REST = 0.3  # s of rest at the beginning that a trim needs
-OFFSET_SHARE = 0.1  # share of an input's span; a median closer to zero needs no trim
-# channels in which a motion shows at once
-QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
-# Largest change of a channel at rest, share of its scatter over the record.
+REST_SHARE = 0.05  # an input that moves by a smaller share of its range is at rest
+SHORTEST_REST = 0.3  # s; a trim needs a longer rest at the beginning
+OFFSET_SHARE = 0.1  # an input whose median is a smaller share of its range needs no trim
+# Channels that respond to a control without delay.
+FAST_OUTPUTS = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
+# A channel that changes by a smaller share of its scatter over the record is at rest.
 STILL_SHARE = 0.3
 
 
@@ -53,23 +54,23 @@ def of_totals(model: Model) -> bool:
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
     """Return the record with inputs counted from trim, and the subtracted trims by input.
 
-    The trim is the mean of the input before it first moves. Derivatives do not depend on it, since
-    biases and initial states absorb it, but break-out, saturation and other nonlinearities do. An
-    input that moves at once, or has a zero trim, is not changed.
+    The trim is the mean of the input before it first moves. An input that moves at once, or has a
+    zero trim, is not changed. Derivatives do not depend on the trim: biases and initial states
+    absorb it. Break-out, saturation and other nonlinearities do depend on it.
     """
     trims: dict[str, float] = {}
     inputs = []
     for channel in record.inputs:
-        level = _trim(record, channel.values)
-        if level:
-            trims[channel.name] = level
-            channel = Channel.of(channel.name, channel.unit, channel.values - level)
+        trim = _trim(record, channel.values)
+        if trim:
+            trims[channel.name] = trim
+            channel = Channel.of(channel.name, channel.unit, channel.values - trim)
         inputs.append(channel)
     return (replace(record, inputs=tuple(inputs)), trims) if trims else (record, trims)
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """Return the sentence if no trim of an input was found although it is not zero; else empty."""
+    """Return a sentence if no trim of an input was found although it is not about zero."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
     if abs(middle) <= OFFSET_SHARE * float(np.ptp(values)):
@@ -86,8 +87,9 @@ def trim_sentence(record: Record, name: str) -> str:
 
 
 def _trim(record: Record, values: np.ndarray) -> float:
-    """Return the mean of an input before it first leaves the neighbourhood of its beginning; zero
-    if it or the aircraft does not rest there.
+    """Return the trim of an input: its mean before it first moves away from its beginning.
+
+    Zero if the input or the aircraft is not at rest there. ``values``: shape ``(N,)``.
     """
     time = record.time
     span = float(np.ptp(values))
@@ -98,29 +100,28 @@ def _trim(record: Record, values: np.ndarray) -> float:
     until = int(np.argmax(away)) if np.any(away) else len(values)
     if until < 2 or time[until - 1] - time[0] < SHORTEST_REST:
         return 0.0
-    # The last sample before the move may already be on its way.
+    # The motion may already begin in the last sample before it is seen.
     until = max(2, until - 1)
-    # An aircraft that still settles is in trim all the same where the input rests there most of the
-    # time, and at the end.
-    usual = max(
-        abs(float(np.median(some)) - start)
-        for some in (values, values[int(np.searchsorted(time, time[-1] - SHORTEST_REST)) :])
-    )
-    if usual > REST_SHARE * span and any(
-        _moves(channel, until) for channel in record.outputs if channel.name in QUICK
+    # An input that is at its beginning most of the time and at the end is at trim there, even if
+    # the aircraft still moves. Any other input needs an aircraft at rest.
+    end = values[int(np.searchsorted(time, time[-1] - SHORTEST_REST)) :]
+    distance = max(abs(float(np.median(part)) - start) for part in (values, end))
+    if distance > REST_SHARE * span and any(
+        _moves(channel, until) for channel in record.outputs if channel.name in FAST_OUTPUTS
     ):
         return 0.0
     resting = values[:until]
-    level = float(np.mean(resting))
-    scatter = _scatter_of_mean(resting)
-    return level if abs(level) > 3.0 * scatter and abs(level) > 1e-6 * span else 0.0
+    trim = float(np.mean(resting))
+    is_significant = abs(trim) > 3.0 * _scatter_of_mean(resting) and abs(trim) > 1e-6 * span
+    return trim if is_significant else 0.0
 
 
 def _scatter_of_mean(values: np.ndarray) -> float:
-    """Return the standard deviation of the mean: noise counts sample by sample, a smooth motion, as
-    a sum of sines begins with, as one value.
+    """Return the standard deviation of the mean of an input, which may begin to move smoothly.
 
-    The share of noise is von Neumann's ratio of the steps' mean square to twice the variance.
+    Each sample of noise is an independent value; a smooth motion counts as a single value. The
+    share of noise in the variance is von Neumann's ratio: the mean square of the steps over twice
+    the variance.
     """
     variance = float(np.var(values))
     if variance == 0.0:
@@ -130,28 +131,30 @@ def _scatter_of_mean(values: np.ndarray) -> float:
 
 
 def _moves(channel: Channel, until: int) -> bool:
-    """Return whether a channel moves in its first samples, its noise left out: a maneuver that
-    begins with a held step starts with the record.
+    """Return whether a channel moves in its first ``until`` samples: the means of their halves
+    differ. It does if the record begins within a maneuver.
     """
-    first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
+    first = channel.values[:until][channel.valid[:until]]
     half = len(first) // 2
-    return half > 0 and abs(
-        float(np.mean(first[half:]) - np.mean(first[:half]))
-    ) > STILL_SHARE * float(np.std(every))
+    if half == 0:
+        return False
+    change = abs(float(np.mean(first[half:]) - np.mean(first[:half])))
+    return change > STILL_SHARE * float(np.std(channel.values[channel.valid]))
 
 
 # ---- Load factors from accelerometers
 
-LARGEST_REST_LOAD = 1.5  # largest plausible ratio of a signal at rest to one g
+LARGEST_REST_LOAD = 1.5  # g; a median load factor below minus its inverse is a wrong sign of az
 # Load factor -> accelerometer that replaces it, and the sign between them.
 ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)}
 )
 
 
-def instead_of(outputs: Collection[str]) -> dict[str, str]:
-    """Load factor -> accelerometer that is read where the load factor is not recorded, for a model
-    with these outputs.
+def accelerometers_for(outputs: Collection[str]) -> dict[str, str]:
+    """Return the accelerometer that replaces each load factor of a model, if it is not recorded.
+
+    ``outputs``: the outputs of the model.
     """
     return {name: channel for name, (channel, _) in ACCELEROMETERS.items() if name in outputs}
 
@@ -159,11 +162,11 @@ def instead_of(outputs: Collection[str]) -> dict[str, str]:
 def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
     """Return the record with accelerometers converted to load factors (g), and sentences on them.
 
-    A recorded load factor has precedence. ``kept``: outputs whose accelerometers stay.
+    A recorded load factor has precedence. ``kept``: accelerometers that are not converted.
 
     Raises
     ------
-    RecordError : az is that of inverted flight: most likely it is positive up in this file.
+    RecordError : az has the sign of inverted flight; most likely it is positive up in this file.
     """
     notes = []
     for name, (channel, sign) in ACCELEROMETERS.items():
@@ -171,7 +174,7 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
             continue
         force = record[channel]
         factor = Channel.of(name, "g", np.where(force.valid, sign * force.values / G0, np.nan))
-        outputs = tuple(factor if each.name == channel else each for each in record.outputs)
+        outputs = tuple(factor if output.name == channel else output for output in record.outputs)
         level = float(np.median(factor.values[factor.valid]))
         if name == "nz" and level < -1.0 / LARGEST_REST_LOAD:
             what = (
@@ -192,27 +195,32 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
 
 SPEED_NAME = "airspeed"
 MEASURED = (SPEED_NAME, "dynamic_pressure")
-# s, of the weights that smooth a measured speed: the short period is faster, the speed slower
+# Length of the smoothing window of a measured speed, s: longer than a short period, shorter than
+# the changes of the airspeed.
 SPEED_SMOOTHING_TIME = 1.0
-SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
-TRIM_AVERAGING_TIME = 0.5  # s, over which the trim's pressure is the mean
-NOTABLE_DIFFERENCE_SHARE = 0.1  # relative difference from the declared value
+# A sample is a spike if it is farther from the median of its neighbours than this many times the
+# median of that distance.
+SPIKE_MEDIANS = 9.0
+TRIM_AVERAGING_TIME = 0.5  # s; trim values are means over this time at the beginning
+NOTABLE_DIFFERENCE_SHARE = 0.1  # a larger relative difference from a declared value is reported
 
 
 @dataclass(frozen=True)
 class Flow:
-    """Airspeed (m/s) and air density (kg/m3; None: the declared one) along a record, shape
-    ``(N,)``.
+    """Measured flow along a record.
+
+    Attributes
+    ----------
+    speed : airspeed, shape ``(N,)``, m/s.
+    density : air density, shape ``(N,)``, kg/m3; None: the declared constant.
     """
 
     speed: np.ndarray
     density: np.ndarray | None
 
 
-def able(model: Model) -> tuple[str, ...]:
-    """Members of ``MEASURED`` that the equations can use; for a user model only those that it
-    declares.
-    """
+def usable_flow_channels(model: Model) -> tuple[str, ...]:
+    """Return the channels of ``MEASURED`` that the equations can use; none for a user model."""
     ports = {port.name for port in model.equations.ports}
     if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
         return ()
@@ -227,24 +235,32 @@ def unused_airspeed(
     stop: float | None = None,
     rate: float | None = None,
 ) -> tuple[str, str]:
-    """Return a sentence on a recorded airspeed that the equations hold constant, and a doubt where
-    its mean is far from the vehicle file's; both without the record's name, empty where there is
-    none.
+    """Return sentences on a recorded airspeed that the equations do not use.
 
     Parameters
     ----------
-    file : the record as opened.
-    model : whose parameter ``airspeed`` is a constant, m/s.
-    channels : channel map, None: by the names of the columns.
-    start, stop : part of the record, s.
-    rate : Hz, of rows without a clock.
+    file : the open record file.
+    model : a model in which the airspeed is a constant parameter, m/s.
+    channels : channel map; None: the names of the columns decide.
+    start, stop : begin and end of the part that is read, s.
+    rate : Hz; sample rate of a file without a clock.
+
+    Returns
+    -------
+    A note that the recorded airspeed is not used, and a doubt if its median is far from the value
+    in the vehicle file. Both are empty if they do not apply, and do not name the record.
     """
     outputs = [signal.name for signal in model.equations.outputs]
-    if is_own(model) or able(model) or SPEED_NAME in outputs or SPEED_NAME not in model.parameters:
+    if (
+        is_own(model)
+        or usable_flow_channels(model)
+        or SPEED_NAME in outputs
+        or SPEED_NAME not in model.parameters
+    ):
         return "", ""
     try:
         record, _ = read_with_notes(file, (), (SPEED_NAME,), channels, start, stop, rate=rate)
-    except RecordError:  # a fault in a column that no equation uses does no harm
+    except RecordError:  # no equation uses the column, so its faults do not matter
         return "", ""
     values = record[SPEED_NAME].with_gaps()
     values = values[np.isfinite(values)]
@@ -268,7 +284,7 @@ def unused_airspeed(
 
 
 def without_flow(record: Record) -> Record:
-    """The record less its measured airspeed and pressure, which are no outputs of a model."""
+    """Return the record without measured airspeed and pressure, which are no model's outputs."""
     if not any(name in record.output_names for name in MEASURED):
         return record
     return replace(
@@ -281,13 +297,14 @@ def with_flow(
 ) -> tuple[Model, list[Record]]:
     """Return the model and the records with the measured flow as further inputs.
 
-    Both are unchanged if no record has a measured flow. A record without one is taken to be at the
-    declared speed. With ``weight``, the trim lift follows the pressure; without, each speed has its
-    own trim.
+    Both are unchanged if no record has a measured flow. If only some records have one, the others
+    are taken to be at the declared speed.
+
+    ``weight``: whether the trim lift follows the pressure. If not, each speed has its own trim.
 
     Raises
     ------
-    RecordError : an airspeed or a pressure that is not above zero.
+    RecordError : an airspeed or a pressure is not above zero.
     """
     if any(signal.name in MEASURED for signal in model.equations.outputs):
         return model, list(records)
@@ -298,7 +315,8 @@ def with_flow(
     wider = with_flow_inputs(model, density=has_density, weight=weight)
     added = wider.equations.inputs[len(model.equations.inputs) :]
     return wider, [
-        _carrying(record, flow, model, added) for record, flow in zip(records, flows, strict=True)
+        _with_flow_channels(record, flow, model, added)
+        for record, flow in zip(records, flows, strict=True)
     ]
 
 
@@ -314,35 +332,32 @@ def with_flow_inputs(model: Model, *, density: bool, weight: bool = True) -> Mod
 
 
 def measured_flow(record: Record, model: Model) -> Flow | None:
-    """Smoothed speed and density of a record, without wrong samples and gaps; None if it measures
-    neither.
+    """Return the smoothed flow of a record, with spikes and gaps bridged; None if the record has no
+    channel that the model can use.
     """
-    usable = [name for name in able(model) if name in record.output_names]
+    usable = [name for name in usable_flow_channels(model) if name in record.output_names]
     if not usable:
         return None
-    result = {name: _smooth(record, record[name]) for name in usable}
-    if "airspeed" not in result:
-        return Flow(
-            np.sqrt(2.0 * result["dynamic_pressure"] / model.parameters["air_density"].value), None
-        )
-    speed = result["airspeed"]
-    return Flow(
-        speed, 2.0 * result["dynamic_pressure"] / speed**2 if "dynamic_pressure" in result else None
-    )
+    smooth = {name: _smooth(record, record[name]) for name in usable}
+    speed, pressure = smooth.get("airspeed"), smooth.get("dynamic_pressure")
+    if speed is None:
+        assert pressure is not None
+        return Flow(np.sqrt(2.0 * pressure / model.parameters["air_density"].value), None)
+    return Flow(speed, None if pressure is None else 2.0 * pressure / speed**2)
 
 
 def flow_sentence(record: Record, model: Model) -> str:
-    """Sentence on the measured flow and its difference from the declared one; empty without one."""
+    """Return a sentence on the measured flow beside the declared airspeed; empty without a flow."""
     flow = measured_flow(record, model)
     if flow is None:
         return ""
     declared = model.parameters["airspeed"].value
-    used = " and ".join(name for name in able(model) if name in record.output_names).replace(
-        "_", " "
-    )
-    speed = "" if "airspeed" in used else "which makes "
+    used = " and ".join(
+        name for name in usable_flow_channels(model) if name in record.output_names
+    ).replace("_", " ")
+    derived = "" if "airspeed" in used else "which makes "
     return (
-        f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to "
+        f"{record.name}: measured {used} used, {derived}{flow.speed.min():.4g} to "
         f"{flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
     )
 
@@ -360,7 +375,7 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
     }
     from_pressure = bool(flows) and not any("airspeed" in record.output_names for record in records)
     doubts = []
-    if far := _far(speeds, model, "airspeed"):
+    if far := _notable_difference(speeds, model, "airspeed"):
         what = (
             "the airspeed that the measured dynamic pressure makes with the declared air"
             if from_pressure
@@ -375,7 +390,7 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
         meant = "natural frequency and damping are those at that speed"
         difference = f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file"
         doubts.append(f"{difference}: {meant}; mend {mend} there, or check the {cause}")
-    if far := _far(densities, model, "air_density"):
+    if far := _notable_difference(densities, model, "air_density"):
         what = (
             f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far "
             f"from {far[2]} kg/m3 in the vehicle file"
@@ -386,28 +401,32 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
     return doubts
 
 
-def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Return the records whose mean differs from the declared value, with both; None if all agree.
+def _notable_difference(
+    means: Mapping[str, float], model: Model, name: str
+) -> tuple[str, str, str] | None:
+    """Return the records whose mean differs notably from the declared value; None if all agree.
 
-    The limit is ``NOTABLE_DIFFERENCE_SHARE``.
+    Returns texts: names of these records, range of their means, declared value.
     """
     if not means:
         return None
     declared = model.parameters[name].value
-    result = {
+    differing = {
         record: mean
         for record, mean in means.items()
         if abs(mean / declared - 1.0) > NOTABLE_DIFFERENCE_SHARE
     }
-    if not result:
+    if not differing:
         return None
-    shown = list(
-        dict.fromkeys(f"{mean:.3g}" for mean in (min(result.values()), max(result.values())))
-    )
-    return ", ".join(result), " to ".join(shown), f"{declared:.3g}"
+    ends = (min(differing.values()), max(differing.values()))
+    mean_range = " to ".join(dict.fromkeys(f"{mean:.3g}" for mean in ends))
+    return ", ".join(differing), mean_range, f"{declared:.3g}"
 
 
-def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[Signal]) -> Record:
+def _with_flow_channels(
+    record: Record, flow: Flow | None, model: Model, added: Sequence[Signal]
+) -> Record:
+    """Return a record with the inputs ``added``, computed from its flow (None: declared speed)."""
     flow = flow or Flow(np.full(len(record), model.parameters["airspeed"].value), None)
     rows = flow_rows(flow, model, pressure_at_rest(record.time, flow, model))
     inputs = tuple(
@@ -418,9 +437,9 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
 
 
 def pressure_at_rest(time: np.ndarray, flow: Flow, model: Model) -> float:
-    """Return the mean dynamic pressure (Pa) at the record's beginning, in trim.
+    """Return the mean dynamic pressure at the beginning of a record, in trim, Pa.
 
-    For a model without air density, the pressure over the density.
+    For a model without air density the result is pressure over density, m2/s2.
     """
     count = max(1, int(np.searchsorted(time, time[0] + TRIM_AVERAGING_TIME)))
     resting = _pressure(flow, model)[:count]
@@ -438,11 +457,14 @@ def _density(flow: Flow, model: Model) -> np.ndarray:
 
 
 def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
-    """Return the inputs of ``with_flow_inputs``, ``(N,)`` each; ``level``: pressure in trim."""
+    """Return the values of the inputs of ``with_flow_inputs``, each of shape ``(N,)``.
+
+    ``level``: dynamic pressure in trim, from ``pressure_at_rest``.
+    """
     p, pressure = model.parameters, _pressure(flow, model)
     if "mass" in p and "wing_area" in p:
         lift = p["mass"].value * G0 / p["wing_area"].value * (1.0 / level - 1.0 / pressure)
-    else:  # a dimensional lift is a rate of the angle of attack
+    else:  # dimensional equations: the lift is a rate of the angle of attack, rad/s
         lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
     air = p["air_density"].value if "air_density" in p else 1.0
     return {
@@ -453,13 +475,20 @@ def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Return samples for linear inputs between ``values``; for held inputs, interval means."""
-    return (
-        values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
-    )
+    """Return the samples of an input that follows ``values`` under a hold, shape ``(N,)``.
+
+    A linear input has the values themselves, a held input the mean of each interval.
+    """
+    if hold is Hold.LINEAR:
+        return values
+    return np.append(0.5 * (values[:-1] + values[1:]), values[-1])
 
 
 def _smooth(record: Record, channel: Channel) -> np.ndarray:
+    """Return a channel without spikes and gaps, smoothed over ``SPEED_SMOOTHING_TIME``.
+
+    Raises RecordError if a value is not above zero.
+    """
     usable = channel.valid.copy()
     usable[usable] = ~_spikes(channel.values[usable])
     time, step = record.time, float(np.median(np.diff(record.time)))
@@ -467,7 +496,7 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
     even = np.interp(grid, time[usable], channel.values[usable])
     half = min(round(0.5 * SPEED_SMOOTHING_TIME / step), len(even) - 1)
     if half > 0:
-        # Extrapolate linearly, by the first and the last window.
+        # Lines through the first and the last window extend the signal beyond its ends.
         before, behind = np.arange(-half, 0), np.arange(1, half + 1)
         ends = _line(even[: 2 * half + 1], before), _line(even[::-1][: 2 * half + 1], -behind)
         weights = np.hanning(2 * half + 3)[1:-1]
@@ -487,58 +516,60 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
 
 
 def _line(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The straight line through ``values`` at their positions 0, 1, ..., at other positions."""
-    slope, level = np.polyfit(np.arange(len(values)), values, 1)
-    return np.asarray(level + slope * at)
+    """Return the line through ``values``, which are at 0, 1, 2 ..., at the positions ``at``."""
+    slope, intercept = np.polyfit(np.arange(len(values)), values, 1)
+    return np.asarray(intercept + slope * at)
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
-    """Return which samples are spikes: far from the median of five samples."""
+    """Return which samples are spikes: far from the median of five samples about them."""
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
     padded = np.concatenate([values[2:0:-1], values, values[-2:-4:-1]])
-    away = np.abs(values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
-    return np.asarray(
-        away > max(SPIKE_MEDIANS * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
-    )
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    distance = np.abs(values - medians)
+    smallest = 1e-3 * float(np.median(np.abs(values)))  # a part in 1000 is no spike
+    return np.asarray(distance > max(SPIKE_MEDIANS * float(np.median(distance)), smallest))
 
 
 # ---- A measured pitch attitude as a recorded input of the equations
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
-LEAST_SAMPLE_SHARE = 0.5  # share of valid samples that a channel needs
+LEAST_SAMPLE_SHARE = 0.5  # a channel with a smaller share of valid samples is not used
 
 
 def wants_attitude(model: Model) -> bool:
-    """Return whether a phugoid effect can use the attitude, because speed is not recorded."""
+    """Return whether a phugoid effect can use a measured attitude: the airspeed is not recorded."""
     recorded = {signal.name for signal in model.equations.inputs}
     return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
-    """Return the model and records with ``theta`` (rad, from its initial value) as an input.
+    """Return the model and the records with the pitch attitude as an input, and a sentence on it.
 
-    If the model cannot use it, or a record lacks it, it is dropped. The third result is a sentence
-    if only some records have it, else empty.
+    The input is the attitude, rad, minus its mean at the beginning. If the model cannot use the
+    attitude, or a record does not have it, it is dropped from all records.
     """
     if any(signal.name == ATTITUDE for signal in model.equations.outputs):
         return model, list(records), ""
     without = [without_attitude(record) for record in records]
-    has_attitude = [_tells(record) for record in records]
-    if not wants_attitude(model) or not all(has_attitude):
-        return model, without, PARTLY if wants_attitude(model) and any(has_attitude) else ""
+    has_attitude = [_has_attitude(record) for record in records]
+    if not wants_attitude(model):
+        return model, without, ""
+    if not all(has_attitude):
+        return model, without, PARTLY if any(has_attitude) else ""
     equations: Any = model.equations
     added = Signal(ATTITUDE, "rad", "recorded: pitch attitude above that at the record's begin")
-    wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, added)))
-    carried = [
+    wider_model = replace(model, equations=replace(equations, inputs=(*equations.inputs, added)))
+    with_input = [
         replace(bare, inputs=(*bare.inputs, _from_begin(record)))
         for bare, record in zip(without, records, strict=True)
     ]
-    return wider, carried, "the pitch attitude is measured: a phugoid takes it as it is"
+    return wider_model, with_input, "the pitch attitude is measured: a phugoid takes it as it is"
 
 
 def without_attitude(record: Record) -> Record:
-    """The record less its measured attitude, which is no output of a model at constant speed."""
+    """Return the record without its measured attitude, no output of a model at constant speed."""
     if ATTITUDE not in record.output_names:
         return record
     return replace(
@@ -546,7 +577,7 @@ def without_attitude(record: Record) -> Record:
     )
 
 
-def _tells(record: Record) -> bool:
+def _has_attitude(record: Record) -> bool:
     return (
         ATTITUDE in record.output_names
         and float(np.mean(record[ATTITUDE].valid)) > LEAST_SAMPLE_SHARE
@@ -554,11 +585,12 @@ def _tells(record: Record) -> bool:
 
 
 def _from_begin(record: Record) -> Channel:
-    """Return the attitude from the mean of its beginning, wrong samples and gaps bridged, as the
-    inputs are held.
+    """Return the attitude minus its mean at the beginning as an input with the hold of the record.
+
+    Wrong samples and gaps are bridged linearly.
     """
     time, channel = record.time, record[ATTITUDE]
-    # Not despiked as an airspeed: turning points of the attitude are no spikes.
+    # The test for spikes of an airspeed would take turning points of the attitude for spikes.
     finite_rows = np.flatnonzero(channel.valid)
     finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
     values = np.interp(time, time[finite_rows], channel.values[finite_rows])

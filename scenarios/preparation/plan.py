@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from sim.declaration.proposal import Traceable
     from sim.record import Hold
 
-# ---- What a user asks of the preparation
+# ---- Preparation of records
 
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
-# inputs of the equations that are measured motion: no control, which alone excites
+# Inputs of the equations that are measured motion and no controls; they do not excite the motion.
 MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)
 BY_HAND = "as given by the user"  # word for a hold given by the user
 
@@ -48,15 +48,16 @@ class Plan:
 
     Attributes
     ----------
-    segments : each becomes a separate record.
-    hold : inputs between samples; None: by the file's sidecar, else by the data.
-    rate : Hz, to which all channels are resampled after one anti-alias filter; None keeps the
-        samples. Of a file without a clock it is the rate of its rows, and of a log of several
-        topics the rate of the grid that they are put on.
-    lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
-    columns : names of a file's columns, in their order, where it has no header or another one is
-        wanted; none keeps its own.
-    trusted : faults of the raw columns only give warnings; no record or sample is rejected.
+    segments : parts of a record; each becomes a separate record.
+    hold : behaviour of the inputs between samples; None: as the sidecar states, else as the data
+        suggest.
+    rate : Hz; all channels are resampled to this rate after one anti-alias filter. None keeps the
+        samples. For a file without a clock it is the rate of its rows, for a log of several topics
+        the rate of their common grid.
+    lowpass : corner of one zero-phase filter for all channels, Hz; None: no filter.
+    trusted : whether faults of the raw columns only give warnings, and no record or sample is
+        rejected.
+    columns : names of the columns of a file, in their order; empty: those of its header.
     chosen : sentences on segments that come from a file of maneuvers.
     """
 
@@ -89,8 +90,7 @@ def _is_number(value: object) -> bool:
 
 
 def refuse_reversed(start: float | None, stop: float | None, where: str) -> None:
-    """Raise DeclarationError if a part of a record, as a file declares it, ends before it
-    begins."""
+    """Raise DeclarationError if a part of a record that a file declares ends before it begins."""
     if start is not None and stop is not None and not start < stop:
         raise DeclarationError(
             f"from = {start:g} is not before to = {stop:g}",
@@ -109,26 +109,27 @@ def plan_of(
     trusted: bool = False,
     columns: str | None = None,
 ) -> Plan:
-    """A plan from the words of a command line: ``--from`` and ``--to`` in pairs, in their order.
+    """Return the plan that the options of a command line give.
+
+    Parameters
+    ----------
+    starts, stops : values of ``--from`` and ``--to``, s, in pairs.
+    hold : ``previous``, ``linear`` or None.
+    rate, lowpass, trusted : as in ``Plan``.
+    columns : names of columns, separated by commas.
 
     Raises
     ------
-    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is
-        none, an empty or repeated name.
+    DeclarationError : the ends make no pairs; segments overlap; a hold or a frequency is
+        impossible; a name is empty or repeated.
     """
-    held = _hold_of(hold) if hold is not None else None
-    return Plan(
-        _segments(list(starts or ()), list(stops or ())),
-        held,
-        rate,
-        lowpass,
-        trusted,
-        _names_of(columns),
-    )
+    chosen_hold = _hold_of(hold) if hold is not None else None
+    segments = _segments(list(starts or ()), list(stops or ()))
+    return Plan(segments, chosen_hold, rate, lowpass, trusted, _names_of(columns))
 
 
 def options_of(plan: Plan) -> list[str]:
-    """Options of the command line that give a plan; segments of maneuvers by their times."""
+    """Return the options of a command line that give a plan; maneuvers become times."""
     words = []
     for segment in plan.segments:
         for option, value in (("--from", segment.start), ("--to", segment.stop)):
@@ -187,29 +188,26 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
     return tuple(Segment(start, stop) for start, stop in zip(starts, stops, strict=True))
 
 
-# ---- What a command asks of measured records: which files, for which model, how they are read
+# ---- Request of a command: files, model, and how the files are read
 
 
 @dataclass(frozen=True)
 class Request:
-    """The files of a call and how they are read, as the command line took them; a file may be open
-    already, or content that never was one.
+    """The files of a call and how they are read. A file may be a path, open or in memory.
 
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty if
-        none is requested.
-    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the
-        first record. An own model can do without.
-    validate : files that are predicted, whole.
-    effects : a user's Python file, which is run, or effects.
-    channels : a channel map, for all records.
-    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the
-        vehicle file's.
-    effort : how far a diagnosis looks, one of ``ident.tracing.diagnosis.EFFORTS``.
-    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are
-        prepared.
+    model : name of a built-in model, or a user's Python file or model; empty without a model.
+    vehicle : vehicle file; None: ``vehicle.toml`` in the folder of the first record. A user's model
+        needs none.
+    validate : files that are predicted; they are not cut into segments.
+    effects : a user's Python file with effects, or effects.
+    channels : a channel map for all records.
+    plan : segments of ``records``, and preparation of all files.
+    effort : effort of a diagnosis, one of ``ident.tracing.diagnosis.EFFORTS``.
+    aircraft_class : class I to IV of MIL-F-8785C; None: that of the vehicle file.
+    flight_phase : category A to C of MIL-F-8785C; None: that of the vehicle file.
     """
 
     records: tuple[Path | RecordFile, ...]
@@ -225,37 +223,39 @@ class Request:
 
 
 def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
-    """Aircraft class and flight-phase category for levels of flying qualities: from the request,
-    else the vehicle file, else assumed.
+    """Return aircraft class and flight-phase category for levels of flying qualities.
+
+    They are those of the request, else those of the vehicle file, else assumed.
 
     Raises
     ------
-    DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
+    DeclarationError : the class or category is unknown, or the model is not that of an aircraft.
     """
     from ident.flying_qualities.levels import flight_phase_of
     from scenarios.files.user_models import is_of_aircraft
 
-    aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
-    for option, given in (
+    is_aircraft = vehicle.model != "ballistic" and (
+        vehicle.own is None or is_of_aircraft(vehicle.own)
+    )
+    for option, requested in (
         ("--class", request.aircraft_class),
         ("--category", request.flight_phase),
     ):
-        if given is not None and not aircraft:
+        if requested is not None and not is_aircraft:
             what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
             raise DeclarationError(what, where=option, remedy="leave it out")
     return flight_phase_of(
         request.aircraft_class or vehicle.aircraft_class,
         request.flight_phase or vehicle.flight_phase,
-        vehicle.constants.get("mass") if aircraft else None,
+        vehicle.constants.get("mass") if is_aircraft else None,
     )
 
 
 def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
-    """Options of the command line that read the records as the request does, for commands that are
-    proposed.
+    """Return the options with which a proposed command reads the records as the request does.
 
-    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the
-    rate.
+    ``opening``: only options that open a file, which are channel map, names of columns and, with
+    ``rate``, the rate.
     """
     plan = request.plan
     words = ["--channels", str(request.channels)] if isinstance(request.channels, Path) else []
@@ -267,8 +267,9 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 def column_choices(
     request: Request, allowed: Iterable[str] = CHANNEL_UNITS, *, surfaces: bool = False
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``allowed``, with ``surfaces`` those
-    of any name as well, read now; None if it names none. Raises DeclarationError.
+    """Return the channel map of a request, or None. Raises DeclarationError.
+
+    ``allowed`` and ``surfaces``: as for ``read_channel_map``.
     """
     from scenarios.files.declarations import read_channel_map
 
@@ -277,13 +278,15 @@ def column_choices(
     return read_channel_map(request.channels, allowed, surfaces=surfaces)
 
 
+# ---- Maneuvers as parts of a record
+
 FILE = "maneuvers.toml"
 FIND = "flightid maneuvers RECORD --out DIR writes one"
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a record, s, by its number and name."""
+    """A part of a record from ``start`` to ``stop``, s, with its number and name."""
 
     number: int
     name: str
@@ -298,7 +301,14 @@ class Part:
 
 @dataclass(frozen=True)
 class DeclaredParts:
-    """Parts that a file declares, with name and hash of their record, empty if not stated."""
+    """Parts that a file declares.
+
+    Attributes
+    ----------
+    where : name of the file, for errors.
+    record, sha256 : name and hash of the record; empty if the file does not state them.
+    parts : the parts.
+    """
 
     where: str
     record: str
@@ -307,12 +317,14 @@ class DeclaredParts:
 
 
 def read_parts(path: str | Path) -> DeclaredParts:
-    """Read ``maneuvers.toml``; a table without a number counts on from the one before it.
+    """Read ``maneuvers.toml``.
+
+    A maneuver without a number has the number after that of the maneuver before it.
 
     Raises
     ------
-    DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way
-        round, a number or name twice.
+    DeclarationError : there is no such file; a key is unknown or missing; a value is wrong; a
+        maneuver ends before it begins; two maneuvers have the same number or name.
     """
     from scenarios.files.declarations import checked, read_toml
     from scenarios.files.schemas import FileEntry
@@ -320,9 +332,11 @@ def read_parts(path: str | Path) -> DeclaredParts:
     where = str(path)
     entry = checked(FileEntry, read_toml(path), path)
     parts: list[Part] = []
-    for each in entry.maneuvers:
-        number = each.number if each.number is not None else (parts[-1].number + 1 if parts else 1)
-        part = Part(number, each.name or str(number), each.from_, each.to)
+    for maneuver in entry.maneuvers:
+        number = maneuver.number
+        if number is None:
+            number = parts[-1].number + 1 if parts else 1
+        part = Part(number, maneuver.name or str(number), maneuver.from_, maneuver.to)
         refuse_reversed(part.start, part.stop, f"{where}, maneuver {part.number}")
         for other in parts:
             if number == other.number or part.name == other.name:
@@ -344,41 +358,39 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
     ------
     DeclarationError : there is no such part, it is requested twice, or two overlap.
     """
-    by_name = {each.name: each for each in parts.parts} | {
-        str(each.number): each for each in parts.parts
-    }
-    result: list[Part] = []
+    by_name = {part.name: part for part in parts.parts}
+    by_name |= {str(part.number): part for part in parts.parts}
+    chosen: list[Part] = []
     for wanted in requested:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            available = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
-                ", ..." if len(parts.parts) > 12 else ""
-            )
+            available = ", ".join(f"{known.number} {known.name}" for known in parts.parts[:12])
+            available += ", ..." if len(parts.parts) > 12 else ""
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,
                 remedy=f"it has {available}" if available else "it has none",
             )
-        if part in result:
+        if part in chosen:
             raise DeclarationError(
                 f"maneuver {part.number} is asked for twice",
                 where="--maneuver",
                 remedy="name each once",
             )
-        result.append(part)
-    result.sort(key=lambda each: each.start)
-    for one, other in pairwise(result):
-        if other.start < one.stop:
+        chosen.append(part)
+    chosen.sort(key=lambda part: part.start)
+    for first, second in pairwise(chosen):
+        if second.start < first.stop:
             what = (
-                f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
-                f"s, {time_span(other.start, other.stop)})"
+                f"maneuvers {first.number} and {second.number} overlap ({first.start:g} to "
+                f"{first.stop:g} s, {time_span(second.start, second.stop)})"
             )
             raise DeclarationError(
                 what,
                 where=parts.where,
                 remedy="take one of them, or change their times in the file",
             )
-    return tuple(result)
+    return tuple(chosen)
 
 
 def with_maneuvers(
@@ -389,13 +401,15 @@ def with_maneuvers(
 ) -> Plan:
     """Return the plan with maneuvers as its segments, and a sentence on each.
 
-    ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
-    ``maneuvers.toml`` beside the record.
+    Parameters
+    ----------
+    requested : numbers or names of maneuvers; without any the plan does not change.
+    file : file of maneuvers; None: ``maneuvers.toml`` beside the record.
 
     Raises
     ------
-    DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of
-        another record, or no such maneuver.
+    DeclarationError : the plan has segments; there are several records; there is no file, or it is
+        of another record; there is no such maneuver.
     """
     if not requested:
         if file is not None:
@@ -416,16 +430,14 @@ def with_maneuvers(
         )
     parts = file if isinstance(file, DeclaredParts) else read_parts(file or _beside(records[0]))
     _refuse_other(parts, records[0])
-    result = chosen_parts(parts, requested)
-    segments = plan_of([each.start for each in result], [each.stop for each in result]).segments
-    return replace(
-        plan,
-        segments=segments,
-        chosen=tuple(f"{each.sentence}, of {parts.where}" for each in result),
-    )
+    chosen = chosen_parts(parts, requested)
+    segments = plan_of([part.start for part in chosen], [part.stop for part in chosen]).segments
+    sentences = tuple(f"{part.sentence}, of {parts.where}" for part in chosen)
+    return replace(plan, segments=segments, chosen=sentences)
 
 
 def _beside(record: Path | RecordFile) -> Path:
+    """Return the file of maneuvers beside a record. Raises DeclarationError without one."""
     from scenarios.files.measured.columns import path_of
 
     path = path_of(record)

@@ -1,6 +1,6 @@
 """Prepare records for a fit: parts, units, gaps, filter, trim.
 
-Also refuses records that no fit of model `aircraft` should start from.
+Also refuses records from which the model ``aircraft`` cannot be fitted.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.user_models import channel_units, is_own
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
-    better_by,
-    linear_by,
+    compared_readings,
+    gain_of_linear_inputs,
     with_hold,
 )
-from scenarios.preparation.drafting import NEVER, recorder_names
+from scenarios.preparation.drafting import LARGEST_IN_FLIGHT, recorder_names
 from scenarios.preparation.filtering import (
     PartedRecord,
     filtered,
@@ -35,15 +35,15 @@ from scenarios.preparation.filtering import (
 )
 from scenarios.preparation.measured_inputs import (
     Flow,
-    able,
     about_trim,
+    accelerometers_for,
     flow_doubts,
     flow_sentence,
-    instead_of,
     measured_flow,
     of_totals,
     trim_sentence,
     unused_airspeed,
+    usable_flow_channels,
     wants_attitude,
     with_attitude,
     with_flow,
@@ -63,34 +63,36 @@ from sim.maths import G0
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import Aircraft, declaration_of
 
-LARGEST = {  # Bank is recorded from -pi to pi.
-    **dict.fromkeys(("alpha", "beta", "theta"), NEVER["rad"]),
+# Largest angles, rad, and rates, rad/s. Bank is recorded from -pi to pi, and noise adds to it.
+LARGEST = {
+    **dict.fromkeys(("alpha", "beta", "theta"), LARGEST_IN_FLIGHT["rad"]),
     "phi": 1.01 * pi,
-    **dict.fromkeys(("p", "q", "r"), NEVER["rad/s"]),
+    **dict.fromkeys(("p", "q", "r"), LARGEST_IN_FLIGHT["rad/s"]),
 }
-# Percentile compared with a limit, so that single wrong samples do not count.
+# Percentile that is compared with a limit, so that single wrong samples do not count.
 LIMIT_PERCENTILE = 97.0
-# Median specific force of a flight, m/s2: about one g.
-IN_G = (0.7, 1.6)  # range if it is in g
-IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])  # range if it is in ft/s2
-# Least share of a surface's motion that is independent of another's; noise alone gives more.
+# Ranges of the median specific force of a flight, about one g, if its column is in g or in ft/s2.
+IN_G = (0.7, 1.6)
+IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
+# Two surfaces move together if a smaller share of the motion of one is independent of the other.
+# Noise alone gives a larger share.
 LEAST_UNSHARED_MOTION = 1e-6
 
 
 def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
-    """Raise RecordError for records that a fit of model ``aircraft`` cannot use.
+    """Raise RecordError for records from which the model ``aircraft`` cannot be fitted.
 
     Other models are not checked.
 
     Parameters
     ----------
-    records : of one call, SI.
-    model : with its free parameters.
+    records : all records of the fit, SI.
+    model : the model; its free parameters are those that are estimated.
 
     Raises
     ------
-    RecordError : wrong units of angles or accelerations; two surfaces with free terms in one
-        coefficient that move together in all records.
+    RecordError : angles or accelerations have wrong units; or two surfaces with free terms in one
+        coefficient move together in all records.
     """
     aircraft = declaration_of(model)
     if aircraft is None:
@@ -107,15 +109,17 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 def refuse_other_units(records: Sequence[Record], aircraft: Aircraft) -> None:
     """Raise RecordError if numbers show that angles or accelerations are not in SI."""
     deflections = [name for name, unit in aircraft.surfaces.items() if unit == "rad"]
-    limits = {**dict.fromkeys(deflections, NEVER["rad"]), **LARGEST}
+    limits = {**dict.fromkeys(deflections, LARGEST_IN_FLIGHT["rad"]), **LARGEST}
     for record in records:
         for channel in record.channels:
             limit = limits.get(channel.name)
-            common = _common(channel) if limit is not None else 0.0
-            if limit is not None and common > limit:
+            if limit is None:
+                continue
+            size = _upper_size(channel)
+            if size > limit:
                 rate = "/s" if channel.name in ("p", "q", "r") else ""
                 raise RecordError(
-                    f"samples are beyond {common:.3g} rad{rate}, which no aircraft "
+                    f"samples are beyond {size:.3g} rad{rate}, which no aircraft "
                     "does: the column is in degrees",
                     where=f"{record.name}, channel {channel.name}",
                     remedy=f"name its unit in the header, as in {channel.name}_deg, or in a "
@@ -125,14 +129,15 @@ def refuse_other_units(records: Sequence[Record], aircraft: Aircraft) -> None:
 
 
 def _refuse_accelerations(record: Record) -> None:
+    """Raise RecordError if the median of az shows that it is in g or ft/s2."""
     if "az" not in record.output_names:
         return
     values = record["az"].values[record["az"].valid]
-    felt = float(np.median(np.abs(values))) if len(values) else G0
+    median = float(np.median(np.abs(values))) if len(values) else G0
     for unit, (low, high) in (("g", IN_G), ("ft/s2", IN_FEET)):
-        if low < felt < high:
+        if low < median < high:
             raise RecordError(
-                f"its median is {felt:.3g} m/s2 where the lift of level flight is 9.81 m/s2: the "
+                f"its median is {median:.3g} m/s2 where the lift of level flight is 9.81 m/s2: the "
                 f"column is in {unit}",
                 where=f"{record.name}, channel az",
                 remedy="give its unit in a channel map",
@@ -146,61 +151,56 @@ def refuse_moving_together(
 
     Parameters
     ----------
-    records : of one call.
-    groups : surfaces or mixes whose effects are estimated separately.
+    records : all records of the fit.
+    aircraft : declares surfaces and mixes.
+    groups : groups of surfaces or mixes; the effects of each in a group are estimated separately.
     """
-    rows = surface_motion(records, aircraft)
+    motion = surface_motion(records, aircraft)
     pairs = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
-    for one, other in sorted(pairs):
-        if one not in rows or other not in rows:
+    for first, second in sorted(pairs):
+        if first not in motion or second not in motion:
             continue
-        a, b = rows[one], rows[other]
-        shared = float(a @ b) / float(a @ a) if np.any(a) else 0.0
-        if (
-            np.any(a)
-            and np.any(b)
-            and np.linalg.norm(b - shared * a) < LEAST_UNSHARED_MOTION * np.linalg.norm(b)
-        ):
+        a, b = motion[first], motion[second]
+        if not np.any(a) or not np.any(b):
+            continue
+        shared = float(a @ b) / float(a @ a)
+        if np.linalg.norm(b - shared * a) < LEAST_UNSHARED_MOTION * np.linalg.norm(b):
             raise RecordError(
-                f"{one} and {other} move together in all records: no fit tells their effects apart",
+                f"{first} and {second} move together in all records: no fit tells their effects "
+                "apart",
                 where=", ".join(dict.fromkeys(record.name for record in records)),
                 remedy="move one after the other, declare one mix of both, or hold the terms of "
                 "one under fixed",
             )
 
 
-def commanded(aircraft: Aircraft) -> tuple[str, ...]:
-    """Return surfaces and mixes whose effects are estimated, without the parts of mixes.
-
-    Parameters
-    ----------
-    aircraft : what declares them.
-    """
+def separate_controls(aircraft: Aircraft) -> tuple[str, ...]:
+    """Return the mixes of an aircraft and the surfaces that are in no mix."""
     mixed = {part for parts in aircraft.mixes.values() for part in parts}
     return tuple(name for name in (*aircraft.surfaces, *aircraft.mixes) if name not in mixed)
 
 
 def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str, np.ndarray]:
-    """Return surfaces and mixes that all records have, minus their means, ``(N,)`` each.
+    """Return the surfaces and mixes that all records have, without their means.
 
-    Parameters
-    ----------
-    records : of one call.
-    aircraft : what declares surfaces and mixes.
+    The records follow each other; each result has as many values as all records have samples.
     """
-    parts: dict[str, list[np.ndarray]] = {}
+    motion: dict[str, list[np.ndarray]] = {}
     for record in records:
-        here = {
+        in_record = {
             name: record[name].values for name in aircraft.surfaces if name in record.input_names
         }
         for name, mix in aircraft.mixes.items():
-            if all(part in here for part in mix):
-                total = sum(factor * here[part] for part, factor in mix.items())
-                here[name] = np.asarray(total)
-        for name, row in here.items():
-            parts.setdefault(name, []).append(row - np.mean(row))
-    whole = len(records)
-    return {name: np.concatenate(rows) for name, rows in parts.items() if len(rows) == whole}
+            if all(part in in_record for part in mix):
+                total = sum(factor * in_record[part] for part, factor in mix.items())
+                in_record[name] = np.asarray(total)
+        for name, values in in_record.items():
+            motion.setdefault(name, []).append(values - np.mean(values))
+    return {
+        name: np.concatenate(pieces)
+        for name, pieces in motion.items()
+        if len(pieces) == len(records)
+    }
 
 
 def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
@@ -209,24 +209,29 @@ def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
     return set(names) if len(term.factors) == 1 and term.factors[0].power == 1 else set()
 
 
-def _common(channel: Channel) -> float:
+def _upper_size(channel: Channel) -> float:
+    """Return the absolute value that few samples of a channel exceed (``LIMIT_PERCENTILE``)."""
     values = np.abs(channel.values[channel.valid])
     return float(np.percentile(values, LIMIT_PERCENTILE)) if len(values) else 0.0
 
 
-Read = tuple[Record, bool]  # record, whether its file states the hold of the inputs
-# Share by which the residual must fall to drop the trim lift; other missing effects do less.
+Read = tuple[Record, bool]  # record, and whether its file states the hold of the inputs
+# The trim lift is left out if that reduces a residual by a larger share. Other missing effects
+# change the residual by less.
 MISSING_TRIM_LIFT_SHARE = 0.15
 THRUST = "thrust_command"
 IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
-STEADY_PRESSURE_SHARE = 0.01  # relative change of pressure below which it counts as constant
+STEADY_PRESSURE_SHARE = 0.01  # a pressure that changes by a smaller share counts as constant
 
 
 @dataclass(frozen=True)
 class Decided:
-    """Reading of earlier records, for later ones whose files do not state it.
+    """Decisions on earlier records that apply to later records whose files do not state them.
 
-    ``hold``: of the inputs. ``weight``: the trim lift follows the measured pressure.
+    Attributes
+    ----------
+    hold : behaviour of the inputs between samples.
+    weight : whether the trim lift follows the measured pressure.
     """
 
     hold: Hold
@@ -239,13 +244,14 @@ class PreparedData:
 
     Attributes
     ----------
-    model : the declared one, with the measured flow as further inputs if a record has one.
-    fitted, validation : fitted and predicted records, split at gaps in time.
-    measured : the fitted records before trims are subtracted and the flow becomes an input.
+    model : the declared model, with the measured flow as further inputs if a record has one.
+    fitted : records to fit, split at gaps in time.
+    validation : records to predict, split at gaps in time.
+    measured : the records to fit, before trims are subtracted and the flow becomes an input.
     notes : sentences on the preparation.
-    doubts : likely faults of the files, with the remedy.
+    doubts : sentences on likely faults of the files, with the remedy.
     look : check of the raw columns.
-    parted : predicted records, with the number of their parts in ``validation``.
+    parted : records to predict, each with the number of its parts in ``validation``.
     """
 
     model: Model
@@ -261,30 +267,34 @@ class PreparedData:
     def predicted(self) -> tuple[Record, ...]:
         """The records that are predicted, each complete."""
         return tuple(
-            put_together(one, self.validation[span], ())[0]
-            for one, span in parts_of(self.parted, self.validation)
+            put_together(parted, self.validation[span], ())[0]
+            for parted, span in parts_of(self.parted, self.validation)
         )
 
 
 def prepared(
     record: Record, plan: Plan, *, own: bool = False, untouched: Collection[str] = ()
 ) -> tuple[Record, tuple[str, ...]]:
-    """Convert accelerometers to load factors, except ``untouched``, and apply the plan's filter.
-
-    Returns the record, the same object if nothing is to be done, and sentences on both steps.
-    """
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record, untouched)
-    record, of_filter = filtered(record, plan)
-    return record, (*of_accelerometers, *([of_filter] if of_filter else []))
-
-
-def unscaled_commands(choices: Mapping[str, ColumnChoice] | None) -> tuple[str, ...]:
-    """Return a warning for each channel whose column is a command from -1 to 1, read as an angle.
+    """Convert accelerometers to load factors and apply the filter of the plan.
 
     Parameters
     ----------
-    choices : of a channel map.
+    own : whether the model is a user's: then no accelerometer is converted.
+    untouched : accelerometers that are not converted.
+
+    Returns
+    -------
+    The record, which is the same object if nothing changes, and sentences on both steps.
     """
+    sentences: tuple[str, ...] = ()
+    if not own:
+        record, sentences = with_load_factors(record, untouched)
+    record, filter_sentence = filtered(record, plan)
+    return record, (*sentences, filter_sentence) if filter_sentence else sentences
+
+
+def unscaled_commands(choices: Mapping[str, ColumnChoice] | None) -> tuple[str, ...]:
+    """Return a warning for each angle of a channel map whose column is a command from -1 to 1."""
     return tuple(
         f"{channel} seems to be an unscaled command: {choice.column} is from -1 to 1, read as an "
         f"angle; write its throw in the channel map, {channel} = {{column = "
@@ -308,66 +318,66 @@ def prepare(
 ) -> PreparedData:
     """Read and prepare the channels of a model from files.
 
-    Fitted are the plan's segments of ``files``; predicted is ``part`` of each file of ``validate``.
-    ``flow``: use a measured speed. ``attitude``: use a measured pitch attitude, for effects.
-    ``decided``: reading that files do not state; None: the one that the declared model fits best.
+    Parameters
+    ----------
+    files : files to fit; of each the segments of ``plan`` are read.
+    channels : channel map; None: that of each file.
+    validate : files to predict; of each ``part`` is read.
+    flow : whether a measured airspeed or dynamic pressure is used.
+    attitude : whether a measured pitch attitude is used, by effects.
+    decided : hold of the inputs and trim lift, if files do not state them; None: those with which
+        the declared model fits best.
 
     Raises
     ------
     RecordError : a file cannot be used; the message is one line.
     """
-    split = len(files) * len(plan.segments)
-    beside = [
-        (named(file.identity.name, each, several=len(plan.segments) > 1), *unused)
-        for file in files
-        for each in plan.segments
-        if any(
-            unused := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
-        )
-    ]
+    fit_count = len(files) * len(plan.segments)
+    unused_airspeeds = []  # name of the record, note, doubt
+    for file in files:
+        for segment in plan.segments:
+            note, doubt = unused_airspeed(
+                file, model, channels, segment.start, segment.stop, rate=plan.rate
+            )
+            if note or doubt:
+                name = named(file.identity.name, segment, several=len(plan.segments) > 1)
+                unused_airspeeds.append((name, note, doubt))
     parts = [(file, segment) for file in files for segment in plan.segments] + [
         (file, part) for file in validate
     ]
     optional = (
-        *(able(model) if flow else ()),
+        *(usable_flow_channels(model) if flow else ()),
         *((ATTITUDE,) if attitude and wants_attitude(model) else ()),
     )
-    parted = [
-        _read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan)
+    whole = [
+        _read(
+            file, segment, n < fit_count and len(plan.segments) > 1, model, optional, channels, plan
+        )
         for n, (file, segment) in enumerate(parts)
     ]
-    texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
-    texts += [f"{name}: {sentence}" for name, sentence, _ in beside]
+    texts = [f"{record.name}: {note}" for (record, _), notes in whole for note in notes]
+    texts += [f"{name}: {note}" for name, note, _ in unused_airspeeds]
     read: list[Read] = []
-    for (record, stated), _ in parted[:split]:
-        pieces, of_gaps = split_at_gaps(record)
+    parted: list[PartedRecord] = []
+    fit_pieces = 0
+    for n, ((record, stated), _) in enumerate(whole):
+        is_fitted = n < fit_count
+        pieces, gap_note = split_at_gaps(record) if is_fitted else split_at_gaps(record, IN_PARTS)
         read += [(piece, stated) for piece in pieces]
-        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
-    names = [record for (record, _), _ in parted]
-    first, split, whole = split, len(read), []
-    for (record, stated), _ in parted[first:]:
-        pieces, of_gaps = split_at_gaps(record, IN_PARTS)
-        read += [(piece, stated) for piece in pieces]
-        whole.append(
-            PartedRecord(record.name, record.time if plan.rate is None else None, len(pieces))
-        )
-        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
+        if is_fitted:
+            fit_pieces += len(pieces)
+        else:
+            time = record.time if plan.rate is None else None
+            parted.append(PartedRecord(record.name, time, len(pieces)))
+        if gap_note:
+            texts.append(f"{record.name}: {gap_note}")
     records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
-    ready = for_model(read[:split], model, plan, read[split:], decided)
-    notes = (*plan.chosen, *grouped(texts, names), *ready.notes)
-    return replace(
-        ready,
-        notes=notes,
-        doubts=(
-            *unscaled_commands(channels),
-            *look.doubts,
-            *ready.doubts,
-            *(f"{name}: {doubt}" for name, _, doubt in beside if doubt),
-        ),
-        look=look,
-        parted=tuple(whole),
-    )
+    ready = for_model(read[:fit_pieces], model, plan, read[fit_pieces:], decided)
+    notes = (*plan.chosen, *grouped(texts, [record for (record, _), _ in whole]), *ready.notes)
+    airspeed_doubts = [f"{name}: {doubt}" for name, _, doubt in unused_airspeeds if doubt]
+    doubts = (*unscaled_commands(channels), *look.doubts, *ready.doubts, *airspeed_doubts)
+    return replace(ready, notes=notes, doubts=doubts, look=look, parted=tuple(parted))
 
 
 def for_model(
@@ -377,55 +387,59 @@ def for_model(
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
 ) -> PreparedData:
-    """Return records prepared for a model; ``validation`` is read as the fitted records are."""
+    """Return records prepared for a model.
+
+    The hold and the trim lift that are decided for ``fitted`` apply to ``validation``, too.
+    """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, all_stated = is_own(model), all(stated for _, stated in read)
     outputs = [signal.name for signal in model.equations.outputs]
     first = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
-    hold, weight, notes = (
-        _readings(first, model, plan, all_stated=all_stated)
-        if decided is None
-        else (plan.hold or decided.hold, decided.weight, [])
-    )
+    if decided is None:
+        hold, weight, notes = _decisions(first, model, plan, all_stated=all_stated)
+    else:
+        hold, weight, notes = plan.hold or decided.hold, decided.weight, []
     records: list[Record] = []
-    told: list[str] = []
+    texts: list[str] = []
     for record, stated in read:
-        as_read = (
-            record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
-        )
-        one, sentences = prepared(as_read, plan, own=own, untouched=outputs)
-        records.append(one)
-        told += sentences
-    # numbers beyond all measure are for the fit to refuse
+        with_decided_hold = record
+        if hold is not None and (plan.hold is not None or not stated):
+            with_decided_hold = replace(record, hold=hold)
+        ready_record, sentences = prepared(with_decided_hold, plan, own=own, untouched=outputs)
+        records.append(ready_record)
+        texts += sentences
+    # Numbers may overflow here; the fit refuses them.
     with np.errstate(over="ignore", invalid="ignore"):
         trimmed = [(record, {}) if of_totals(model) else about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
-        told += [
+        texts += [
             f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}"
             for name, value in trims.items()
         ]
     if not of_totals(model):
-        told += [
+        texts += [
             sentence
             for record, trims in trimmed
             for name in record.input_names
             if name not in trims and (sentence := trim_sentence(record, name))
         ]
-    told += [sentence for record in records if (sentence := flow_sentence(record, model))]
-    wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
-    flown = wider is not model
-    wider, ready, sentence = with_attitude(wider, ready)
-    told += [sentence] if sentence else []
-    told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
+    texts += [sentence for record in records if (sentence := flow_sentence(record, model))]
+    with_inputs, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
+    has_flow = with_inputs is not model
+    with_inputs, ready, sentence = with_attitude(with_inputs, ready)
+    if sentence:
+        texts.append(sentence)
+    if has_flow:
+        texts.append("the airspeed is measured: speed-variation is no candidate")
     doubts = (*_idle_motors(records), *flow_doubts(records, model))
     return PreparedData(
-        wider,
+        with_inputs,
         tuple(ready[:split]),
         tuple(ready[split:]),
         tuple(records[:split]),
-        (*grouped(told, records), *notes),
+        (*grouped(texts, records), *notes),
         doubts,
     )
 
@@ -449,14 +463,17 @@ def _shown(value: float, unit: str) -> str:
 
 
 def grouped(notes: Sequence[str], records: Sequence[Record]) -> list[str]:
-    """Sentences on single records, ``"NAME: text"``; the same text on several of them once."""
-    names: dict[str, list[str]] = {}
+    """Return sentences ``"NAME: text"`` on records, where equal texts become one sentence."""
+    names_by_text: dict[str, list[str]] = {}
     for sentence in notes:
-        of = next(
+        name = next(
             (record.name for record in records if sentence.startswith(f"{record.name}: ")), ""
         )
-        names.setdefault(sentence.removeprefix(f"{of}: ") if of else sentence, []).append(of)
-    return [f"{', '.join(each)}: {text}" if each[0] else text for text, each in names.items()]
+        text = sentence.removeprefix(f"{name}: ") if name else sentence
+        names_by_text.setdefault(text, []).append(name)
+    return [
+        f"{', '.join(names)}: {text}" if names[0] else text for text, names in names_by_text.items()
+    ]
 
 
 def _read(
@@ -471,11 +488,9 @@ def _read(
     """Return a segment of a file, whether its sidecar states the hold, and notes on reading it."""
     from scenarios.files.records import read_with_notes
 
-    inputs, outputs = (
-        [signal.name for signal in some]
-        for some in (model.equations.inputs, model.equations.outputs)
-    )
-    instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
+    inputs = [signal.name for signal in model.equations.inputs]
+    outputs = [signal.name for signal in model.equations.outputs]
+    instead, units = {} if is_own(model) else accelerometers_for(outputs), channel_units(model)
     record, notes = read_with_notes(
         with_names(file, plan.columns),
         inputs,
@@ -494,10 +509,14 @@ def _read(
     return (record, file.sidecar.says_hold), notes
 
 
-def _readings(
+def _decisions(
     fitted: Sequence[Record], model: Model, plan: Plan, *, all_stated: bool
 ) -> tuple[Hold | None, bool, list[str]]:
-    """Return the hold of the inputs (None: as read), `Decided.weight`, and notes."""
+    """Decide the hold of the inputs and the trim lift.
+
+    ``all_stated``: the files of all records state the hold. Returns the hold (None: that of each
+    record), ``Decided.weight``, and notes.
+    """
     weight, of_weight = _weight(fitted, model)
     if not model.equations.inputs:
         return None, weight, of_weight
@@ -505,7 +524,11 @@ def _readings(
         word = "held" if plan.hold is Hold.PREVIOUS else "linear"
         weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
         return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
-    gain = 0.0 if all_stated else linear_by(fitted, model, partial(with_flow, weight=weight))
+    gain = (
+        0.0
+        if all_stated
+        else gain_of_linear_inputs(fitted, model, partial(with_flow, weight=weight))
+    )
     if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
@@ -517,9 +540,9 @@ def _readings(
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
-    """Return whether the trim lift follows the measured pressure, as in flight, and notes.
+    """Return whether the trim lift follows the measured pressure, and notes.
 
-    It does not in simulated records of perturbations.
+    It does in flight. It does not in simulated records of perturbations.
     """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):
@@ -529,23 +552,24 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
         for signal in model.equations.outputs
         if any(signal.name in record.output_names for record in fitted)
     ]
-    result = better_by(
+    comparison = compared_readings(
         with_flow(model, fitted),
         with_flow(model, fitted, weight=False),
         outputs,
         MISSING_TRIM_LIFT_SHARE,
     )
-    if result.gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
-        undecided = (
-            f" (as in flight; fits do not decide it: {result.why_open})" if result.why_open else ""
-        )
+    if comparison.gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
+        undecided = ""
+        if comparison.why_open:
+            undecided = f" (as in flight; fits do not decide it: {comparison.why_open})"
         return True, [f"the lift that carries the weight follows the measured pressure{undecided}"]
     return False, [
         "the lift that carries the weight is left out: perturbations alone fit better (twice the "
-        f"log likelihood {result.gain:.1f})"
+        f"log likelihood {comparison.gain:.1f})"
     ]
 
 
 def _varies(flow: Flow) -> bool:
+    """Return whether the dynamic pressure of a flow changes over the record."""
     pressure = flow.speed**2 * (1.0 if flow.density is None else flow.density)
     return bool(pressure.max() > (1.0 + STEADY_PRESSURE_SHARE) * pressure.min())

@@ -14,10 +14,10 @@ import numpy as np
 from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
 from ident.structure.products import columns_of
 from ident.structure.selection import F_IN, ORTHOGONAL, STEPWISE, Selection
-from scenarios.files.aircraft_files import written
+from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.preparation.reading import commanded
+from scenarios.preparation.reading import separate_controls
 from scenarios.report.document import (
     PURE,
     Bullets,
@@ -260,7 +260,7 @@ def _other_model(added: Term | None, removed: Term | None, probability: float) -
 def _surfaces_together(found: FoundStructure) -> list[str]:
     """Return the sentences on surfaces that move together in all records."""
     rows = {}
-    for name in commanded(found.aircraft):
+    for name in separate_controls(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
         row = np.concatenate(parts)
         if np.any(row):
@@ -373,7 +373,7 @@ def write_structure(found: FoundStructure, folder: str | Path, *, figures: Forma
     The folder.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_text(scratch / VEHICLE, written(found.aircraft, found.sigmas))
+        write_text(scratch / VEHICLE, vehicle_file_text(found.aircraft, found.sigmas))
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import draw_for_page

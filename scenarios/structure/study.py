@@ -30,19 +30,19 @@ from scenarios.files.measured.columns import (
     refuse_twice,
 )
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import BESIDE, with_plain_terms
+from scenarios.files.vehicles import BESIDE_RECORD, with_plain_terms
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
-    likelier_by,
+    log_likelihood_gain,
     with_hold,
 )
 from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import (
-    commanded,
     prepare,
     refuse_moving_together,
     refuse_other_units,
+    separate_controls,
 )
 from sim.aerodynamics import Term, parse_term
 from sim.errors import DeclarationError, RecordError
@@ -147,7 +147,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     given = request.vehicle
     if given is None:
         path = first if isinstance(first, Path) else first.path
-        given = path.parent / BESIDE
+        given = path.parent / BESIDE_RECORD
         if not given.is_file():
             raise DeclarationError(
                 "no vehicle file is named", where="--vehicle", remedy="name one of model aircraft"
@@ -159,7 +159,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     fitted, notes = _prepared(sources, aircraft, request)
     refuse_other_units(fitted, aircraft)
     if options.terms is None:
-        refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
+        refuse_moving_together(fitted, aircraft, [separate_controls(aircraft)])
     open_hold = request.plan.hold is None and not any(each.sidecar.says_hold for each in sources)
     if open_hold:
         hold, sentence = hold_of_inputs(fitted, aircraft, options.bandwidth)
@@ -209,7 +209,7 @@ def hold_of_inputs(
     ]
     terms = (Term(), *_products(readings[0], aircraft, 1))
     held, linear = (_linear_residuals(each, terms) for each in readings)
-    gain = likelier_by(held, linear, [np.ones(each.shape, dtype=bool) for each in held])
+    gain = log_likelihood_gain(held, linear, [np.ones(each.shape, dtype=bool) for each in held])
     if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO:
         return Hold.LINEAR, [
             "inputs linear between samples: linear terms explain the coefficients better than with "
@@ -433,7 +433,7 @@ def _offered(
             terms.append(parse_term(f"spline(alpha, {knot:.4g}, 1)", aircraft.signals))
     magnitudes = [
         parse_term(f"abs({name})", aircraft.signals)
-        for name in commanded(aircraft)
+        for name in separate_controls(aircraft)
         if name in moved
     ]
     return {axis: [Term(), *terms, *(magnitudes if axis in DRAG else ())] for axis in axes}

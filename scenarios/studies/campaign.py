@@ -1,4 +1,4 @@
-"""Monte-Carlo campaigns: the same flight measured many times, one seed a run."""
+"""Monte-Carlo campaigns: the same flight measured many times, each run with its own seed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from sim.errors import DeclarationError, ModelError
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
-# ---- Everything on which the rows of a campaign depend, as JSON
+# ---- Identity of a campaign: all that its rows depend on, as JSON
 
 # Fields of an estimation that do not affect its numbers.
 WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance", "engine")
@@ -89,12 +89,19 @@ def plain(value: Any) -> Any:
 
 ESTIMATE, SIGMA = "estimate:", "sigma:"  # prefixes of column names
 SOUND = "converged"
-# Runs of one block: batched methods (fills the vector units, fits the cache), other methods.
-CHUNK, FEW = 500, 4
+# Runs in a block. A batch of this size fills the vector units and fits into the cache.
+BATCHED_BLOCK, BLOCK_ONE_BY_ONE = 500, 4
 
 
 class _Common(NamedTuple):
-    """Objects that all runs share; ``reference``: true value of each parameter."""
+    """Objects that all runs share.
+
+    Attributes
+    ----------
+    model : the declared model.
+    record, truth : the simulated flight.
+    reference : value of each parameter from which errors count.
+    """
 
     model: Model
     record: Record
@@ -104,10 +111,14 @@ class _Common(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EstimatorRuns:
-    """Runs of ``scenario`` by its method ``estimation``.
+    """Task: runs of a scenario by one of its methods.
 
-    ``rebuilt_scenario`` : content from which another process rebuilds the scenario. Only needed if
-    the scenario holds functions of a user's file, which cannot be sent.
+    Attributes
+    ----------
+    scenario : the scenario.
+    estimation : the method.
+    rebuilt_scenario : content from which another process rebuilds the scenario; needed if the
+        scenario holds functions of a user's file, which cannot be sent to a process.
     """
 
     scenario: Scenario
@@ -122,7 +133,7 @@ class EstimatorRuns:
 
     @cached_property
     def seen(self) -> Scenario:
-        """The scenario with the flight that this method uses."""
+        """Scenario with the flight that this method uses."""
         return seen_by(self.scenario, self.estimation)
 
     @cached_property
@@ -132,19 +143,23 @@ class EstimatorRuns:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        sizes = {f"{kind}{name}": "float" for name in self.parameters for kind in (ESTIMATE, SIGMA)}
-        return {"outcome": "text", **sizes, "nees": "float", "nis": "float", "degrees": "int"}
+        """Type by column of a row."""
+        cells = {f"{kind}{name}": "float" for name in self.parameters for kind in (ESTIMATE, SIGMA)}
+        return {"outcome": "text", **cells, "nees": "float", "nis": "float", "degrees": "int"}
 
     @property
     def block(self) -> int:
-        return CHUNK if is_batched(self.estimation, bool(self.seen.flight.feedback)) else FEW
+        """Number of runs that are computed together."""
+        batched = is_batched(self.estimation, bool(self.seen.flight.feedback))
+        return BATCHED_BLOCK if batched else BLOCK_ONE_BY_ONE
 
     def identity(self) -> Mapping[str, Any]:
+        """Return all that the rows depend on."""
         return identity_of(self.seen, self.estimation)
 
     @cached_property
     def common(self) -> _Common:
-        """The simulated truth, the declared model, and the reference of each parameter.
+        """Simulated flight, declared model, and reference of each parameter.
 
         Raises FlightidError if the declared flight or estimation is impossible.
         """
@@ -162,26 +177,28 @@ class EstimatorRuns:
         With process noise or feedback of measured outputs, each run is a new simulation. Otherwise
         one simulated flight gets new measurement noise in each run.
         """
-        found = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
-        std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T, 0.0))
-        error = found.values - np.array([[self.common.reference[name]] for name in found.names])
+        estimates = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
+        std = np.sqrt(np.maximum(np.diagonal(estimates.covariance, axis1=1, axis2=2).T, 0.0))
+        error = estimates.values - np.array(
+            [[self.common.reference[name]] for name in estimates.names]
+        )
         rows: list[Row | str] = []
         for at in range(len(tasks)):
             cells = {
-                f"{ESTIMATE}{name}": float(found.values[i, at])
-                for i, name in enumerate(found.names)
+                f"{ESTIMATE}{name}": float(estimates.values[i, at])
+                for i, name in enumerate(estimates.names)
             }
-            cells |= {f"{SIGMA}{name}": float(std[i, at]) for i, name in enumerate(found.names)}
+            cells |= {f"{SIGMA}{name}": float(std[i, at]) for i, name in enumerate(estimates.names)}
             finite = all(np.isfinite(list(cells.values())))
-            outcome = found.outcomes[at] if finite else "diverged"
-            sound = outcome == SOUND
+            outcome = estimates.outcomes[at] if finite else "diverged"
+            converged = outcome == SOUND
             rows.append(
                 {
                     "outcome": outcome,
                     **(cells if finite else dict.fromkeys(cells)),
-                    "nees": _nees(error[:, at], found.covariance[at]) if sound else None,
-                    "nis": float(found.nis[at]) if sound else None,
-                    "degrees": int(found.degrees[at]) if sound else 0,
+                    "nees": _nees(error[:, at], estimates.covariance[at]) if converged else None,
+                    "nis": float(estimates.nis[at]) if converged else None,
+                    "degrees": int(estimates.degrees[at]) if converged else 0,
                 }
             )
         return rows
@@ -189,14 +206,12 @@ class EstimatorRuns:
     def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
         """Return the estimates from records by ``estimation``."""
         model = self.common.model if estimation is self.estimation else self.declared(estimation)
-        return (
-            batched(estimation, records, model)
-            if self.block == CHUNK
-            else one_by_one(estimation, records, model)
-        )
+        if self.block == BATCHED_BLOCK:
+            return batched(estimation, records, model)
+        return one_by_one(estimation, records, model)
 
     def declared(self, estimation: Estimation) -> Model:
-        """Return the model that a method starts from."""
+        """Return the model from which a method starts."""
         return declared_model(
             estimation,
             flight_constants(self.seen.flight, estimation),
@@ -210,11 +225,9 @@ class EstimatorRuns:
         if self.seen.flight.process_noise or self.seen.flight.feedback:
             record, truth = fly_scenario(self.seen, seed)
             return measured_again(record, truth, noise, seed) if noise else record
-        return (
-            measured_again(record, truth, noise, seed)
-            if noise
-            else remeasure(record, truth, np.random.default_rng(seed))
-        )
+        if noise:
+            return measured_again(record, truth, noise, seed)
+        return remeasure(record, truth, np.random.default_rng(seed))
 
     def __reduce__(self) -> tuple[Callable[..., EstimatorRuns], tuple[Any, ...]]:
         if self.rebuilt_scenario is None:
@@ -238,28 +251,25 @@ class Rebuilt:
 
 
 def _rebuilt(rebuilt_scenario: Rebuilt, method: str) -> EstimatorRuns:
+    """Return the runs of a method of a rebuilt scenario."""
     scenario = rebuilt_scenario.scenario()
-    return EstimatorRuns(
-        scenario,
-        next(each for each in scenario.estimations if each.name == method),
-        rebuilt_scenario,
-    )
+    by_name = {estimation.name: estimation for estimation in scenario.estimations}
+    return EstimatorRuns(scenario, by_name[method], rebuilt_scenario)
 
 
 def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
-    """Normalised estimation error squared; None if the covariance has no inverse."""
-    scale = np.sqrt(np.diagonal(covariance))
-    if not np.all(scale > 0.0):
+    """Return the normalized estimation error squared; None if the covariance has no inverse."""
+    std = np.sqrt(np.diagonal(covariance))
+    if not np.all(std > 0.0):
         return None
+    in_sigmas, correlation = error / std, covariance / np.outer(std, std)
     try:
-        return float(
-            (error / scale) @ np.linalg.solve(covariance / np.outer(scale, scale), error / scale)
-        )
+        return float(in_sigmas @ np.linalg.solve(correlation, in_sigmas))
     except np.linalg.LinAlgError:
         return None
 
 
-# ---- Monte-Carlo campaigns: the same flight measured many times, one seed a run
+# ---- Campaigns and their summaries
 
 RESAMPLING_SEED = 1  # fixed, so that the same runs give the same interval
 ALONE = Execution()
@@ -272,13 +282,15 @@ class Spread:
 
     Attributes
     ----------
+    name, unit : the parameter and its unit.
+    reference : value from which errors count.
     bias : mean error.
     scatter : standard deviation of the estimates.
     reported : root mean square of the reported sigmas.
-    within_one, within_two : share of the one-sigma and two-sigma intervals that contain the
-        reference.
-    interval : 95 % confidence interval of ``within_two``; Clopper-Pearson for one parameter,
-        bootstrap over runs for all parameters pooled.
+    within_one : share of the one-sigma intervals that contain the reference.
+    within_two : share of the two-sigma intervals that contain the reference.
+    interval : 95 % confidence interval of ``within_two``; by Clopper and Pearson for a parameter,
+        by bootstrap over runs for all parameters together.
     """
 
     name: str
@@ -298,16 +310,21 @@ class CampaignRuns:
 
     Attributes
     ----------
+    scenario, estimation : the scenario and the method.
     root : seed of the campaign, from which the seeds of its runs are derived.
-    seeds : ``(N,)``; ``flightid run --seed`` repeats one run.
-    values, std : estimates and reported sigmas ``(n, M)``.
-    kept : ``(N,)``, True for the runs that converged.
-    asked : number of runs requested.
-    nees : ``(M,)``, normalised estimation error squared of all parameters; NaN if not defined.
-    nis, degrees : ``(M,)``, sum of the normalised innovations squared and its degrees of freedom;
-        zero for methods without innovations.
+    seeds : seeds of the runs, ``(N,)``; ``flightid run --seed`` repeats a run.
+    names : names of the parameters.
+    values : estimates, ``(n, M)``.
+    std : reported sigmas, ``(n, M)``.
+    kept : True for the runs that converged, ``(N,)``.
+    spreads : summary of each parameter.
+    pooled : summary of all parameters together.
+    asked : number of runs that were requested.
+    nees : normalized estimation error squared of all parameters, ``(M,)``; NaN if undefined.
+    nis : sum of the normalized innovations squared, ``(M,)``; zero without innovations.
+    degrees : degrees of freedom of ``nis``, ``(M,)``; zero without innovations.
     work : the task that made the runs.
-    columns : ``(M,)`` each, all columns of the rows.
+    columns : all columns of the rows, ``(M,)`` each.
     failures : number of runs by reason of failure.
     """
 
@@ -354,12 +371,17 @@ def fly_campaign(
 ) -> CampaignRuns:
     """Run one of a scenario's estimations ``runs`` times.
 
-    Run k uses the seed of task k, derived from ``seed``. `EstimatorRuns.run` says when a run is a
-    new simulation. After Ctrl-C the finished runs are summarised if there are enough.
+    The seed of each run is derived from ``seed``. ``EstimatorRuns.run`` says when a run is a new
+    simulation. After Ctrl-C the finished runs are summarized if there are enough.
 
     Parameters
     ----------
-    execution : number of processes, folder of the rows, time limit; does not affect the numbers.
+    scenario : the scenario.
+    runs : number of runs.
+    seed : seed of the campaign; None: that of the scenario.
+    method : name of the estimation.
+    progress : is told stage and share of the work that is done.
+    execution : number of processes, folder of the rows, time limit; without effect on the numbers.
     rebuilt_scenario : content from which other processes rebuild a scenario with a user's
         functions.
 
@@ -384,12 +406,12 @@ def fly_campaign(
 def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns:
     """Return the summary of a campaign's rows. Raises ModelError if fewer than two converged."""
     columns, names, estimation = table.columns, work.parameters, work.estimation
-    ways = [
+    endings = [
         error or outcome
         for error, outcome in zip(columns["error"], columns["outcome"], strict=True)
     ]
-    kept = np.array([way == SOUND for way in ways], dtype=bool)
-    failures = dict(Counter(way for way in ways if way != SOUND).most_common())
+    kept = np.array([ending == SOUND for ending in endings], dtype=bool)
+    failures = dict(Counter(ending for ending in endings if ending != SOUND).most_common())
     if np.sum(kept) < FEWEST_RUNS:
         what = f"{np.sum(~kept)} of {len(kept)} runs broke down ({next(iter(failures), '')})"
         raise ModelError(
@@ -409,8 +431,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
     nees, nis, degrees = (columns[name][kept].astype(float) for name in ("nees", "nis", "degrees"))
     seeds = columns["seed"]
-    sound = {name: column[kept] for name, column in columns.items()}
-    weighed = nees, nis, degrees.astype(int)
+    kept_columns = {name: column[kept] for name, column in columns.items()}
     return CampaignRuns(
         work.seen,
         estimation,
@@ -423,15 +444,17 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
         spreads,
         pooled,
         table.asked,
-        *weighed,
+        nees,
+        nis,
+        degrees.astype(int),
         work,
-        sound,
+        kept_columns,
         failures,
     )
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
-    """Return the summary of one parameter over independent runs ``(N,)``."""
+    """Return the summary of a parameter from its estimates and sigmas, ``(M,)`` each."""
     error = values - reference
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
     scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
@@ -450,9 +473,9 @@ def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.
 
 
 def _pooled(errors: np.ndarray) -> Spread:
-    """Return the summary of all parameters pooled, from errors ``(n, N)`` in reported sigmas.
+    """Return the summary of all parameters together, from errors in reported sigmas, ``(n, M)``.
 
-    Errors within one run are correlated, so whole runs are resampled.
+    The errors of a run are correlated, so the bootstrap resamples whole runs.
     """
     hits = np.sum(np.abs(errors) <= 2.0, axis=0)
     interval = clustered_share(

@@ -91,7 +91,7 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
 PREDICTED_SIZE_TOLERANCE = 0.15
 # Misfit in noise standard deviations: no misfit below the first; above the second, process noise
 # estimated by likelihood would represent model error.
-LITTLE, LARGE = 0.05, 0.3
+SMALL_MISFIT, LARGE = 0.05, 0.3
 REMOVED_BIAS_SHARE = 0.3  # share of a bias left at a tenth of the noise: removed
 SOME_BIAS = 0.15  # share of the mean square error above which the cause of a bias is sought
 OF_BIAS = 0.5  # share of the mean square error above which a bias is the main error
@@ -296,7 +296,7 @@ def _left(
     half, others = errors[::2], errors[1::2]
     factor = float(np.quantile(np.abs(half), NORMAL[2])) / 2.0
     misfit = residuals.misfit if residuals is not None else 0.0
-    cause, strength = (MODEL, misfit) if misfit > LITTLE else (OPEN, misfit)
+    cause, strength = (MODEL, misfit) if misfit > SMALL_MISFIT else (OPEN, misfit)
     if cause == OPEN and wrong.mean**2 > SOME_BIAS * wrong.rms**2:
         first, quiet = trials.trial(()), quiet_trial(trials)
         if (

@@ -55,7 +55,7 @@ from scenarios.studies.campaign_statistics import (
     two_digits,
 )
 from scenarios.studies.campaign_trials import (
-    FURTHER,
+    FURTHER_PASSES,
     LEVELS,
     PARAMETERS,
     START,
@@ -256,7 +256,7 @@ def _how(group: list[Finding], found: Findings) -> str:
 def _start(group: list[Finding], found: Findings) -> str:
     return (
         "the estimator starts too far off and linearises there: started again from its own "
-        f"result, {FURTHER} passes more, it is right"
+        f"result, {FURTHER_PASSES} passes more, it is right"
     )
 
 

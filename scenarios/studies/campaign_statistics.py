@@ -1,9 +1,10 @@
-"""Statistics of a campaign's runs, the Cramer-Rao bound, and both in words and files.
+"""Statistics of a campaign's runs and the Cramer-Rao bound, with their sentences, tables and files.
 
-A linear-Gaussian estimator with data information F and prior information P0 about theta0 has the
-posterior covariance P = (F + P0)^-1 and the estimate P F theta_data + P P0 theta0. The prior is the
-same for all records. The estimates therefore have the covariance P F P, smaller than P, and the
-bias P P0 (theta0 - theta). A filter with several passes applies its prior in each pass.
+F is the information of the data, and P0 that of a prior about theta0. A linear estimator with
+Gaussian noise has the posterior covariance P = (F + P0)^-1 and the estimate
+P F theta_data + P P0 theta0. The prior is the same for all records. Over many records the estimates
+therefore have the covariance P F P, smaller than P, and the bias P P0 (theta0 - theta). A filter
+with several passes applies its prior in each pass.
 """
 
 from __future__ import annotations
@@ -49,29 +50,30 @@ from sim.errors import FlightidError
 from sim.record import Record
 from sim.truth.flight import Truth
 
-# ---- Bound of an estimator with a method's priors on a campaign's flight
+# ---- Cramer-Rao bound for the flight of a campaign and the priors of its method
 
-WIDE_PRIOR_FACTOR = 30.0  # widens priors until they add no information
-_DIFFERENCE_STEP_SHARE = 1e-4  # step of finite differences, share of a parameter
-_RESOLVED_SINGULAR_VALUE_SHARE = (
-    1e-10  # share of the largest singular value that finite differences resolve
-)
+WIDE_PRIOR_FACTOR = 30.0  # factor on priors, after which they add no information
+OPEN_PRIOR_FACTOR = 1e3  # a data bound of more prior sigmas is rounding error
+_DIFFERENCE_STEP_SHARE = 1e-4  # step of finite differences, as a share of a parameter
+# Finite differences do not resolve singular values below this share of the largest one.
+_RESOLVED_SINGULAR_VALUE_SHARE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Cramer-Rao bound at the reference values; ``(n,)`` in the parameters' units.
+    """Cramer-Rao bound at the reference values; shape ``(n,)``, in the units of the parameters.
 
     Attributes
     ----------
+    names : names of the parameters.
     data : least standard deviation of an unbiased estimate without priors; infinite if the record
         does not determine the parameter.
-    scatter : least standard deviation over runs of an estimate with the method's priors.
+    scatter : least standard deviation over runs of an estimate with the priors of the method.
     pull : bias that these priors cause.
     stated : standard deviation that the estimate with priors reports.
-    gain : ``(n, n)``, maps the scores ``slopes' residuals`` to estimates.
-    slopes : ``(M, n)``, sensitivities in units of the noise, orthogonal to those of initial states
-        and biases; None with process noise.
+    gain : shape ``(n, n)``; times the scores ``slopes.T @ residuals`` it gives estimates.
+    slopes : sensitivities in units of the noise, shape ``(M, n)``, orthogonal to those of initial
+        states and biases; None with process noise.
     """
 
     names: tuple[str, ...]
@@ -99,28 +101,27 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
     if any(not noise.measurement_std[name] > 0.0 for name in estimation.outputs):
         return None  # no bound without noise
     slopes: np.ndarray | None = None
+    with_noise = model.with_noise(noise)
     try:
         if common.truth.process_density:
-            data: np.ndarray | None = _forced(
-                estimation, model.with_noise(noise), common.record, common.truth
+            data = _information_with_process_noise(
+                estimation, with_noise, common.record, common.truth
             )
         else:
-            slopes = _calm(estimation, model.with_noise(noise), common.record, names)
+            slopes = _slopes(estimation, with_noise, common.record, names)
             data = slopes.T @ slopes
     except (FlightidError, np.linalg.LinAlgError):
         return None
     if data is None or not np.all(np.isfinite(data)):
         return None
-    return replace(
-        _with_priors(estimation, names, data, np.array([common.reference[name] for name in names])),
-        slopes=slopes,
-    )
+    reference = np.array([common.reference[name] for name in names])
+    return replace(_with_priors(estimation, names, data, reference), slopes=slopes)
 
 
-def _calm(
+def _slopes(
     estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]
 ) -> np.ndarray:
-    """Return `Bound.slopes` of a record without process noise."""
+    """Return ``Bound.slopes`` of a record without process noise."""
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
     else:
@@ -131,17 +132,17 @@ def _calm(
             )
         system = biased_system(estimation, model)
     levels = np.array([model.noise.measurement_std[name] for name in system.output_names])
-    found, slopes = weighted_sensitivities(record, system, levels)
-    return np.asarray(slopes[:, [found.index(name) for name in names]])
+    parameters, slopes = weighted_sensitivities(record, system, levels)
+    return np.asarray(slopes[:, [parameters.index(name) for name in names]])
 
 
-def _forced(
+def _information_with_process_noise(
     estimation: Estimation, model: Model, record: Record, truth: Truth
 ) -> np.ndarray | None:
-    """Return the information ``(n, n)`` with process noise.
+    """Return the information of a record with process noise, shape ``(n, n)``.
 
-    From a Kalman filter with the true noise levels on exact data, so that it stays linearised at
-    the reference.
+    It is that of a Kalman filter with the true noise levels. The filter runs over data without
+    noise, so that it stays linearised at the reference values.
     """
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
@@ -152,135 +153,155 @@ def _forced(
         return None
     exact = replace(
         record,
-        outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs),
+        outputs=tuple(
+            replace(output, values=truth.outputs[output.name]) for output in record.outputs
+        ),
     )
     with_prior = replace(model, parameters=model.parameters.with_prior(prior))
-    once = replace(estimation, method="ekf", passes=1)
-    found = run_ekf(
-        exact, compiled(once, with_prior), filter_settings(once), by=filter_batched
-    ).only(free)
-    information = np.linalg.inv(found.covariance) - np.diag(
-        [prior[name] ** -2.0 for name in found.names]
-    )
-    order = [found.names.index(name) for name in free]
+    one_pass = replace(estimation, method="ekf", passes=1)
+    system, settings = compiled(one_pass, with_prior), filter_settings(one_pass)
+    estimate = run_ekf(exact, system, settings, by=filter_batched).only(free)
+    prior_information = np.diag([prior[name] ** -2.0 for name in estimate.names])
+    information = np.linalg.inv(estimate.covariance) - prior_information
+    order = [estimate.names.index(name) for name in free]
     return np.asarray(information[np.ix_(order, order)])
 
 
 def _with_priors(
     estimation: Estimation, names: tuple[str, ...], data: np.ndarray, reference: np.ndarray
 ) -> Bound:
-    alone, _ = inverse_information(data)
-    alone_std = np.sqrt(np.diag(alone))
+    """Return the bound for the information ``data`` and the priors of an estimation."""
+    data_covariance, _ = inverse_information(data)
+    data_std = np.sqrt(np.diag(data_covariance))
     prior = np.array([estimation.start[name].std for name in names])
     if estimation.method in FILTERS or estimation.use_priors:
         passes = estimation.passes if estimation.method in FILTERS else 1
         start = np.array([estimation.start[name].value for name in names])
-        stated, gain, left = _passes(data, prior, passes, estimation.spread)
+        stated, gain, start_gain = _passes(data, prior, passes, estimation.spread)
         scatter = np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0))
-        pull = left @ (start - reference)
+        pull = start_gain @ (start - reference)
     else:
-        stated, scatter, pull, gain = alone_std, alone_std, np.zeros(len(names)), alone
-    # A bound a thousand times the prior sigma is rounding error: the record leaves it open.
-    open_ = alone_std > 1e3 * np.where(np.isfinite(prior), prior, np.inf)
-    return Bound(names, np.where(open_, np.inf, alone_std), scatter, pull, stated, gain)
+        stated, scatter, pull, gain = data_std, data_std, np.zeros(len(names)), data_covariance
+    # The record does not determine these parameters.
+    is_open = data_std > OPEN_PRIOR_FACTOR * np.where(np.isfinite(prior), prior, np.inf)
+    return Bound(names, np.where(is_open, np.inf, data_std), scatter, pull, stated, gain)
 
 
 def _passes(
     data: np.ndarray, prior: np.ndarray, passes: int, spread: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the stated deviation ``(n,)`` after the last pass, and two gains ``(n, n)``.
+    """Return what several passes of an estimator with priors report.
 
-    The gains multiply the scores of the data and the first start.
+    Parameters
+    ----------
+    data : information of the data, shape ``(n, n)``.
+    prior : prior standard deviations, shape ``(n,)``.
+    spread : largest prior of a further pass, in sigmas of the pass before.
+
+    Returns
+    -------
+    Standard deviation that the last pass states, ``(n,)``; gain of the scores of the data on the
+    estimate, ``(n, n)``; gain of the error of the first start on the estimate, ``(n, n)``.
     """
-    n, width = len(prior), prior
-    gain, left, stated = np.zeros((n, n)), np.eye(n), prior
+    n, pass_prior = len(prior), prior
+    gain, start_gain, stated = np.zeros((n, n)), np.eye(n), prior
     for _ in range(passes):
-        prior_information = np.diag(np.where(np.isfinite(width), width, np.inf) ** -2.0)
+        finite = np.where(np.isfinite(pass_prior), pass_prior, np.inf)
+        prior_information = np.diag(finite**-2.0)
         covariance = inverse_information(data + prior_information)[0]
-        gain, left = (
-            covariance + covariance @ prior_information @ gain,
-            covariance @ prior_information @ left,
-        )
+        gain = covariance + covariance @ prior_information @ gain
+        start_gain = covariance @ prior_information @ start_gain
         stated = np.sqrt(np.diag(covariance))
-        width = np.minimum(prior, spread * stated) if math.isfinite(spread) else prior
-    return stated, gain, left
+        pass_prior = np.minimum(prior, spread * stated) if math.isfinite(spread) else prior
+    return stated, gain, start_gain
 
 
 def cramer_rao(
     model: Model,
-    again: Callable[[Model], Record],
+    simulate: Callable[[Model], Record],
     noise: Mapping[str, float],
     names: Sequence[str],
     biased: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """Return the Cramer-Rao bound (standard deviation) of parameters, one record, white noise.
+    """Return the Cramer-Rao bound of parameters from one record with white noise.
 
-    Sensitivities are central differences of simulated flights, independent of any estimator.
-    Initial states and biases are unknown, too.
+    The bound is a standard deviation. Sensitivities are central differences of simulated flights,
+    independent of any estimator. Initial states and biases are unknown, too.
 
     Parameters
     ----------
-    again : simulates a model without noise.
-    noise : standard deviation by output.
+    model : the model at the values of the bound.
+    simulate : simulates a model without noise.
+    noise : standard deviation of the noise by output.
+    names : the parameters.
     biased : prior standard deviation of the bias by output; may be infinite.
     """
 
     def outputs(changed: Model) -> np.ndarray:
-        record = again(changed)
+        record = simulate(changed)
         return np.concatenate([record[name].values / std for name, std in noise.items()])
 
-    def slope(moved: Callable[[float], Model], step: float) -> np.ndarray:
-        return (outputs(moved(step)) - outputs(moved(-step))) / (2.0 * step)
+    def slope(changed_by: Callable[[float], Model], step: float) -> np.ndarray:
+        return (outputs(changed_by(step)) - outputs(changed_by(-step))) / (2.0 * step)
 
-    def valued(step: float, name: str) -> Model:
+    def with_value(step: float, name: str) -> Model:
         return model.with_values({name: model.parameters[name].value + step})
 
-    def started(step: float, name: str) -> Model:
+    def with_initial(step: float, name: str) -> Model:
         return model.with_initial(
             model.initial.with_values({name: model.initial[name].value + step})
         )
 
     columns = [
         slope(
-            partial(valued, name=name),
+            partial(with_value, name=name),
             _DIFFERENCE_STEP_SHARE * (abs(model.parameters[name].value) or 1.0),
         )
         for name in names
     ]
     columns += [
         slope(
-            partial(started, name=state.name), _DIFFERENCE_STEP_SHARE * max(abs(state.value), 1.0)
+            partial(with_initial, name=state.name),
+            _DIFFERENCE_STEP_SHARE * max(abs(state.value), 1.0),
         )
         for state in model.initial
     ]
     count = len(columns[0]) // len(noise)
     columns += [
-        np.repeat([(name == each) / std for each, std in noise.items()], count) for name in biased
+        np.repeat([(name == output) / std for output, std in noise.items()], count)
+        for name in biased
     ]
-    known = np.diag(
+    prior = np.diag(
         [*np.zeros(len(columns) - len(biased)), *(1.0 / std for std in biased.values())]
     )
-    jacobian = np.vstack([np.array(columns).T, known])
+    jacobian = np.vstack([np.array(columns).T, prior])
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = np.inf  # a state without effect on the outputs
-    # From the slopes, not from their products, which lose half of the digits.
+    # Products of the slopes would lose half of the digits.
     inverse = np.linalg.pinv(jacobian / size, rcond=_RESOLVED_SINGULAR_VALUE_SHARE)
     return dict(
         zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True)
     )
 
 
-# ---- Statistics of a campaign's runs: of each parameter, and of all together
+# ---- Statistics of a campaign's runs
 
 SIGMAS = (1, 2, 3)
-# Coverage of a normal distribution within 1, 2 and 3 standard deviations.
+# Probability of a normal distribution within 1, 2 and 3 standard deviations.
 NORMAL = {1: 0.682689492137086, 2: 0.954499736103642, 3: 0.997300203936740}
 
 
 @dataclass(frozen=True)
 class Within:
-    """Share of the runs whose interval of ``sigmas`` reported standard deviations holds the
-    reference, with its exact 95 % interval.
+    """Coverage: share of the runs whose interval contains the reference.
+
+    Attributes
+    ----------
+    sigmas : half the length of the interval, in reported standard deviations.
+    hits : number of runs whose interval contains the reference.
+    runs : number of runs.
+    share : hits over runs.
+    interval : exact 95 % interval of the share.
     """
 
     sigmas: int
@@ -291,25 +312,29 @@ class Within:
 
     @property
     def right(self) -> bool:
-        """Whether the normal distribution's share lies in the interval."""
+        """Whether the interval contains the share of a normal distribution."""
         return self.interval[0] <= NORMAL[self.sigmas] <= self.interval[1]
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterStatistics:
-    """One parameter over the sound runs, SI.
+    """One parameter over the runs that converged, SI.
 
     Attributes
     ----------
-    bias, bias_std : mean error and the standard deviation of that mean.
-    scatter, reported : standard deviation of the estimates; root mean square of the reported
-        sigmas.
-    ratio, ratio_interval : scatter over reported, with its 95 % chi-square interval.
-    coverage : within one, two and three reported sigmas.
-    bound, pull : `Bound.scatter` and `Bound.pull` of this parameter; None without a bound.
-    efficiency, efficiency_interval : variance of the bound over that of the estimates, with its
-        interval.
-    prior_share : see `Bound.prior_share`.
+    reference : value from which errors count.
+    bias : mean error.
+    bias_std : standard deviation of the mean error.
+    scatter : standard deviation of the estimates.
+    reported : root mean square of the reported sigmas.
+    ratio : scatter over reported.
+    ratio_interval : 95 % chi-square interval of the ratio.
+    coverage : coverage of one, two and three reported sigmas.
+    bound : ``Bound.scatter`` of the parameter; None without a bound.
+    pull : ``Bound.pull`` of the parameter; None without a bound.
+    efficiency : variance of the bound over that of the estimates; None without a bound.
+    efficiency_interval : 95 % interval of the efficiency.
+    prior_share : ``Bound.prior_share`` of the parameter.
     """
 
     name: str
@@ -336,14 +361,17 @@ class ParameterStatistics:
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """NEES or NIS of each run, which is chi-square distributed if the sigmas are correct.
+    """NEES or NIS of each run: chi-square distributed if the sigmas are correct.
 
     Attributes
     ----------
-    values, degrees : ``(M,)``, sum of squares and degrees of freedom of each run.
-    mean : over runs, of value over degrees.
+    name : ``"NEES"`` or ``"NIS"``.
+    values : sum of squares of each run, shape ``(M,)``.
+    degrees : degrees of freedom of each run, shape ``(M,)``.
+    mean : sum of values over sum of degrees of freedom.
     interval : contains the mean with 95 % probability if the sigmas are correct.
-    inside, inside_interval : share of the runs within their own 95 % interval; its exact interval.
+    inside : share of the runs within their own 95 % interval.
+    inside_interval : exact 95 % interval of this share.
     """
 
     name: str
@@ -362,10 +390,14 @@ class Squares:
 
 @dataclass(frozen=True, eq=False)
 class CampaignStatistics:
-    """Statistics of all parameters.
+    """Statistics of a campaign.
 
-    ``sigmas``: errors ``(n, M)`` in the sigmas that each run reports. ``nis``: None for methods
-    without innovations.
+    Attributes
+    ----------
+    parameters : statistics of each parameter.
+    sigmas : errors of each run over its reported sigmas, shape ``(n, M)``.
+    nees : normalized estimation error squared, or None.
+    nis : normalized innovation squared; None for methods without innovations.
     """
 
     parameters: tuple[ParameterStatistics, ...]
@@ -380,7 +412,7 @@ class CampaignStatistics:
 
 
 def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
-    """Return the statistics of the sound runs, and the bound at the reference values."""
+    """Return the statistics of the runs that converged, with the bound at the reference values."""
     bound = bound_of(campaign.work)
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     parameters = tuple(
@@ -397,22 +429,25 @@ def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
 
 
 def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
-    """Return the shares of normalised errors ``(M,)`` within one, two and three sigmas."""
+    """Return the coverage of one, two and three sigmas.
+
+    ``sigmas``: errors over reported sigmas, shape ``(M,)``.
+    """
     runs = len(sigmas)
-    hits = [int(np.sum(np.abs(sigmas) <= each)) for each in SIGMAS]
-    return tuple(
-        Within(each, hit, runs, hit / runs, clopper_pearson(hit, runs))
-        for each, hit in zip(SIGMAS, hits, strict=True)
-    )
+    coverage = []
+    for limit in SIGMAS:
+        hits = int(np.sum(np.abs(sigmas) <= limit))
+        coverage.append(Within(limit, hits, runs, hits / runs, clopper_pearson(hits, runs)))
+    return tuple(coverage)
 
 
 def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | None:
-    """Return the statistics of NEES or NIS over the runs that have it; None if none has."""
-    there = np.isfinite(values) & (degrees > 0)
-    if not np.any(there):
+    """Return the statistics of NEES or NIS over the runs that have it; None if no run has."""
+    has_value = np.isfinite(values) & (degrees > 0)
+    if not np.any(has_value):
         return None
-    values, degrees = values[there], degrees[there]
-    held = int(np.sum(inside(values, degrees)))
+    values, degrees = values[has_value], degrees[has_value]
+    hits = int(np.sum(inside(values, degrees)))
     interval = mean_square_interval(float(degrees.sum()))
     return Squares(
         name,
@@ -420,19 +455,24 @@ def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | Non
         degrees,
         float(values.sum() / degrees.sum()),
         interval,
-        held / len(values),
-        clopper_pearson(held, len(values)),
+        hits / len(values),
+        clopper_pearson(hits, len(values)),
     )
 
 
 def _parameter(
     spread: Spread, values: np.ndarray, std: np.ndarray, bound: Bound | None, at: int
 ) -> ParameterStatistics:
+    """Return the statistics of a parameter.
+
+    ``values`` and ``std``: estimates and reported sigmas of the runs, shape ``(M,)``. ``at``: index
+    of the parameter in the bound.
+    """
     runs = len(values)
     low, high = deviation_factors(runs)
     ratio = spread.scatter / spread.reported if spread.reported > 0.0 else float("inf")
     coverage = coverage_of((values - spread.reference) / std)
-    ours = (
+    common = (
         spread.name,
         spread.unit,
         spread.reference,
@@ -441,19 +481,19 @@ def _parameter(
         spread.scatter,
         spread.reported,
     )
-    found = ParameterStatistics(*ours, ratio, (low * ratio, high * ratio), coverage)
-    # No bound without a prior if the record leaves the parameter open.
+    without_bound = ParameterStatistics(*common, ratio, (low * ratio, high * ratio), coverage)
+    # Without a prior there is no bound if the record does not determine the parameter.
     if (
         bound is None
         or spread.scatter == 0.0
         or (np.isinf(bound.data[at]) and not bound.prior_share[at] > 0.0)
     ):
-        return found
+        return without_bound
     best = float(bound.scatter[at])
     efficiency = (best / spread.scatter) ** 2
     ends = efficiency / high**2, efficiency / low**2
     return ParameterStatistics(
-        *ours,
+        *common,
         ratio,
         (low * ratio, high * ratio),
         coverage,
@@ -465,77 +505,83 @@ def _parameter(
     )
 
 
-# ---- Statistics of a campaign for campaign.json, and as statistics.csv
+# ---- Content of campaign.json and statistics.csv
 
 
-def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
-    """Return the statistics of each parameter and of NEES and NIS; missing ones are left out."""
+def statistics_content(statistics: CampaignStatistics) -> dict[str, Any]:
+    """Return the content on each parameter, NEES and NIS; missing statistics are left out."""
     content: dict[str, Any] = {
-        "parameters": {each.name: _content_parameter(each) for each in found.parameters}
+        "parameters": {
+            parameter.name: {
+                key: value for key, value in _row_of(parameter).items() if value is not None
+            }
+            for parameter in statistics.parameters
+        }
     }
-    return content | {
-        each.name.lower(): _squares(each) for each in (found.nees, found.nis) if each is not None
-    }
+    for squares in (statistics.nees, statistics.nis):
+        if squares is not None:
+            content[squares.name.lower()] = _squares_content(squares)
+    return content
 
 
-def statistics_csv(found: CampaignStatistics) -> str:
+def statistics_csv(statistics: CampaignStatistics) -> str:
     """Return one CSV row per parameter, SI; missing values are empty."""
-    rows = [_flat(each) for each in found.parameters]
-    cells = (
-        [
-            each if isinstance(each, str) else "" if each is None else repr(each)
-            for each in row.values()
-        ]
-        for row in rows
-    )
-    return csv_text(rows[0], cells)
+    rows = [_row_of(parameter) for parameter in statistics.parameters]
+    return csv_text(rows[0], ([_cell_text(value) for value in row.values()] for row in rows))
 
 
-def _content_parameter(each: ParameterStatistics) -> dict[str, Any]:
-    return {key: value for key, value in _flat(each).items() if value is not None}
+def _cell_text(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else repr(value)
 
 
-def _flat(each: ParameterStatistics) -> dict[str, Any]:
+def _row_of(parameter: ParameterStatistics) -> dict[str, Any]:
+    """Return the statistics of a parameter by their names in files; None if one is missing."""
     row: dict[str, Any] = {
-        "parameter": each.name,
-        "unit": each.unit,
-        "runs": each.two.runs,
-        "reference": each.reference,
+        "parameter": parameter.name,
+        "unit": parameter.unit,
+        "runs": parameter.two.runs,
+        "reference": parameter.reference,
     }
     row |= {
-        "bias": each.bias,
-        "bias_std": each.bias_std,
-        "scatter": each.scatter,
-        "reported_std": each.reported,
+        "bias": parameter.bias,
+        "bias_std": parameter.bias_std,
+        "scatter": parameter.scatter,
+        "reported_std": parameter.reported,
     }
     row |= {
-        "ratio": _finite(each.ratio),
-        "ratio_low": _finite(each.ratio_interval[0]),
-        "ratio_high": _finite(each.ratio_interval[1]),
+        "ratio": _finite(parameter.ratio),
+        "ratio_low": _finite(parameter.ratio_interval[0]),
+        "ratio_high": _finite(parameter.ratio_interval[1]),
     }
-    for share in each.coverage:
+    for share in parameter.coverage:
         row |= {
             f"within_{share.sigmas}": share.share,
             f"within_{share.sigmas}_low": share.interval[0],
             f"within_{share.sigmas}_high": share.interval[1],
         }
-    low, high = each.efficiency_interval or (None, None)
-    row |= {"bound_std": each.bound, "prior_pull": each.pull, "prior_share": each.prior_share}
+    low, high = parameter.efficiency_interval or (None, None)
+    row |= {
+        "bound_std": parameter.bound,
+        "prior_pull": parameter.pull,
+        "prior_share": parameter.prior_share,
+    }
     return row | {
-        "efficiency": each.efficiency,
+        "efficiency": parameter.efficiency,
         "efficiency_low": low,
         "efficiency_high": _finite(high),
     }
 
 
-def _squares(each: Squares) -> dict[str, Any]:
-    ends = {"low": each.interval[0], "high": each.interval[1]}
+def _squares_content(squares: Squares) -> dict[str, Any]:
     return {
-        "mean": each.mean,
-        **ends,
-        "inside": each.inside,
-        "inside_low": each.inside_interval[0],
-        "inside_high": each.inside_interval[1],
+        "mean": squares.mean,
+        "low": squares.interval[0],
+        "high": squares.interval[1],
+        "inside": squares.inside,
+        "inside_low": squares.inside_interval[0],
+        "inside_high": squares.inside_interval[1],
     }
 
 
@@ -554,18 +600,20 @@ MEANINGS = {
 def squares_sentence(squares: Squares) -> str:
     """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
     low, high = squares.interval
-    sentence = (
-        "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
-    )
+    if squares.right:
+        verdict = "as it should be"
+    else:
+        verdict = "too large" if squares.mean > high else "too small"
     return (
         f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {sentence} (correct sigmas give "
+        f"{_near_one(squares.mean)}, {verdict} (correct sigmas give "
         f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
         "runs within their own 95 % interval"
     )
 
 
 def _near_one(value: float) -> str:
+    """Return a number that should be about one with three decimals; a large number without them."""
     return f"{value:.3f}" if value < 100.0 else number_text(value)
 
 
@@ -579,16 +627,16 @@ NOTE = (
 
 
 def two_digits(value: float) -> Cell:
-    """Return a deviation with two digits."""
+    """Return a table cell with two significant digits."""
     return Number(value, shown=number_text(value, value))
 
 
-def statistics_blocks(found: CampaignStatistics) -> list[Block]:
+def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
     """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
-    each = found.parameters
-    names = (Column("parameter"), [p.name for p in each])
-    shown = [(p, shown_in(p.unit, p.name)) for p in each]
-    ends = [p.efficiency_interval or (None, None) for p in each]
+    parameters = statistics.parameters
+    names = (Column("parameter"), [p.name for p in parameters])
+    shown = [(p, shown_in(p.unit, p.name)) for p in parameters]
+    ends = [p.efficiency_interval or (None, None) for p in parameters]
     sizes = table(
         "scatter against the reported sigma and the Cramer-Rao bound",
         names,
@@ -596,21 +644,21 @@ def statistics_blocks(found: CampaignStatistics) -> list[Block]:
             Column("bias ± σ", BY_ROW, printed="bias"),
             [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
         ),
-        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in each]),
-        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in each]),
-        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in each]),
+        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in parameters]),
+        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in parameters]),
+        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in parameters]),
         (
             Column("bound", BY_ROW),
             [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
         ),
-        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in each]),
+        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in parameters]),
         (Column("from", PURE), [known(low, 3) for low, _ in ends]),
         (Column("to", PURE), [known(high, 3) for _, high in ends]),
         units=[s.unit for _, s in shown],
     )
     shares: list[tuple[Column, list[Cell]]] = []
     for n in (1, 2, 3):
-        covered = [p.coverage[n - 1] for p in each]
+        covered = [p.coverage[n - 1] for p in parameters]
         parts = {
             f"within {n} σ": [within.share for within in covered],
             "from": [within.interval[0] for within in covered],
@@ -619,11 +667,13 @@ def statistics_blocks(found: CampaignStatistics) -> list[Block]:
         for heading, values in parts.items():
             column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
             shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
-    covering = table(
+    coverage = table(
         "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
         "95.4, 99.7 %)",
         names,
         *shares,
     )
-    squares = [Prose(squares_sentence(s)) for s in (found.nees, found.nis) if s is not None]
-    return [sizes, covering, Prose(NOTE, "note"), *squares]
+    squares = [
+        Prose(squares_sentence(s)) for s in (statistics.nees, statistics.nis) if s is not None
+    ]
+    return [sizes, coverage, Prose(NOTE, "note"), *squares]

@@ -1,14 +1,14 @@
 """Trials on the first runs of a campaign: noise levels by likelihood, residuals, changed methods.
 
-Noise levels of filters maximise the innovations' likelihood, summed over some runs with the
-declared start and priors (Schweppe 1965; Maine and Iliff 1981). Free are a factor on each
-measurement noise, one on the process noise of states and one on that of parameters. Whole-record
-fits estimate their measurement noise in each run; the average is used.
+The noise levels of a filter maximize the likelihood of the innovations, summed over some runs with
+the declared start and priors (Schweppe 1965; Maine and Iliff 1981). The unknowns are a factor on
+each measurement noise, a factor on the process noise of states and one on that of parameters. A fit
+of a whole record estimates the measurement noise of its run; the average over runs is used.
 
-Residuals are computed with the parameters held at the reference and fine integration steps, so
-that they do not depend on start or step. With the sensitivities S in units of the noise and the
-stated covariance P, a misfit d shifts the estimates by P S' d, and noise of autocovariance R gives
-them the covariance P S' R S P.
+Residuals are computed with the parameters fixed at the reference and with fine integration steps,
+so that they depend neither on start nor on step. S are the sensitivities in units of the noise, and
+P is the stated covariance. A misfit d shifts the estimates by P S' d. Noise of autocovariance R
+gives them the covariance P S' R S P.
 """
 
 from __future__ import annotations
@@ -27,32 +27,43 @@ from ident.statistics.residual_spectrum import autocovariance, filtered_product
 from scenarios.studies.campaign import SOUND, CampaignRuns, EstimatorRuns
 from scenarios.studies.campaign_statistics import Bound
 from scenarios.studies.declaration import FILTERS, Estimation, Start
-from scenarios.studies.estimating import Estimates, compiled, filter_settings, is_batched
+from scenarios.studies.estimating import (
+    FIT_STEP,
+    Estimates,
+    compiled,
+    filter_settings,
+    is_batched,
+)
 from sim.declaration.model import Noise
 from sim.errors import FlightidError
 from sim.record import Record
 
 # ---- Noise levels by likelihood
 
-RUNS, ALONE = 16, 4  # runs in the likelihood: batched filters, other filters
+LIKELIHOOD_RUNS, LIKELIHOOD_RUNS_ALONE = 16, 4  # runs: in a batch of filters, one by one
 LEAST, MOST = -7.0, 7.0  # bounds on the logarithm of a factor on a sigma
-BETTER_LOG_LIKELIHOOD = 2.0  # difference above which two levels differ
-# Logarithms of factors tried for process noise that the search found negligible.
-LITTLE = (-1.5, -3.5)
-# Search: step of finite differences, largest number of Newton steps and of step halvings.
-BESIDE, STEPS, HALVINGS = 0.05, 6, 4
+BETTER_LOG_LIKELIHOOD = 2.0  # two levels with a larger difference of log likelihood differ
+# Logarithms of small factors, which are tried if the search found no process noise.
+SMALL_FACTORS = (-1.5, -3.5)
+# Step of finite differences; largest numbers of Newton steps and of step halvings.
+DIFFERENCE_STEP, NEWTON_STEPS, HALVINGS = 0.05, 6, 4
 STATES, PARAMETERS = "process noise of states", "process noise of parameters"
-# Start of the search for undeclared process noise: share of a state's initial sigma in one second.
+# Undeclared process noise starts at this share of a state's initial sigma in one second.
 STARTING_NOISE_SHARE = 0.02
-SAME_LEVEL_SHARE = 0.05  # relative difference that is irrelevant in practice
+SAME_LEVEL_SHARE = 0.05  # a smaller relative difference of levels does not matter in practice
 
 
 @dataclass(frozen=True)
 class Level:
-    """Noise level of an output, or common factor on process noise.
+    """Noise level of an output, or a common factor on process noise.
 
-    ``assumed``, ``found``: standard deviations, SI; for process noise, factors on the declared
-    ones (assumed is 1 if declared, else 0). ``spread``: sigma of the logarithm of ``found``.
+    Attributes
+    ----------
+    name : the output, or what the process noise drives.
+    unit : unit of the level; 1 for a factor.
+    assumed : standard deviation, SI. Of process noise: 1 if it is declared, else 0.
+    found : standard deviation by likelihood, SI. Of process noise: factor on the declared one.
+    spread : standard deviation of the logarithm of ``found``.
     """
 
     name: str
@@ -63,18 +74,22 @@ class Level:
 
     @property
     def agrees(self) -> bool:
-        """Whether the levels do not differ significantly, or not in practice."""
+        """Whether the difference of the levels is not significant, or too small to matter."""
         if self.assumed == 0.0 or self.found == 0.0:
             return self.assumed == self.found
-        off = abs(math.log(self.found / self.assumed))
-        return off <= max(2.0 * self.spread, SAME_LEVEL_SHARE)
+        difference = abs(math.log(self.found / self.assumed))
+        return difference <= max(2.0 * self.spread, SAME_LEVEL_SHARE)
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Levels found from ``runs`` runs.
+    """Noise levels by likelihood.
 
-    ``estimation``: the method with these levels; None if the method assumes no levels.
+    Attributes
+    ----------
+    items : the levels.
+    runs : number of runs that determine them.
+    estimation : the method with these levels; None if the method assumes no levels.
     """
 
     items: tuple[Level, ...]
@@ -96,41 +111,43 @@ def likely_levels(work: EstimatorRuns, seeds: Sequence[int]) -> Levels | None:
     if estimation.method == "equation-error":
         return None
     if estimation.method not in ("ekf", "ukf"):
-        records = [work.record_of(seed) for seed in seeds[:ALONE]]
-        return _averaged(work, work.estimated(estimation, records))
-    many = is_batched(replace(estimation, method="ekf"), bool(work.seen.flight.feedback))
-    records = [work.record_of(seed) for seed in seeds[: RUNS if many else ALONE]]
-    return _searched(work, records, many)
+        records = [work.record_of(seed) for seed in seeds[:LIKELIHOOD_RUNS_ALONE]]
+        return _average_levels(work, work.estimated(estimation, records))
+    batched = is_batched(replace(estimation, method="ekf"), bool(work.seen.flight.feedback))
+    count = LIKELIHOOD_RUNS if batched else LIKELIHOOD_RUNS_ALONE
+    records = [work.record_of(seed) for seed in seeds[:count]]
+    return _searched_levels(work, records, batched)
 
 
-def _averaged(work: EstimatorRuns, found: Estimates) -> Levels:
+def _average_levels(work: EstimatorRuns, estimates: Estimates) -> Levels:
+    """Return the rms over runs of the noise levels that fits of whole records estimate."""
     model = work.common.model
     units = {signal.name: signal.unit for signal in model.equations.outputs}
     items = []
-    for name, levels in zip(found.outputs, found.noise_std, strict=True):
+    for name, levels in zip(estimates.outputs, estimates.noise_std, strict=True):
         count = levels.size
         mean = float(np.sqrt(np.mean(levels**2)))
         spread = float(np.std(np.log(levels), ddof=1)) / count**0.5 if count > 1 else math.inf
         items.append(Level(name, units[name], model.noise.measurement_std[name], mean, spread))
-    return Levels(tuple(items), found.noise_std.shape[1], None)
+    return Levels(tuple(items), estimates.noise_std.shape[1], None)
 
 
-def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Levels:
+def _searched_levels(work: EstimatorRuns, records: Sequence[Record], batched: bool) -> Levels:
+    """Return the noise levels of a filter by a search for the largest likelihood."""
     plan = _Plan.of(work)
-    cost = _cost_of(work, plan, records, many)
+    cost = _cost_of(work, plan, records, batched)
     theta, first = np.zeros(plan.size), len(plan.outputs)
     value = cost(theta)
     for at in range(first, plan.size):
         # The likelihood is flat towards zero process noise, so zero is compared explicitly.
-        theta, value = _better(
-            cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD if plan.declared else 0.0
-        )
+        allowed = BETTER_LOG_LIKELIHOOD if plan.declared else 0.0
+        theta, value = _better(cost, theta, value, at, -math.inf, allowed)
     theta, value, spreads = _newton(cost, theta, value)
-    gone = [at for at in range(first, plan.size) if math.isinf(theta[at])]
-    for at in gone:
-        for little in LITTLE:
-            theta, value = _better(cost, theta, value, at, little, -BETTER_LOG_LIKELIHOOD)
-    if any(math.isfinite(theta[at]) for at in gone):
+    at_zero = [at for at in range(first, plan.size) if math.isinf(theta[at])]
+    for at in at_zero:
+        for small in SMALL_FACTORS:
+            theta, value = _better(cost, theta, value, at, small, -BETTER_LOG_LIKELIHOOD)
+    if any(math.isfinite(theta[at]) for at in at_zero):
         theta, value, spreads = _newton(cost, theta, value)
     for at in range(first, plan.size):
         if math.isfinite(theta[at]):
@@ -146,35 +163,35 @@ def _better(
     tried: float,
     allowed: float,
 ) -> tuple[np.ndarray, float]:
-    """Return ``theta`` and its cost, with entry ``at`` set to ``tried`` if the cost permits.
+    """Return ``theta`` with entry ``at`` set to ``tried`` if its cost permits, and the cost.
 
-    ``allowed``: largest increase of the cost.
+    ``value``: cost of ``theta``. ``allowed``: largest increase of the cost.
     """
-    other = theta.copy()
-    other[at] = tried
-    costs = cost(other)
-    return (other, costs) if costs <= value + allowed else (theta, value)
+    trial = theta.copy()
+    trial[at] = tried
+    trial_cost = cost(trial)
+    return (trial, trial_cost) if trial_cost <= value + allowed else (theta, value)
 
 
 def _newton(
     cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return the minimum of the cost, its value and the sigmas of the logarithms by curvature.
+    """Return the minimum of the cost, its value, and the sigmas of the logarithms by its curvature.
 
-    Newton steps in each logarithm separately: they are nearly uncorrelated.
+    Each logarithm has its own Newton step, since the logarithms are nearly uncorrelated.
     """
     spreads = np.full(len(theta), math.inf)
     moving = np.flatnonzero(np.isfinite(theta))
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         slope, curvature = np.zeros(len(theta)), np.zeros(len(theta))
         for at in moving:
             sides = []
             for sign in (-1.0, 1.0):
                 beside = theta.copy()
-                beside[at] += sign * BESIDE
+                beside[at] += sign * DIFFERENCE_STEP
                 sides.append(cost(beside))
-            slope[at] = (sides[1] - sides[0]) / (2.0 * BESIDE)
-            curvature[at] = (sides[0] - 2.0 * value + sides[1]) / BESIDE**2
+            slope[at] = (sides[1] - sides[0]) / (2.0 * DIFFERENCE_STEP)
+            curvature[at] = (sides[0] - 2.0 * value + sides[1]) / DIFFERENCE_STEP**2
         curved = curvature > 0.0
         newton = np.divide(-slope, curvature, out=-np.sign(slope), where=curved)
         spreads = np.where(curved, 1.0 / np.sqrt(np.where(curved, curvature, 1.0)), math.inf)
@@ -196,9 +213,15 @@ def _newton(
 
 @dataclass(frozen=True)
 class _Plan:
-    """Unknowns of the search: measurement noise by output, and groups of process noise.
+    """Unknowns of the search: factors on the noise of outputs and on groups of process noise.
 
-    ``outputs``: assumed levels. ``groups``: spectral densities at a factor of one.
+    Attributes
+    ----------
+    estimation : the method.
+    outputs : assumed noise level by output.
+    units : unit by output.
+    groups : spectral densities of each group of process noise for a factor of one.
+    declared : whether the method declares process noise.
     """
 
     estimation: Estimation
@@ -214,9 +237,9 @@ class _Plan:
         outputs = {name: model.noise.measurement_std[name] for name in system.output_names}
         units = {signal.name: signal.unit for signal in model.equations.outputs}
         density = estimation.process_noise or {
-            name: (STARTING_NOISE_SHARE * each.std) ** 2
-            for name, each in estimation.initial.items()
-            if 0.0 < each.std < math.inf
+            name: (STARTING_NOISE_SHARE * start.std) ** 2
+            for name, start in estimation.initial.items()
+            if 0.0 < start.std < math.inf
         }
         states = {name: value for name, value in density.items() if name not in estimation.start}
         parameters = {name: value for name, value in density.items() if name in estimation.start}
@@ -230,65 +253,60 @@ class _Plan:
         return len(self.outputs) + len(self.groups)
 
     def noise(self, theta: np.ndarray) -> Noise:
-        """Return the levels at logarithms of factors on standard deviations ``(size,)``."""
+        """Return the noise for logarithms of the factors on standard deviations, ``(size,)``."""
         factors = np.exp(theta)
-        told = {
+        measurement = {
             name: float(value * factor)
             for (name, value), factor in zip(self.outputs.items(), factors, strict=False)
         }
         density: dict[str, float] = {}
-        for group, factor in zip(self.groups.values(), factors[len(told) :], strict=True):
+        for group, factor in zip(self.groups.values(), factors[len(measurement) :], strict=True):
             density |= {
                 name: float(value * factor**2) for name, value in group.items() if factor > 0.0
             }
-        return Noise(told, density)
+        return Noise(measurement, density)
 
     def changed(self, theta: np.ndarray) -> Estimation:
+        """Return the method with the noise at these logarithms."""
         noise = self.noise(theta)
         return replace(
             self.estimation, noise_std=noise.measurement_std, process_noise=noise.process_density
         )
 
     def levels(self, theta: np.ndarray, spreads: np.ndarray) -> tuple[Level, ...]:
-        found = np.exp(theta)
-        ours = [
-            Level(name, self.units[name], value, float(value * found[at]), float(spreads[at]))
+        """Return the levels at these logarithms, which have the sigmas ``spreads``."""
+        factors, assumed = np.exp(theta), 1.0 if self.declared else 0.0
+        measurement = [
+            Level(name, self.units[name], value, float(value * factors[at]), float(spreads[at]))
             for at, (name, value) in enumerate(self.outputs.items())
         ]
-        first = len(ours)
-        forced = [
-            Level(
-                name,
-                "1",
-                1.0 if self.declared else 0.0,
-                float(found[first + at]),
-                float(spreads[first + at]),
-            )
-            for at, name in enumerate(self.groups)
+        process = [
+            Level(name, "1", assumed, float(factors[at]), float(spreads[at]))
+            for at, name in enumerate(self.groups, start=len(measurement))
         ]
-        return (*ours, *forced)
+        return (*measurement, *process)
 
 
 def _cost_of(
-    work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: bool
+    work: EstimatorRuns, plan: _Plan, records: Sequence[Record], batched: bool
 ) -> Callable[[np.ndarray], float]:
     """Return minus the log likelihood of all records as a function of the logarithms."""
     model, estimation = work.common.model, work.estimation
     # Fine steps, so that integration error does not count as noise.
-    once = filter_settings(
+    one_pass = filter_settings(
         replace(estimation, integration="rk4", terms=3 if estimation.terms else 0, passes=1)
     )
     names = compiled(estimation, model).output_names
-    z = np.stack([record.output_array(names)[0] for record in records], axis=2) if many else None
+    z = np.stack([record.output_array(names)[0] for record in records], axis=2) if batched else None
 
     def cost(theta: np.ndarray) -> float:
         system = compiled(estimation, model.with_noise(plan.noise(theta)))
         if z is not None:
-            total = float(run_bank(records[0], system, once, z=z).log_likelihood.sum())
+            total = float(run_bank(records[0], system, one_pass, z=z).log_likelihood.sum())
         else:
             total = float(
                 sum(
-                    run_ekf(record, system, once, by=filter_batched).log_likelihood
+                    run_ekf(record, system, one_pass, by=filter_batched).log_likelihood
                     for record in records
                 )
             )
@@ -299,22 +317,25 @@ def _cost_of(
 
 # ---- Residuals at the reference values
 
-RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # runs used: batched methods, other methods
-HELD_PRIOR_SHARE = 1e-6  # prior sigma that holds a parameter, share of the declared one
-STEPS_PER_SAMPLE = 4
+RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # runs that are used: in a batch, one by one
+HELD_PRIOR_SHARE = 1e-6  # prior sigma over value of a parameter, by which a filter holds it
+STEPS_PER_SAMPLE = 4  # integration steps between samples
+COLOURED_SIGMAS, LEAST_COLOUR = 5.0, 0.05  # a correlation above both shows coloured noise
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Normalised residuals of m outputs, as the mean over runs (misfit) and the noise about it.
+    """Normalized residuals of m outputs: their mean over runs (misfit), and the noise about it.
 
     Attributes
     ----------
-    misfit : root mean square of the mean over runs, in noise standard deviations.
-    colour : ``(m,)``, correlation of neighbouring noise samples.
+    misfit : root mean square of the mean over runs, in standard deviations of the noise.
+    colour : correlation of neighbouring noise samples, shape ``(m,)``.
     colour_std : standard deviation of ``colour`` for white noise.
-    lags : ``(m, L)``, autocovariance of the noise.
-    valid, common : ``(m, N)``, True for measured samples; mean over runs.
+    outputs : names of the outputs.
+    lags : autocovariance of the noise, shape ``(m, L)``.
+    valid : True for measured samples, shape ``(m, N)``.
+    common : mean over runs, shape ``(m, N)``.
     """
 
     misfit: float
@@ -328,11 +349,12 @@ class Residuals:
     @property
     def coloured(self) -> bool:
         """Whether the noise of an output is not white."""
-        return bool(np.any(np.abs(self.colour) > max(5.0 * self.colour_std, 0.05)))
+        limit = max(COLOURED_SIGMAS * self.colour_std, LEAST_COLOUR)
+        return bool(np.any(np.abs(self.colour) > limit))
 
 
 def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
-    """Return the residuals of the first runs; None if the model held at the reference diverges."""
+    """Return the residuals of the first runs; None if the model at the reference diverges."""
     estimation, reference = work.estimation, work.common.reference
     model = work.common.model.with_values({name: reference[name] for name in work.parameters})
     held = {name: HELD_PRIOR_SHARE * max(abs(reference[name]), 1e-3) for name in work.parameters}
@@ -342,54 +364,56 @@ def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
     filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
     system = compiled(filtered, model)
     settings = FilterSettings(max_step=1.0 / (STEPS_PER_SAMPLE * work.seen.flight.rate))
-    many = is_batched(filtered, bool(work.seen.flight.feedback))
+    batched = is_batched(filtered, bool(work.seen.flight.feedback))
     records = [
-        work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if many else RESIDUALS_ALONE]
+        work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if batched else RESIDUALS_ALONE]
     ]
     try:
-        if many:
+        if batched:
             z = np.stack(
                 [record.output_array(system.output_names)[0] for record in records], axis=2
             )
             bank = run_bank(records[0], system, settings, z=z, keep=True)
             assert bank.innovation is not None and bank.innovation_std is not None
-            normal = bank.innovation / bank.innovation_std
-            sound = bool(np.all(bank.sound))
+            normalized = bank.innovation / bank.innovation_std
+            is_sound = bool(np.all(bank.sound))
         else:
             histories = [
                 run_ekf(record, system, settings, by=filter_batched).history for record in records
             ]
-            normal = np.stack(
+            normalized = np.stack(
                 [h.innovation / h.innovation_std for h in histories if h is not None], axis=2
             )
-            sound = normal.shape[2] == len(records)
+            is_sound = normalized.shape[2] == len(records)
     except FlightidError:
         return None
     valid = records[0].output_array(system.output_names)[1]
     return (
-        split(normal, valid, system.output_names) if sound and np.all(np.isfinite(normal)) else None
+        split(normalized, valid, system.output_names)
+        if is_sound and np.all(np.isfinite(normalized))
+        else None
     )
 
 
-def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
-    """Split normalised residuals ``(m, N, K)`` of K runs into misfit and noise."""
-    runs = normal.shape[2]
-    common = normal.mean(axis=2, keepdims=True)
-    rest = np.where(valid[:, :, None], normal - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
-    variance = np.sum(rest**2, axis=(1, 2)) / np.maximum(runs * valid.sum(axis=1), 1)
+def split(normalized: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
+    """Split normalized residuals of K runs, ``(m, N, K)``, into misfit and noise."""
+    runs = normalized.shape[2]
+    common = normalized.mean(axis=2, keepdims=True)
+    noise = np.where(valid[:, :, None], normalized - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
+    variance = np.sum(noise**2, axis=(1, 2)) / np.maximum(runs * valid.sum(axis=1), 1)
     excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(
         valid.sum(), 1
     )
     # Subtract the mean square that noise alone leaves in K runs.
     excess *= excess > 4.0 * float(variance.mean()) * np.sqrt(2.0 / max(valid.sum(), 1)) / runs
-    count = max(10, normal.shape[1] // 5)
+    count = max(10, normalized.shape[1] // 5)
     lags = np.array(
         [
-            np.mean([autocovariance(rest[i, :, run], count) for run in range(runs)], axis=0)
-            for i in range(len(rest))
+            np.mean([autocovariance(noise[i, :, run], count) for run in range(runs)], axis=0)
+            for i in range(len(noise))
         ]
     )
-    lags *= normal.shape[1] / np.maximum(valid.sum(axis=1), 1)[:, None]
+    lags *= normalized.shape[1] / np.maximum(valid.sum(axis=1), 1)[:, None]
     colour = lags[:, 1] / np.maximum(lags[:, 0], 1e-300)
     return Residuals(
         float(np.sqrt(max(excess, 0.0))),
@@ -406,16 +430,19 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
 
 
 def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Return the rms error (stated sigmas) predicted from the priors, and the prior's share."""
+    """Return the rms error that the priors predict, in stated sigmas, and ``Bound.prior_share``.
+
+    ``at``: index of the parameter.
+    """
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
 
 
 def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """Return the correction ``(n,)`` of the stated sigmas for coloured noise; None if unknown.
+    """Return the factors on the stated sigmas for coloured noise, ``(n,)``; None if unknown.
 
-    The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the
-    mean correlation of the runs.
+    They follow from the covariance of Morelli and Klein for coloured residuals (J. Guidance 20(1),
+    1997), with sensitivities at the reference and the mean autocovariance over runs.
     """
     if bound.slopes is None:
         return None
@@ -425,8 +452,8 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
     lags = residuals.lags.shape[1]
     taper = 1.0 - np.arange(lags) / lags
     coloured = np.zeros((n, n))
-    for part, found in zip(slopes.reshape(m, count, n), residuals.lags, strict=True):
-        coloured += filtered_product(part, found / found[0] * taper)
+    for part, autocovariances in zip(slopes.reshape(m, count, n), residuals.lags, strict=True):
+        coloured += filtered_product(part, autocovariances / autocovariances[0] * taper)
     white = bound.slopes.T @ bound.slopes
     variance = bound.stated**2 + np.diag(bound.gain @ (coloured - white) @ bound.gain.T)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / bound.stated)
@@ -434,29 +461,37 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
 
 # ---- First runs of a campaign repeated with a changed method
 
-TRIALS_RUNS, TRIALS_ALONE = 64, 12  # runs repeated: batched methods, other methods
-# Additional passes, each started from the previous result with this multiple of its sigmas.
-FURTHER, SPREAD = 3, 20.0
-REDUCED_NOISE_SHARE = 0.1
-FILTER_STEPS_PER_SAMPLE = 4  # in the trial with finer steps
+TRIALS_RUNS, TRIALS_ALONE = 64, 12  # runs that are repeated: in a batch, one by one
+FURTHER_PASSES = 3
+PASS_SPREAD = 20.0  # prior of a further pass, in sigmas of the pass before
+REDUCED_NOISE_SHARE = 0.1  # noise of a quiet trial over the declared noise
+FILTER_STEPS_PER_SAMPLE = 4  # integration steps between samples, in the trial with finer steps
+LONGEST_FINE_STEP = 0.02  # s, longest step of a filter for which finer steps are not tried
 
 START, TRIALS_STEPS, LEVELS = "start", "steps", "levels"
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Runs with the changes ``keys``: errors and reported sigmas ``(n, K)`` of converged runs."""
+    """Runs of a changed method.
+
+    Attributes
+    ----------
+    keys : the changes.
+    errors : errors of the runs that converged, shape ``(n, K)``.
+    std : their reported sigmas, shape ``(n, K)``.
+    """
 
     keys: tuple[str, ...]
     errors: np.ndarray
     std: np.ndarray
 
     def rms(self, at: int) -> float:
-        """Return the root mean square of a parameter's errors in reported sigmas."""
+        """Return the rms error of parameter ``at``, in reported sigmas."""
         return float(np.sqrt(np.mean((self.errors[at] / self.std[at]) ** 2)))
 
     def right(self, at: int) -> bool:
-        """Return whether the rms error is consistent with correct sigmas (99.9 %)."""
+        """Return whether the rms error of parameter ``at`` agrees with correct sigmas (99.9 %)."""
         low, high = mean_square_interval(self.errors.shape[1], 0.999)
         return low <= self.rms(at) ** 2 <= high
 
@@ -465,8 +500,15 @@ class Trial:
 class Trials:
     """First runs of a campaign, unchanged and with sets of changes; each set is computed once.
 
-    ``done``: trials by their changes. ``scale``: ``(n,)``, factors on the reported sigmas for
-    coloured noise.
+    Attributes
+    ----------
+    work : runs of the method.
+    names : names of the parameters.
+    reference : reference values, shape ``(n,)``.
+    seeds : seeds of the runs.
+    changes : changed method by change.
+    done : trials that were computed, by their changes.
+    scale : factors on the reported sigmas for coloured noise, shape ``(n,)``.
     """
 
     work: EstimatorRuns
@@ -481,13 +523,11 @@ class Trials:
     def of(
         cls, campaign: CampaignRuns, levels: Levels | None, scale: np.ndarray | None = None
     ) -> Trials:
-        """Try the changes on the first sound runs."""
+        """Return the trials of a campaign, on its first runs that converged; none is computed."""
         work = campaign.work
-        many = is_batched(campaign.estimation, bool(campaign.scenario.flight.feedback))
-        seeds = tuple(
-            int(seed)
-            for seed in campaign.seeds[campaign.kept][: TRIALS_RUNS if many else TRIALS_ALONE]
-        )
+        batched = is_batched(campaign.estimation, bool(campaign.scenario.flight.feedback))
+        count = TRIALS_RUNS if batched else TRIALS_ALONE
+        seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept][:count])
         reference = np.array([spread.reference for spread in campaign.spreads])
         return cls(
             work,
@@ -522,64 +562,62 @@ class Trials:
     ) -> Trial | None:
         """Return a trial of a changed method; None if fewer than half of the runs converge."""
         try:
-            found = self.work.estimated(estimation, records)
+            estimates = self.work.estimated(estimation, records)
         except FlightidError:
             return None
-        order = [found.names.index(name) for name in self.names]
-        values = found.values[order]
-        std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T[order], 0.0))
-        sound = np.array([outcome == SOUND for outcome in found.outcomes]) & np.all(
+        order = [estimates.names.index(name) for name in self.names]
+        values = estimates.values[order]
+        std = np.sqrt(np.maximum(np.diagonal(estimates.covariance, axis1=1, axis2=2).T[order], 0.0))
+        converged = np.array([outcome == SOUND for outcome in estimates.outcomes]) & np.all(
             np.isfinite(values) & (std > 0.0), axis=0
         )
-        if 2 * np.sum(sound) < len(self.seeds):
+        if 2 * np.sum(converged) < len(self.seeds):
             return None
         return Trial(
-            keys, values[:, sound] - self.reference[:, None], self.scale[:, None] * std[:, sound]
+            keys,
+            values[:, converged] - self.reference[:, None],
+            self.scale[:, None] * std[:, converged],
         )
 
 
 def _changes(
     work: EstimatorRuns, levels: Levels | None, reference: np.ndarray
 ) -> Mapping[str, Estimation]:
-    """Return the possible changes of a method, each as the estimation with it."""
+    """Return the changed method for each possible change."""
     estimation = work.estimation
     if estimation.method == "equation-error":
         return {}
-    out = {}
+    changes = {}
     if estimation.method in FILTERS:
-        out[START] = replace(
-            estimation, passes=estimation.passes + FURTHER, spread=min(estimation.spread, SPREAD)
+        changes[START] = replace(
+            estimation,
+            passes=estimation.passes + FURTHER_PASSES,
+            spread=min(estimation.spread, PASS_SPREAD),
         )
         step = 1.0 / (FILTER_STEPS_PER_SAMPLE * work.seen.flight.rate)
         if (
             estimation.integration != "rk4"
             or 0 < estimation.terms < 3
-            or min(estimation.max_step, FILTER_STEPS_PER_SAMPLE * step) > 0.02
+            or min(estimation.max_step, FILTER_STEPS_PER_SAMPLE * step) > LONGEST_FINE_STEP
         ):
-            out[TRIALS_STEPS] = replace(
+            changes[TRIALS_STEPS] = replace(
                 estimation, integration="rk4", terms=3, max_step=min(estimation.max_step, step)
             )
         if levels is not None and levels.estimation is not None and not levels.agree:
-            out[LEVELS] = levels.estimation
-        return out
+            changes[LEVELS] = levels.estimation
+        return changes
     truth = dict(zip(work.parameters, reference.tolist(), strict=True))
-    out[START] = replace(
+    changes[START] = replace(
         estimation,
         start={
             name: Start(truth.get(name, start.value), start.std)
             for name, start in estimation.start.items()
         },
     )
-    finer = (
-        min(estimation.max_step, 0.01) / FILTER_STEPS_PER_SAMPLE
-        if math.isfinite(estimation.max_step)
-        else 0.01 / FILTER_STEPS_PER_SAMPLE
-    )
-    return (
-        out
-        if estimation.own is not None
-        else {**out, TRIALS_STEPS: replace(estimation, max_step=finer)}
-    )
+    if estimation.own is None:
+        finer = min(estimation.max_step, FIT_STEP) / FILTER_STEPS_PER_SAMPLE
+        changes[TRIALS_STEPS] = replace(estimation, max_step=finer)
+    return changes
 
 
 def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation:
@@ -597,35 +635,41 @@ def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation
 
 
 def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
-    """Return the smallest set of changes that corrects the sigma, by index of the parameter."""
-    out: dict[int, Trial] = {}
-    first = trials.trial(())
+    """Return, for each parameter, the trial of the smallest set of changes that corrects its sigma.
+
+    ``at``: indices of the parameters. A parameter without such a set is not in the result.
+    """
+    correcting: dict[int, Trial] = {}
+    unchanged = trials.trial(())
     for keys in trials.subsets:
-        if len(out) == len(at):
+        if len(correcting) == len(at):
             break
         trial = trials.trial(keys)
-        if trial is not None:
+        if trial is None:
+            continue
+        for parameter in at:
+            if parameter in correcting or not trial.right(parameter):
+                continue
             # The scale for coloured noise may be enough without any change.
-            out |= {
-                one: trial
-                for one in at
-                if one not in out and trial.right(one) and (not keys or _nearer(trial, first, one))
-            }
-    return out
+            if not keys or _nearer(trial, unchanged, parameter):
+                correcting[parameter] = trial
+    return correcting
 
 
-def _nearer(trial: Trial, first: Trial | None, at: int) -> bool:
+def _nearer(trial: Trial, unchanged: Trial | None, at: int) -> bool:
     """Return whether a change at least halves the error of the sigma.
 
     With few runs, a nearly correct sigma passes the test even without the change.
     """
-    return first is None or abs(math.log(trial.rms(at))) < 0.5 * abs(math.log(first.rms(at)))
+    return unchanged is None or abs(math.log(trial.rms(at))) < 0.5 * abs(
+        math.log(unchanged.rms(at))
+    )
 
 
 def quiet_trial(trials: Trials) -> Trial | None:
     """Return the runs with a tenth of the noise.
 
-    In sigmas, a bias caused by noise becomes a tenth, any other bias ten times as large.
+    In sigmas, a bias that noise causes is then a tenth; any other bias is ten times as large.
     """
     work = trials.work
     noise = {
@@ -633,11 +677,11 @@ def quiet_trial(trials: Trials) -> Trial | None:
         for name, value in work.common.truth.noise_std.items()
         if value > 0.0
     }
-    told = {
+    measurement = {
         name: REDUCED_NOISE_SHARE * value
         for name, value in work.common.model.noise.measurement_std.items()
     }
-    estimation = replace(work.estimation, flown_noise_std=noise, noise_std=told)
+    estimation = replace(work.estimation, flown_noise_std=noise, noise_std=measurement)
     quiet = EstimatorRuns(work.scenario, estimation)
     records = [quiet.record_of(seed) for seed in trials.seeds]
     return trials.of_records(("quiet",), estimation, records)

@@ -1,4 +1,7 @@
-"""The comparison file of a study: true, estimated and published values as strict JSON."""
+"""The file ``comparison.json`` of a study: true, estimated and published values.
+
+Also the explanations that accompany the numbers of a study.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ DISTANCES = {  # values of the scenario's key ``distance``
     "effect missing": "the model lacks an effect that acts in flight",
     "nothing missing": "the model lacks nothing",
 }
-# origins that need a note for a published aircraft
+# Origins of numbers of a published aircraft that need a note.
 STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)
 _MODAL = re.compile(
     r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)"
@@ -54,11 +57,13 @@ _MODAL = re.compile(
 
 
 def reference_lines(rows: Sequence[Row], estimation: Estimation) -> list[str]:
-    """Return explanations of the columns of condensed and of published values, if a table has
-    them.
-    """
-    condensed = [CONDENSED] if any(row.condensed is not None for row in rows) else []
-    return condensed + ([SEE_PAPERS] if estimation.published is not None else [])
+    """Return explanations of condensed and of published values, if a table has them."""
+    explanations = []
+    if any(row.condensed is not None for row in rows):
+        explanations.append(CONDENSED)
+    if estimation.published is not None:
+        explanations.append(SEE_PAPERS)
+    return explanations
 
 
 def distance_text(distance: str) -> str:
@@ -67,7 +72,7 @@ def distance_text(distance: str) -> str:
 
 
 def choice_lines(choices: Sequence[Choice]) -> list[str]:
-    """Return one line a choice: key, value and reason."""
+    """Return a line for each choice, with key, value and reason."""
     return [f"{choice.key} = {choice.value}: {choice.reason}" for choice in choices]
 
 
@@ -104,21 +109,24 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
 
 
 def vehicle_line(flight: FlightPlan) -> str:
-    """Return one line on unprinted or changed numbers of the vehicle; empty if there are none."""
+    """Return a line on numbers of the vehicle that its source does not print as they are flown.
+
+    Empty if there are none.
+    """
     texts = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
     texts += [
         f"{name} flies with {flies}, printed {printed}"
         for name, (flies, printed) in misprints(flight).items()
     ]
-    return (
-        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(texts)}"
-        if texts
-        else ""
-    )
+    if not texts:
+        return ""
+    return f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(texts)}"
 
 
 def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
-    """Return printed and used value of each number that differs from the paper, by name."""
+    """Return, for each number that differs from the paper, the value that flies and the printed
+    value.
+    """
     if flight.own is not None:
         return {}
     modes = [
@@ -134,8 +142,9 @@ def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
 
 
 def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any]:
-    """Return the values of an estimation's flight that replace the scenario's, by key, SI; empty if
-    it uses the scenario's own.
+    """Return the values by which an estimation's flight differs from the scenario's, SI, by key.
+
+    Empty if the estimation uses the flight of the scenario.
     """
     if estimation.flight is None:
         return {}
@@ -143,11 +152,11 @@ def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any
         (item.name, getattr(scenario.flight, item.name), getattr(estimation.flight, item.name))
         for item in fields(FlightPlan)
     )
-    return {name: theirs for name, ours, theirs in pairs if theirs != ours}
+    return {name: changed for name, declared, changed in pairs if changed != declared}
 
 
 def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
-    """Return a line on an estimation's own flight and its `distance_text`; empty without one."""
+    """Return a line on the own flight of an estimation; empty if it has none."""
     if estimation.flight is None:
         return ""
     changed = "; ".join(
@@ -159,6 +168,7 @@ def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
 
 
 def _worded(name: str, value: Any) -> str:
+    """Return a value of a flight with its unit; ``name``: its key."""
     unit = {"duration": " s", "step": " s", "rate": " Hz"}.get(name, "")
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {entry:.4g}" for key, entry in value.items()) + " (SI)"
@@ -178,11 +188,15 @@ HEADINGS = (
     "share_from_prior",
     "claimed_std",
 )
-MOST_WRITTEN_PARTS = 6  # parts of a direction that are written
+MOST_WRITTEN_PARTS = 6  # largest parts of a direction, which are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
-    """Return counts, strengths, directions, and the sources of each parameter, for JSON."""
+    """Return what record and priors determine, as content of a JSON file.
+
+    A direction is a combination of parameters that the record determines by itself, with its
+    strength.
+    """
     found = method.found
     return {
         "parameters_estimated": len(found.names),
@@ -223,6 +237,7 @@ def determination_csv(methods: Sequence[MethodDetermination]) -> str:
 def _rows(
     method: MethodDetermination,
 ) -> list[tuple[str, np.float64, np.float64, np.float64, np.float64]]:
+    """Return name, prior and posterior sigma, prior share and claimed sigma by parameter."""
     found = method.found
     return list(
         zip(
@@ -249,31 +264,30 @@ def engine_label(estimation: Estimation) -> str:
 
 
 def engine_line(estimations: Sequence[Estimation]) -> str:
-    """Return ``"engine: filterpy ExtendedKalmanFilter"``; empty without a filter.
+    """Return a line such as ``engine: filterpy ExtendedKalmanFilter``; empty without a filter.
 
-    Several engines are listed with their methods.
+    If there are several engines, each has its methods.
     """
     methods: dict[str, list[str]] = {}
-    for each in estimations:
-        if label := engine_label(each):
-            methods.setdefault(label, []).append(each.name)
-    if not methods:
-        return ""
-    several = len(methods) > 1
-    return "engine: " + "; ".join(
-        f"{label} ({', '.join(names)})" if several else label for label, names in methods.items()
-    )
+    for estimation in estimations:
+        if label := engine_label(estimation):
+            methods.setdefault(label, []).append(estimation.name)
+    if len(methods) > 1:
+        texts = [f"{label} ({', '.join(names)})" for label, names in methods.items()]
+    else:
+        texts = list(methods)
+    return f"engine: {'; '.join(texts)}" if texts else ""
 
 
 def engine_content(estimation: Estimation) -> dict[str, Any]:
-    """Return ``{"engine": {...}}`` of a filter; empty for other methods."""
+    """Return the key ``engine`` of a filter with its content; empty for other methods."""
     label = engine_label(estimation)
     name = "filterpy" if estimation.method == "ukf" else estimation.engine
     return {"engine": {"name": name, "sentence": label}} if label else {}
 
 
 def bank_line(name: str, second: SecondPass | None) -> str:
-    """Return ``engine_line`` of a bank of delays, with its difference from a second engine."""
+    """Return the line on the engine of a bank of delays, with its difference from filterpy."""
     return f"engine: {bank_sentence(name, second)}"
 
 
@@ -289,8 +303,9 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
 
 
 def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
-    """Return the content of the key ``engine`` for a bank of delays; differences of means and
-    standard deviations in sigmas.
+    """Return the content of the key ``engine`` for a bank of delays.
+
+    Differences of means and standard deviations from filterpy are in sigmas.
     """
     content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
     if second is not None:
@@ -304,17 +319,18 @@ def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
     return content
 
 
-# ---- The comparison file: true, estimated and published values as strict JSON
+# ---- Content of the file
 
 SCHEMA = "flightid/comparison/1"
 DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
 def comparison(study: StudyResult) -> dict[str, Any]:
-    """Return the content of ``comparison.json`` for a scenario: the main method's figures, the
-    others under ``methods``.
+    """Return the content of ``comparison.json`` for a scenario.
+
+    The numbers of the main method stand at the top, those of other methods under ``methods``.
     """
-    out: dict[str, Any] = {
+    content: dict[str, Any] = {
         "schema": SCHEMA,
         "scenario": study.scenario.name,
         "title": study.scenario.title,
@@ -337,42 +353,45 @@ def comparison(study: StudyResult) -> dict[str, Any]:
     }
     if study.scenario.files:
         files = study.scenario.files
-        out["inputs"] = {
+        content["inputs"] = {
             "models": [file.name for file in files],
             "models_sha256": [file.sha256 for file in files],
         }
     if study.flexibility is not None:
-        out["flexibility"] = flexibility_content(study.flexibility)
+        content["flexibility"] = flexibility_content(study.flexibility)
     if study.sweep is not None:
-        out["sweep"] = sweep_content(study.sweep)
+        content["sweep"] = sweep_content(study.sweep)
     if study.repeated:
-        out["repeated"] = [_repeated(each) for each in study.repeated]
+        content["repeated"] = [_repeated(scatter) for scatter in study.repeated]
     if len(study.methods) > 1:
-        out["methods"] = {
+        content["methods"] = {
             method.estimation.name: method_content(method) | _departures(study, method)
             for method in study.methods[1:]
         }
-    return out
+    return content
 
 
 def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
-    """Return the choices of a method, and its own flight if it has one (SI)."""
+    """Return the choices of a method, and its own flight if it has one, SI."""
     estimation, flight = method.estimation, method.estimation.flight
-    out: dict[str, Any] = {"own": choices_content(estimation.choices)} if estimation.choices else {}
+    departures: dict[str, Any] = {}
+    if estimation.choices:
+        departures["own"] = choices_content(estimation.choices)
     if flight is not None:
         changed = {
             name: value
             for name, value in other_flight(study.scenario, estimation).items()
             if name != "maneuvers"
         }
-        out |= {"flight": changed, "distance": estimation.distance or study.scenario.distance}
-    return out
+        departures["flight"] = changed
+        departures["distance"] = estimation.distance or study.scenario.distance
+    return departures
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
     """Return the degree of flexibility, its threshold and the numbers behind it.
 
-    Frequencies in rad/s, derivatives in 1/rad.
+    Frequencies are in rad/s, derivatives in 1/rad.
     """
     content: dict[str, Any] = {
         "degree": found.degree,
@@ -389,21 +408,21 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
     return content | ({"separation": found.separation} if math.isfinite(found.separation) else {})
 
 
-def _repeated(each: Scatter) -> dict[str, Any]:
-    """Return one estimator's errors over repeated runs; no derivatives if no run converged."""
-    share, interval = each.within_two
-    table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
-    known = {
+def _repeated(scatter: Scatter) -> dict[str, Any]:
+    """Return the errors of an estimator over repeated runs; no derivatives if no run converged."""
+    share, interval = scatter.within_two
+    table = zip(scatter.names, scatter.units, scatter.rms, scatter.rms_sigmas, strict=True)
+    parameters = {
         name: {"rms_error": float(rms), "rms_error_sigmas": float(sigmas), "unit": unit}
         for name, unit, rms, sigmas in table
     }
     return {
-        "flight": each.flight,
-        "method": each.estimation.name,
-        "outcomes": dict(each.outcomes),
+        "flight": scatter.flight,
+        "method": scatter.estimation.name,
+        "outcomes": dict(scatter.outcomes),
         "within_two_sigma": share,
         "interval": list(interval),
-        "parameters": known if each.errors.shape[1] else {},
+        "parameters": parameters if scatter.errors.shape[1] else {},
     }
 
 
@@ -459,7 +478,7 @@ def estimate_content(
 
 
 def in_unit(row: Row, unit: str) -> Row:
-    """Return a row in another unit, e.g. beta in lb/ft2."""
+    """Return a row in another unit, such as beta in lb/ft2."""
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 
@@ -481,7 +500,7 @@ def in_unit(row: Row, unit: str) -> Row:
 
 
 def check_display(study: StudyResult) -> None:
-    """Raise DeclarationError for an impossible unit under ``display``, before writing files."""
+    """Raise DeclarationError for an impossible unit under ``display``, before files are written."""
     from sim.errors import DeclarationError
 
     rows = {row.name: row for method in study.methods for row in method.rows}
@@ -496,7 +515,8 @@ def check_display(study: StudyResult) -> None:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    out: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
+    """Return a parameter with its true, condensed and published value, if it has them."""
+    content: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
     for key, value in (
         ("true", row.true),
         ("condensed", row.condensed),
@@ -504,10 +524,10 @@ def _row(row: Row) -> dict[str, Any]:
         ("error_sigmas", row.sigmas),
     ):
         if value is not None:
-            out[key] = value
+            content[key] = value
     if row.published is not None:
-        out["published"] = {"value": row.published.value, "std": row.published.std}
-    return out
+        content["published"] = {"value": row.published.value, "std": row.published.std}
+    return content
 
 
 def _test(test: ResidualTest) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""From a scenario's flight to its record, and from a record to its estimate, one or many at once.
+"""Simulate the flight of a scenario, and estimate parameters from one record or many.
 
-An estimate uses only the record, the declaration, and constants of the vehicle file (mass,
-geometry, flight condition, modal frequencies). Every derivative comes from the declaration.
+An estimate uses only the record, the declaration of the estimation, and constants of the vehicle
+(mass, geometry, flight condition, modal frequencies). Every starting value of a derivative comes
+from the declaration.
 """
 
 from __future__ import annotations
@@ -60,11 +61,10 @@ from sim.vehicles.factory import (
 from sim.vehicles.flexibility import with_frequency_factor
 from sim.vehicles.library import VehicleData, read_parameter_set
 
-# ---- From a scenario's flight to a record and its truth
+# ---- Flight of a scenario: record and truth
 
-# s; inputs are at rest since then, earlier than any delay or filter needs
-START_OF_REST = -1e6
-SMOOTH = ("sweep", "multisine")
+START_OF_REST = -1e6  # s; inputs are at rest from then on, earlier than any delay or filter needs
+SMOOTH = ("sweep", "multisine")  # maneuvers without steps
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
 DISTANCES = {
@@ -116,8 +116,8 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
     Raises
     ------
-    DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is
-        declared for no output.
+    DeclarationError : a maneuver lacks a number or moves an unknown input, or noise is declared for
+        an unknown output.
     """
     flight = scenario.flight
     model = true_model(flight)
@@ -134,7 +134,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
     time = sample_times(flight.rate, flight.duration)
     if flight.own is not None:
-        by_input = held_alike(by_input, flight.maneuvers, time)
+        by_input = with_common_hold(by_input, flight.maneuvers, time)
     measured = [
         name
         for name in (signal.name for signal in model.equations.outputs)
@@ -154,7 +154,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
 
 def resting(model: Model) -> dict[str, float]:
-    """Return the nonzero rest values of the inputs of a user model, by name."""
+    """Return the inputs that a user model has at rest, by name; only those that are not zero."""
     names = [signal.name for signal in model.equations.inputs]
     return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
 
@@ -165,13 +165,18 @@ def maneuvers_by_input(
     place: str,
     rest: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Maneuver]:
-    """Return the sum of the maneuvers of each input, about its rest value.
+    """Return the sum of the maneuvers of each input, about its value at rest.
 
-    ``place`` is the key of the flight in messages.
+    Parameters
+    ----------
+    plans : the maneuvers.
+    inputs : names of the inputs.
+    place : key of the flight, for errors.
+    rest : value at rest by input; zero for others.
 
     Raises
     ------
-    DeclarationError : a maneuver lacks a number or moves an input that is not there.
+    DeclarationError : a maneuver lacks a number or moves an unknown input.
     """
     by_input = {name: Sum((step(value, START_OF_REST),)) for name, value in rest.items()}
     for number, plan in enumerate(plans, start=1):
@@ -189,13 +194,12 @@ def maneuvers_by_input(
     return {**by_input}
 
 
-def held_alike(
+def with_common_hold(
     by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
 ) -> dict[str, Maneuver]:
-    """Return maneuvers that one record can represent.
+    """Return maneuvers with the same behaviour of all inputs between samples, as a record has it.
 
-    Between the samples ``time`` (s), all inputs of a record are held or all are linear. If any
-    input has steps, smooth inputs are therefore held between samples, too.
+    If any input has steps, smooth inputs are held between the samples ``time`` (s), too.
     """
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
     if all(plan.kind in SMOOTH for plan in plans):
@@ -223,7 +227,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
 
     Raises
     ------
-    DeclarationError : a number that the kind needs is missing, or one is unknown to it.
+    DeclarationError : a number is missing, or the kind of maneuver has no such number.
     """
     needed, build = KINDS[plan.kind]
     for name in needed:
@@ -241,6 +245,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
     return build(plan.numbers)
 
 
+# Kind of maneuver -> numbers that it needs, and the function that makes it from them.
 KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
     "3-2-1-1": (
         ("amplitude", "unit"),
@@ -269,13 +274,13 @@ KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
 }
 
 
-# ---- From an estimation's declaration and a record to an estimate
+# ---- Estimate from a record and the declaration of an estimation
 
-FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
+FIT_STEP = 0.01  # s, longest integration step of fits of whole records
 
 
-class _Kind(NamedTuple):
-    """Names of equations: constants, required and optional derivatives, states."""
+class _Names(NamedTuple):
+    """Names in built-in equations: constants, required and optional derivatives, states."""
 
     constants: Collection[str]
     needed: Collection[str]
@@ -283,12 +288,12 @@ class _Kind(NamedTuple):
     states: Collection[str]
 
 
-_KINDS = {
-    "rigid": _Kind(RIGID_CONSTANTS, RIGID_DERIVATIVES, (), ("alpha", "q")),
-    "ballistic": _Kind(BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, (), ("altitude", "velocity")),
-    # Derivatives that are not given are held at zero, which reveals nothing of the truth.
+_NAMES = {
+    "rigid": _Names(RIGID_CONSTANTS, RIGID_DERIVATIVES, (), ("alpha", "q")),
+    "ballistic": _Names(BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, (), ("altitude", "velocity")),
+    # Optional derivatives without a value are fixed at zero, which contains nothing of the truth.
     **{
-        name: _Kind(constants, (), derivatives, tuple(signal.name for signal in equations.states))
+        name: _Names(constants, (), derivatives, tuple(signal.name for signal in equations.states))
         for name, (equations, constants, derivatives) in WHOLE_AXES.items()
     },
 }
@@ -306,13 +311,14 @@ class Result:
 def declared_model(
     estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]
 ) -> Model:
-    """Return the model an estimator starts from: constants held, ``start`` free with its priors,
-    ``held`` fixed.
+    """Return the model from which an estimator starts.
+
+    The parameters under ``start`` are free with their priors, those under ``held`` are fixed.
 
     Raises
     ------
-    DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name
-        that is unknown.
+    DeclarationError : a derivative is neither under ``start`` nor under ``held``, or a name is
+        unknown.
     """
     if estimation.own is not None:
         return own_declared(estimation, noise_std)
@@ -329,11 +335,8 @@ def declared_model(
     )
     states = {signal.name: signal for signal in model.equations.states}
     for effect in model.effects:
-        states |= (
-            {signal.name: signal for signal in effect.states}
-            if isinstance(effect, DynamicsEffect)
-            else {}
-        )
+        if isinstance(effect, DynamicsEffect):
+            states |= {signal.name: signal for signal in effect.states}
     for name in estimation.initial:
         if name not in states:
             raise DeclarationError(
@@ -351,7 +354,7 @@ def declared_model(
 
 
 def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
-    """Return the assumed measurement noise: the estimation's, else that of the sensors."""
+    """Return the noise levels that an estimation assumes: its own, else those of the sensors."""
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
@@ -365,7 +368,7 @@ def vehicle_constants(
     if estimation.own is not None:
         return {}
     data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
-    names = list(_KINDS[_kind(estimation)].constants)
+    names = list(_NAMES[_kind(estimation)].constants)
     names += [
         mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS
     ]
@@ -402,16 +405,16 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
 
 
 def _longest_step(estimation: Estimation) -> float:
-    """Return the largest integration step of a whole-record fit, s.
+    """Return the longest integration step of a fit of whole records, s.
 
-    For a user model, which may be much slower than an aircraft, the scenario's ``max_step``.
+    The step of a user model, which may be much slower than an aircraft, is ``max_step``.
     """
     declared = estimation.own is not None and math.isfinite(estimation.max_step)
     return estimation.max_step if declared else min(FIT_STEP, estimation.max_step)
 
 
 def filter_settings(estimation: Estimation) -> FilterSettings:
-    """Integration settings of a filter."""
+    """Return the integration settings and passes of a filter."""
     transition = Taylor(estimation.terms) if estimation.terms else Exponential()
     return FilterSettings(
         STEPS[estimation.integration], transition, estimation.max_step, estimation.passes
@@ -437,7 +440,8 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
         from ident.whole_record.layout import FitSettings
 
         settings = FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors)
-        calm = compiled(estimation, model.with_noise(replace(model.noise, process_density={})))
+        without_noise = model.with_noise(replace(model.noise, process_density={}))
+        calm = compiled(estimation, without_noise)
         estimate = fit_filter_error([record], system, settings, calm=calm)
     else:
         from ident.regression.equation_error import run_equation_error
@@ -447,7 +451,7 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
 
 def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
-    """Return the model started at an estimate, with priors of at most ``spread`` sigmas."""
+    """Return the model started at an estimate, with priors of at most ``spread`` of its sigmas."""
     std = {
         name: min(model.parameters[name].prior_std, spread * float(sigma))
         for name, sigma in zip(estimate.names, estimate.std, strict=True)
@@ -466,30 +470,33 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
     settings = filter_settings(estimation)
     if math.isinf(estimation.spread):
         return run(record, compiled(estimation, model), settings)
-    once = replace(settings, passes=1)
-    estimate = run(record, compiled(estimation, model), once)
+    one_pass = replace(settings, passes=1)
+    estimate = run(record, compiled(estimation, model), one_pass)
     for done in range(1, estimation.passes):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        again = run(
-            record, compiled(estimation, narrowed(model, estimate, estimation.spread)), once
-        )
-        moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
-        estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED_SIGMAS:
+        restarted = narrowed(model, estimate, estimation.spread)
+        next_estimate = run(record, compiled(estimation, restarted), one_pass)
+        change = np.abs(next_estimate.values - estimate.values) / estimate.std
+        estimate = replace(next_estimate, iterations=done + 1)
+        if np.max(change, initial=0.0) < SETTLED_SIGMAS:
             break
     return estimate
 
 
 def _kind(estimation: Estimation) -> str:
+    """Return the name of an estimation's equations; a flexible aircraft has the rigid ones."""
     return "rigid" if estimation.model == "flexible" else estimation.model
 
 
 def _only_declared(
     estimation: Estimation, kind: str, values: Mapping[str, float], place: str
 ) -> None:
-    """Refuse a derivative without a declared value: a default would be the truth's."""
-    needed = _KINDS[kind].needed
+    """Raise DeclarationError unless ``values`` has every derivative and no unknown name.
+
+    No default replaces a missing value, since it would be the true one.
+    """
+    needed = _NAMES[kind].needed
     modal = [
         name
         for name, _, must in mode_units(estimation.modes)
@@ -497,7 +504,7 @@ def _only_declared(
     ]
     known = {
         *needed,
-        *_KINDS[kind].optional,
+        *_NAMES[kind].optional,
         *modal,
         *(name for name, _, _ in mode_units(estimation.modes)),
     }
@@ -533,10 +540,12 @@ def _only_declared(
 
 
 def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in initial.items() if name in _KINDS[kind].states}
+    """Return the initial values of the states of the equations, without those of effects."""
+    return {name: value for name, value in initial.items() if name in _NAMES[kind].states}
 
 
 def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> ParameterSet:
+    """Return the initial states of equations and effects with their priors, all free."""
     for signal in model.equations.states:
         if signal.name not in initial:
             raise DeclarationError(
@@ -544,24 +553,24 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
                 where=f"{place}, key initial",
                 remedy="give its value and std",
             )
-    known = {item.name: item for item in model.initial}
+    states = {item.name: item for item in model.initial}
     items = []
     for effect in model.effects:
         for signal in effect.states if isinstance(effect, DynamicsEffect) else ():
             if signal.name in initial:
-                known[signal.name] = replace(
+                states[signal.name] = replace(
                     model.initial.items[0], name=signal.name, unit=signal.unit, source="declared"
                 )
-    for name, item in known.items():
+    for name, item in states.items():
         items.append(
             replace(item, value=initial[name].value, prior_std=initial[name].std, free=True)
         )
     return ParameterSet(tuple(items))
 
 
-# ---- Estimates of many records of one flight
+# ---- Estimates from many records of one flight
 
-# Batch sizes are multiples of this: for other sizes, linear algebra sums in another order.
+# Batch sizes are multiples of this, so that linear algebra always sums in the same order.
 BATCH_MULTIPLE = 8
 
 
@@ -571,11 +580,14 @@ class Estimates:
 
     Attributes
     ----------
-    values, covariance : ``(n, k)``, ``(k, n, n)``.
-    outcomes : codes.
-    nis, degrees : ``(k,)``, sum of the normalised innovations squared, degrees of freedom; zero
-        for methods that are no filters.
-    noise_std : ``(m, k)`` of ``outputs``, assumed or estimated.
+    names : names of the n parameters.
+    values : shape ``(n, k)``.
+    covariance : shape ``(k, n, n)``.
+    outcomes : outcome code of each run.
+    nis : sum of the normalized innovations squared, shape ``(k,)``; zero without a filter.
+    degrees : degrees of freedom of ``nis``, shape ``(k,)``; zero without a filter.
+    outputs : names of the m outputs.
+    noise_std : noise level of each output, assumed or estimated, shape ``(m, k)``.
     """
 
     names: tuple[str, ...]
@@ -589,39 +601,39 @@ class Estimates:
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
-    """Return whether runs are estimated as one batch, which needs the same inputs in all runs.
+    """Return whether runs are estimated as one batch.
 
-    With feedback the inputs differ.
+    A batch needs the same inputs in all runs; with feedback they differ.
     """
     return estimation.method == "ekf" and not feedback
 
 
 def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
     """Return the estimates of a method that takes one record at a time."""
-    own = replace(estimation, engine="batched")
-    found = [estimate_record(own, record, model).estimate for record in records]
-    histories = [each.history for each in found]
+    with_batch_engine = replace(estimation, engine="batched")
+    estimates = [estimate_record(with_batch_engine, record, model).estimate for record in records]
+    histories = [estimate.history for estimate in estimates]
     return Estimates(
-        found[0].names,
-        np.array([each.values for each in found]).T,
-        np.array([each.covariance for each in found]),
-        tuple(each.outcome.code for each in found),
+        estimates[0].names,
+        np.array([estimate.values for estimate in estimates]).T,
+        np.array([estimate.covariance for estimate in estimates]),
+        tuple(estimate.outcome.code for estimate in estimates),
         np.array([0.0 if history is None else float(history.nis.sum()) for history in histories]),
         np.array([0 if history is None else int(history.degrees.sum()) for history in histories]),
-        found[0].output_names,
-        np.array([each.noise_std for each in found]).T,
+        estimates[0].output_names,
+        np.array([estimate.noise_std for estimate in estimates]).T,
     )
 
 
 def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
     """Return the estimates of many filters as one batch.
 
-    The batch is padded, so that results do not depend on the number of runs.
+    Copies of the first record fill the batch, so that results do not depend on the number of runs.
     """
     count = len(records)
     filled = [*records, *[records[0]] * (-count % BATCH_MULTIPLE)]
     system, settings = compiled(estimation, model), filter_settings(estimation)
-    z = np.stack([each.output_array(system.output_names)[0] for each in filled], axis=2)
+    z = np.stack([record.output_array(system.output_names)[0] for record in filled], axis=2)
     degrees = int(records[0].output_array(system.output_names)[1].sum())
     n_x = len(system.states)
     if math.isinf(estimation.spread):
@@ -631,20 +643,29 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
     else:
         bank = run_bank(records[0], system, replace(settings, passes=1), z=z)
         mean, covariance, sound, nis = _narrowed_passes(estimation, records[0], system, bank, z)
-    outcomes = tuple("converged" if each else "diverged" for each in sound[:count])
-    told = np.array([[model.noise.measurement_std[name]] * count for name in system.output_names])
-    found = bank.names[n_x:], mean[n_x:, :count], covariance[:count, n_x:, n_x:]
+    assumed = [[model.noise.measurement_std[name]] * count for name in system.output_names]
     return Estimates(
-        *found, outcomes, nis[:count], np.full(count, degrees, dtype=int), system.output_names, told
+        bank.names[n_x:],
+        mean[n_x:, :count],
+        covariance[:count, n_x:, n_x:],
+        tuple("converged" if is_sound else "diverged" for is_sound in sound[:count]),
+        nis[:count],
+        np.full(count, degrees, dtype=int),
+        system.output_names,
+        np.array(assumed),
     )
 
 
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return means, covariances, success flags and NIS after further passes.
+    """Repeat the filters of a batch, each from its own estimate with narrowed priors.
 
-    Each run starts from its own result, with narrowed priors (``narrowed``).
+    ``bank``: result of the first pass. ``z``: measurements, shape ``(m, N, k)``.
+
+    Returns
+    -------
+    Means ``(n, k)``, covariances ``(k, n, n)``, success ``(k,)`` and NIS ``(k,)`` of the last pass.
     """
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
     declared = np.array(
@@ -660,24 +681,29 @@ def _narrowed_passes(
     for _ in range(1, estimation.passes):
         if active.size == 0:
             break
-        taken = np.concatenate([active, np.full(-active.size % BATCH_MULTIPLE, active[0])])
-        std = np.sqrt(np.maximum(np.diagonal(covariance[taken], axis1=1, axis2=2).T[n_x:], 0.0))
-        prior = np.repeat(declared[:, None], taken.size, axis=1)
+        batch = np.concatenate([active, np.full(-active.size % BATCH_MULTIPLE, active[0])])
+        std = np.sqrt(np.maximum(np.diagonal(covariance[batch], axis1=1, axis2=2).T[n_x:], 0.0))
+        prior = np.repeat(declared[:, None], batch.size, axis=1)
         prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std)
-        start = np.concatenate([np.repeat(first[:, None], taken.size, axis=1), mean[n_x:, taken]])
-        again = run_bank(
+        start = np.concatenate([np.repeat(first[:, None], batch.size, axis=1), mean[n_x:, batch]])
+        next_bank = run_bank(
             record,
             system,
             settings,
-            z=z[:, :, taken],
+            z=z[:, :, batch],
             start=start,
             covariance=prior.T[:, :, None] ** 2 * np.eye(len(declared)),
         )
-        kept = slice(0, active.size)
-        moved = np.max(np.abs(again.mean[n_x:] - mean[n_x:, taken]) / std, axis=0, initial=0.0)[
-            kept
-        ]
-        mean[:, active], covariance[active] = again.mean[:, kept], again.covariance[kept]
-        sound[active], nis[active] = again.sound[kept], again.nis.sum(axis=0)[kept]
-        active = active[again.sound[kept] & (moved >= SETTLED_SIGMAS)]
+        without_filling = slice(0, active.size)
+        changes = np.abs(next_bank.mean[n_x:] - mean[n_x:, batch]) / std
+        moved = np.max(changes, axis=0, initial=0.0)[without_filling]
+        mean[:, active], covariance[active] = (
+            next_bank.mean[:, without_filling],
+            next_bank.covariance[without_filling],
+        )
+        sound[active], nis[active] = (
+            next_bank.sound[without_filling],
+            next_bank.nis.sum(axis=0)[without_filling],
+        )
+        active = active[next_bank.sound[without_filling] & (moved >= SETTLED_SIGMAS)]
     return mean, covariance, sound, nis

@@ -1,10 +1,13 @@
-"""Runs a scenario: fly, estimate by every method, compare; repeated flights, determination."""
+"""Run a scenario: simulate its flight, estimate by every method, compare.
+
+Also repeats flights, and finds what a record determines of the parameters.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,17 +44,23 @@ from sim.truth.flight import Truth
 from sim.vehicles.factory import linearise
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above, flexibility
 
-# ---- A scenario's flights flown many times
+# ---- Repeated flights of a scenario
 
 RESAMPLING_SEED = 1  # fixed, so that the same runs give the same interval
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Results of one estimator on a flight simulated N times, of which M runs converged.
+    """Results of one estimator on a flight that was simulated many times.
 
-    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units;
-    ``outcomes``: number of runs by outcome code.
+    Attributes
+    ----------
+    flight : label of the flight.
+    estimation : the estimator.
+    names, units : the n derivatives and their units.
+    errors : estimate minus true value in the M runs that converged, shape ``(n, M)``.
+    std : reported sigmas, shape ``(n, M)``.
+    outcomes : number of runs by outcome code.
     """
 
     flight: str
@@ -70,29 +79,29 @@ class Scatter:
     @property
     def rms_sigmas(self) -> np.ndarray:
         """Root mean square of ``sigmas`` ``(n,)``: one if the reported sigmas are correct."""
-        return (
-            np.sqrt(np.mean(self.sigmas**2, axis=1))
-            if self.errors.shape[1]
-            else np.full(len(self.names), np.nan)
-        )
+        return _rms(self.sigmas)
 
     @property
     def rms(self) -> np.ndarray:
         """Root mean square error by derivative ``(n,)``, in its unit."""
-        return (
-            np.sqrt(np.mean(self.errors**2, axis=1))
-            if self.errors.shape[1]
-            else np.full(len(self.names), np.nan)
-        )
+        return _rms(self.errors)
 
     @property
     def within_two(self) -> tuple[float, tuple[float, float]]:
         """Coverage of 2-sigma intervals over all derivatives, with its bootstrap 95 % interval."""
         hits = np.sum(np.abs(self.sigmas) <= 2.0, axis=0)
-        share = float(hits.mean()) / len(self.names) if hits.size else 0.0
-        return share, clustered_share(
-            hits, np.full(len(hits), len(self.names)), np.random.default_rng(RESAMPLING_SEED)
-        ) if hits.size else (0.0, 1.0)
+        if not hits.size:
+            return 0.0, (0.0, 1.0)
+        share = float(hits.mean()) / len(self.names)
+        possible = np.full(len(hits), len(self.names))
+        return share, clustered_share(hits, possible, np.random.default_rng(RESAMPLING_SEED))
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square over runs of ``(n, M)``; NaN without a run."""
+    if not values.shape[1]:
+        return np.full(len(values), np.nan)
+    return np.asarray(np.sqrt(np.mean(values**2, axis=1)))
 
 
 def fly_repeatedly(
@@ -108,7 +117,8 @@ def fly_repeatedly(
     """
     if scenario.repeated is None:
         return ()
-    first, runs, found = scenario.seed if seed is None else seed, scenario.repeated.runs, []
+    first_seed, runs = scenario.seed if seed is None else seed, scenario.repeated.runs
+    scatters = []
     parts = [
         (flight, estimation)
         for flight in scenario.repeated.flights
@@ -116,20 +126,12 @@ def fly_repeatedly(
         if estimation.name in flight.methods
     ]
     for number, (flight, estimation) in enumerate(parts):
-        progress(
-            f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}", number / len(parts)
-        )
-        found.append(
-            _scatter(scenario, flight, estimation, list(_flown(scenario, flight, first, runs)))
-        )
-    return tuple(found)
-
-
-def _flown(
-    scenario: Scenario, variation: Variation, first: int, runs: int
-) -> Iterator[tuple[Record, Truth]]:
-    for seed in range(first, first + runs):
-        yield fly_scenario(replace(scenario, flight=variation.flight), seed)
+        stage = f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}"
+        progress(stage, number / len(parts))
+        changed = replace(scenario, flight=flight.flight)
+        flown = [fly_scenario(changed, first_seed + run) for run in range(runs)]
+        scatters.append(_scatter(scenario, flight, estimation, flown))
+    return tuple(scatters)
 
 
 def _scatter(
@@ -138,37 +140,45 @@ def _scatter(
     estimation: Estimation,
     flown: list[tuple[Record, Truth]],
 ) -> Scatter:
+    """Return the results of an estimator on the records of a repeated flight."""
     model = declared_model(
         estimation,
         flight_constants(variation.flight, estimation),
         assumed_noise(scenario, estimation),
     )
     names = tuple(estimation.start)
-    own = replace(estimation, engine="batched")
-    done = [estimate_record(own, record, model).estimate for record, _ in flown]
+    with_batch_engine = replace(estimation, engine="batched")
+    estimates = [estimate_record(with_batch_engine, record, model).estimate for record, _ in flown]
     true = np.array([[truth.parameters[name].value for name in names] for _, truth in flown])
-    values = np.array([[estimate.value(name) for name in names] for estimate in done])
-    std = np.array([[estimate.sigma(name) for name in names] for estimate in done])
-    settled = np.array([estimate.outcome.code == "converged" for estimate in done])
-    outcomes = Counter(estimate.outcome.code for estimate in done)
+    values = np.array([[estimate.value(name) for name in names] for estimate in estimates])
+    std = np.array([[estimate.sigma(name) for name in names] for estimate in estimates])
+    converged = np.array([estimate.outcome.code == "converged" for estimate in estimates])
+    outcomes = Counter(estimate.outcome.code for estimate in estimates)
     units = tuple(model.parameters[name].unit for name in names)
     return Scatter(
         variation.label,
         estimation,
         names,
         units,
-        (values - true)[settled].T,
-        std[settled].T,
+        (values - true)[converged].T,
+        std[converged].T,
         dict(outcomes),
     )
 
 
-# ---- What a record determines of a method's parameters, linearised at its estimate
+# ---- Determination of parameters by a record, linearised at the estimate
 
 
 @dataclass(frozen=True, eq=False)
 class MethodDetermination:
-    """Information of record and priors, and the sigmas ``claimed (n,)`` that the method reports."""
+    """What record and priors determine of the parameters of a method.
+
+    Attributes
+    ----------
+    estimation : the method.
+    found : information of record and priors.
+    claimed : sigmas that the method reports, shape ``(n,)``.
+    """
 
     estimation: Estimation
     found: Determination
@@ -176,7 +186,7 @@ class MethodDetermination:
 
     @property
     def overclaimed(self) -> tuple[str, ...]:
-        """Parameters whose reported sigma is less than record and prior together allow."""
+        """Parameters whose reported sigma is smaller than record and priors allow."""
         ratio = self.claimed / self.found.posterior_std
         return tuple(
             name
@@ -185,19 +195,19 @@ class MethodDetermination:
         )
 
 
-# Smallest ratio of reported to attainable sigma that is no overclaim: nonlinearity and estimated
-# noise change it by 10 %.
+# A smaller ratio of the reported to the attainable sigma is an overclaim. Nonlinearity and the
+# estimated noise change the ratio by 10 %.
 LEAST_SIGMA_RATIO = 0.8
 
 
 def determine(
     estimation: Estimation, record: Record, model: Model, estimate: Estimate
 ) -> MethodDetermination:
-    """Return how well ``record`` and the priors of ``model`` determine the parameters, at the
-    estimate and with the noise that the model declares.
+    """Return how well a record and the priors of a model determine the parameters.
 
-    Without process noise, which could only reduce the information. Sensor biases are unknown, as in
-    whole-record fits.
+    The sensitivities are those at the estimate, the noise levels those of the model. Process noise
+    is left out; it could only reduce the information. Sensor biases are unknown, as in fits of
+    whole records.
     """
     system = biased_system(
         estimation, model.with_values(estimate.only(model.parameters.free_names).as_dict())
@@ -212,7 +222,7 @@ def determine(
 
 # ---- Notes on a study
 
-# Ratio of posterior to prior sigma above which the prior determines more than the record.
+# With a larger ratio of posterior to prior sigma, the record hardly determines the parameter.
 LARGEST_SIGMA_SHARE_OF_PRIOR = 0.5
 
 
@@ -244,11 +254,11 @@ def prior_note(result: Result) -> str:
 
 
 def residual_note(result: Result, model: Model) -> str:
-    """Return the share of the residual's power near the elastic frequencies of ``model``.
+    """Return a note on the power of the residuals near the elastic frequencies of ``model``.
 
-    Empty for a rigid model. Periodogram of normalised innovations or residuals under a Hann window,
-    from half the lowest to 1.5 times the highest elastic frequency. If the share is at least twice
-    that of white noise, the note names the strongest frequency.
+    The note is empty for a rigid model. It has the share of the power between half the lowest and
+    1.5 times the highest elastic frequency, in the periodogram of residuals or normalized
+    innovations. If the share is above twice that of white noise, it names the strongest frequency.
     """
     elastic = elastic_frequencies(model)
     if not elastic:
@@ -259,11 +269,9 @@ def residual_note(result: Result, model: Model) -> str:
         omega, power = periodogram(row, float(np.median(np.diff(result.record.time))))
         inside = (omega >= low) & (omega <= high)
         share, white = float(power[inside].sum() / power.sum()), float(inside.mean())
-        strongest = (
-            f" (strongest at {_frequency(float(omega[np.argmax(power)]))})"
-            if share > 2.0 * white
-            else ""
-        )
+        strongest = ""
+        if share > 2.0 * white:
+            strongest = f" (strongest at {_frequency(float(omega[np.argmax(power)]))})"
         shares.append(f"{name} {100 * share:.0f} %{strongest}")
     band = (
         f"between {low:.1f} and {high:.1f} rad/s ({low / (2.0 * math.pi):.2g} and "
@@ -291,34 +299,38 @@ def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) ->
     )
     if not found.rigid_serves:
         return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model no longer serves"
-    seen = (
-        f"yet the residual shows the structure from {found.detectable:.2g} on"
-        if found.misfit > found.detectable
-        else "and too small to be noticed"
-    )
-    return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model still serves, {seen}"
+    visibility = "and too small to be noticed"
+    if found.misfit > found.detectable:
+        visibility = f"yet the residual shows the structure from {found.detectable:.2g} on"
+    verdict = f"threshold {LARGEST_MISFIT:g}: a rigid model still serves, {visibility}"
+    return degree, f"{misfit}; {verdict}"
 
 
 def _level(name: str, std: float) -> str:
+    """Return a noise level with its name and unit."""
     factor, unit = shown_in(CHANNEL_UNITS.get(name, ""), name)
     return f"{name} {factor * std:.3g}{spaced(unit)}"
 
 
 def _frequency(omega: float) -> str:
+    """Return a frequency in rad/s and in Hz."""
     return f"{omega:.3g} rad/s{in_hertz(omega, 'frequency', 'rad/s')}"
 
 
 def elastic_frequencies(model: Model) -> list[float]:
-    """Return the frequencies of a model's oscillations above the short period, rad/s, ascending;
-    empty for a rigid one.
+    """Return the frequencies of the elastic modes of a model, rad/s, ascending.
+
+    They are those of its oscillations without the slowest one, the short period.
     """
-    return sorted(
-        abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0
-    )[1:]
+    roots = np.linalg.eigvals(linearise(model).A).tolist()
+    return sorted(abs(root) for root in roots if root.imag > 0)[1:]
 
 
 def residuals_of(result: Result) -> Sequence[np.ndarray]:
-    """Return normalised innovations of a filter or residuals of a fit; zero for missing samples."""
+    """Return normalized innovations of a filter, or residuals of a fit, by output.
+
+    Each has the shape ``(N,)`` and is zero where a sample is missing.
+    """
     history = result.estimate.history
     if history is not None:
         return list(np.where(history.valid, history.innovation / history.innovation_std, 0.0))
@@ -327,8 +339,10 @@ def residuals_of(result: Result) -> Sequence[np.ndarray]:
 
 
 def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequencies (rad/s, zero left out) and power of a series under a Hann window,
-    padded to four times its length.
+    """Return frequencies above zero, rad/s, and the power of a series at each.
+
+    The series has the sample interval ``step``, s. It gets a Hann window, and zeros up to four
+    times its length.
     """
     size = 4 * len(row)
     power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(len(row)), size)) ** 2
@@ -340,7 +354,19 @@ def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodResult:
-    """Result of one method; ``truth``: of its flight, ``determination``: if the scenario asks."""
+    """Result of one method.
+
+    Attributes
+    ----------
+    result : estimation, record and estimate.
+    rows : parameters beside true and published values.
+    derived : value and sigma of modal quantities.
+    fixed : value and unit of the fixed parameters.
+    tests : tests of the residuals.
+    levels : levels of flying qualities, if the scenario declares a flight phase.
+    truth : truth of the flight.
+    determination : what the record determines, if the scenario asks for it.
+    """
 
     result: Result
     rows: tuple[Row, ...]
@@ -361,7 +387,18 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult:
-    """Results of a scenario, the main method first; ``repeated`` and ``sweep`` if declared."""
+    """Results of a scenario.
+
+    Attributes
+    ----------
+    scenario, seed : the scenario and the seed of its flight.
+    record, truth : the flight.
+    methods : results of the methods, the main one first.
+    notes : sentences on the results.
+    flexibility : degree of flexibility, if the scenario asks for it.
+    repeated : results of repeated flights, if declared.
+    sweep : results of a sweep, if declared.
+    """
 
     scenario: Scenario
     seed: int
@@ -395,22 +432,16 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        flown_scenario = seen_by(scenario, estimation)
-        seen, actual = (
-            (record, truth)
-            if flown_scenario is scenario
-            else fly_scenario(flown_scenario, chosen, f"method {estimation.name}, key flight")
-        )
-        seen = (
-            measured_again(seen, actual, estimation.flown_noise_std, chosen)
-            if estimation.flown_noise_std
-            else seen
-        )
-        methods.append(
-            _method(
-                flown_scenario, estimation, seen, actual, references(flown_scenario, estimation)
-            )
-        )
+        # A method may have a flight or noise levels of its own.
+        own_scenario = seen_by(scenario, estimation)
+        own_record, own_truth = record, truth
+        if own_scenario is not scenario:
+            where = f"method {estimation.name}, key flight"
+            own_record, own_truth = fly_scenario(own_scenario, chosen, where)
+        if estimation.flown_noise_std:
+            own_record = measured_again(own_record, own_truth, estimation.flown_noise_std, chosen)
+        condensed = references(own_scenario, estimation)
+        methods.append(_method(own_scenario, estimation, own_record, own_truth, condensed))
     return StudyResult(
         scenario,
         chosen,
@@ -423,7 +454,11 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """Return the condensed coefficients (SI) that a model with fewer modes should find, by name."""
+    """Return the coefficients that a model with fewer elastic modes should find, SI, by name.
+
+    They include the quasi-static part of the modes that the model lacks. Empty unless the scenario
+    asks for condensation.
+    """
     if not scenario.condensed:
         return EMPTY
     values = flown_vehicle(scenario.flight).values
@@ -453,6 +488,7 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
 
 
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
+    """Return the notes on priors and, for a condensed aircraft, on residuals."""
     notes = [] if scenario.determination else [prior_note(method.result) for method in methods]
     if scenario.condensed:
         notes += [
@@ -469,6 +505,7 @@ def _method(
     truth: Truth,
     condensed: Mapping[str, float],
 ) -> MethodResult:
+    """Run a method on a record; ``condensed``: the coefficients of ``references``."""
     model = declared_model(
         estimation,
         flight_constants(scenario.flight, estimation),
@@ -497,16 +534,10 @@ def _method(
     is_about_rest = estimation.model != "ballistic" and moves_about_rest(model)
     own_parameters = estimate.only(model.parameters.names)
     derived = modal_estimate(compiled(estimation, model), own_parameters) if is_about_rest else {}
-    modes = (
-        characteristics(compiled(estimation, model), own_parameters)
-        if scenario.flown is not None
-        else None
-    )
-    levels = (
-        mode_levels(modes, scenario.flown)
-        if modes is not None and scenario.flown is not None
-        else ()
-    )
+    levels: tuple[ModeLevel, ...] = ()
+    if scenario.flown is not None:
+        modes = characteristics(compiled(estimation, model), own_parameters)
+        levels = mode_levels(modes, scenario.flown) if modes is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
     found = determine(estimation, record, model, estimate) if scenario.determination else None
     return MethodResult(result, rows, derived, fixed, tests, levels, truth, found)

@@ -1,4 +1,4 @@
-"""Rows in SI units and in order of time, from the lines of a stream."""
+"""Read the lines of a stream, and convert them to rows in SI units and in the order of time."""
 
 from __future__ import annotations
 
@@ -44,18 +44,23 @@ from sim.errors import RecordError
 # ---- Complete lines as they arrive, from a file that grows or from standard input
 
 POLL_INTERVAL = 0.1  # s between reads of a source without new data
-LARGEST_PIECE = 1 << 16
+LARGEST_PIECE = 1 << 16  # bytes that are read at a time
 STANDARD_INPUT = 0  # file descriptor
-MOST_WAITING_PIECES = 16  # queued pieces of standard input
-LONGEST_LINE = 1 << 20
-_NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
+MOST_WAITING_PIECES = 16  # pieces of standard input that are read ahead
+LONGEST_LINE = 1 << 20  # bytes
+_NOT_LINES = (".gz", ".parquet", ".pq", ".mat")  # suffixes of files that are no text
 
+# Returns new bytes, empty bytes if there are none yet, None at the end of the source.
 Read = Callable[[], bytes | None]
 
 
 class Lines(NamedTuple):
-    """Complete lines without their ends, and at the end of the stream the beginning of an
-    incomplete line.
+    """New lines of a stream.
+
+    Attributes
+    ----------
+    whole : complete lines without their ends.
+    unfinished : at the end of the stream, an incomplete line.
     """
 
     whole: list[bytes]
@@ -63,17 +68,17 @@ class Lines(NamedTuple):
 
 
 def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
-    """Yield lines from a source, an empty list whenever it has nothing new.
+    """Yield the lines of a source; no line whenever the source has nothing new.
 
     Parameters
     ----------
-    read : new bytes, none if there are none after waiting a tick, None when the source has ended.
-    idle : s without a byte after which the stream counts as ended; None waits for the source's end.
-    name : for messages.
+    read : reads the source; it waits ``POLL_INTERVAL`` before it returns empty bytes.
+    idle : s; the stream ends after this time without a byte. None: it ends with the source.
+    name : name of the stream, for errors.
 
     Raises
     ------
-    RecordError : a line without end.
+    RecordError : a line is longer than ``LONGEST_LINE``.
     """
     rest, heard = b"", time.monotonic()
     while (piece := read()) is not None:
@@ -96,13 +101,13 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
 
 @contextmanager
 def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
-    """Yield pieces of a file from its beginning, and continue while it grows.
+    """Give the body a function that reads a file piece by piece, also while the file grows.
 
-    With ``until_end``, stop at the end of the file. Also stops if the file is truncated.
+    The source ends if the file becomes shorter. ``until_end``: it also ends at the end of the file.
 
     Raises
     ------
-    RecordError : no such file, a folder, no text, or it cannot be read.
+    RecordError : there is no such file, it is a folder or no text, or it cannot be read.
     """
     if not path.exists():
         raise RecordError("there is no such file", where=str(path), remedy="check the path")
@@ -137,10 +142,9 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
 
 
 def standard_input() -> Read:
-    """Source of piped input, which ends with the pipe.
+    """Return a function that reads piped input until the pipe ends.
 
-    A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
-    ahead.
+    A thread reads the pipe a few pieces ahead: Windows cannot wait for a pipe with a time limit.
     """
     pieces: queue.Queue[bytes | OSError] = queue.Queue(MOST_WAITING_PIECES)
     ended = False
@@ -176,18 +180,22 @@ def standard_input() -> Read:
     return read
 
 
-# ---- From lines to rows in SI units and in the order of time
+# ---- Rows in SI units and in the order of time
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-ROWS_AHEAD = 1.0  # s; a larger jump of the time stamps must be confirmed by the next one
+LARGEST_JUMP = 1.0  # s; the next row must confirm a larger jump of the time
 UNWRAP = re.compile(r"\bunwrap\s*\(")
 LONGEST_BRIDGED_GAP = 600.0  # s; after a longer gap the filter cannot continue
 
 
 @dataclass(frozen=True)
 class StreamSignals:
-    """Inputs and outputs that a stream is read for; ``channel_units``: all channels and their units
-    inside.
+    """Signals that are read from a stream.
+
+    Attributes
+    ----------
+    inputs, outputs : names of the channels.
+    channel_units : SI unit of every known channel.
     """
 
     inputs: tuple[str, ...]
@@ -196,7 +204,7 @@ class StreamSignals:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The rows of a table: time, inputs, outputs."""
+        """Names of the rows of a table: time, inputs, outputs."""
         return (TIME, *self.inputs, *self.outputs)
 
 
@@ -209,15 +217,16 @@ class Header:
 
     Attributes
     ----------
-    columns : of the channels in the order time, stick, alpha, q, nz; None if an output is
-        absent, or the clock.
+    columns : column of each signal, in the order of ``signals.names``; None if the stream has no
+        such output, or no clock.
     width : number of cells in a row.
-    name : of the stream.
-    rate : Hz, of a stream without a clock; ``first``: the line of its first row.
-    computed : the file without rows and the channel map, where channels are computed; ``columns``
-        are then those of the wider table.
-    sources : columns of the stream that are read, in the order of their places.
-    signals : the channels.
+    name : name of the stream.
+    rate : Hz, of a stream without a clock.
+    first : number of the line with the first row.
+    computed : if channels are computed, the file without rows and the channel map; ``columns`` are
+        then those of a table with the computed channels.
+    sources : indices of the columns that are read, ascending.
+    signals : the signals.
     separator : the mark between the cells of a row.
     """
 
@@ -233,15 +242,20 @@ class Header:
 
     @property
     def stick_unit(self) -> str:
-        """The stick's label."""
+        """Unit of the stick, a label."""
         column = self.columns[1]
         assert column is not None
         return column.unit
 
 
 class Fault(NamedTuple):
-    """A line that was left out, or a cell that was corrected: its row (the header is row 1), and
-    the reason.
+    """A fault of a line.
+
+    Attributes
+    ----------
+    row : number of the line; the header is row 1.
+    what : the fault.
+    left_out : whether the line was left out; else a cell was filled in.
     """
 
     row: int
@@ -250,10 +264,16 @@ class Fault(NamedTuple):
 
 
 class Order(NamedTuple):
-    """State of the ordering of rows: time (s) and inputs of the last row, and a waiting row.
+    """State of the check of the rows' order.
 
-    A waiting row has a late time stamp, which the next row must confirm. ``lost``: time of a jump
-    by more than ``LONGEST_BRIDGED_GAP``, after which rows are ignored.
+    Attributes
+    ----------
+    time : time of the last accepted row, s.
+    last_inputs : its inputs.
+    waiting : a row after a jump of the time, which the next row must confirm, or None.
+    waiting_row : number of its line.
+    lost : time of a jump by more than ``LONGEST_BRIDGED_GAP``, s; later rows are left out.
+    inputs : names of the inputs.
     """
 
     time: float = -math.inf
@@ -278,19 +298,20 @@ def read_header(
 
     Parameters
     ----------
-    line : the header, or the first row where ``names`` are given and there is none.
-    name : of the stream.
+    line : the header; the first row if ``names`` are given and the stream has no header.
+    name : name of the stream.
     choices : channel map.
-    units : the sidecar's.
-    names : of the columns, in their order, instead of the header's.
+    units : unit by channel, from the sidecar.
+    names : names of the columns, in their order, in place of those in the header.
     rate : Hz, of a stream without a clock.
-    first : line of the first row.
-    signals : channels to read.
+    first : number of the line with the first row.
+    signals : signals to read.
 
     Raises
     ------
-    RecordError : not UTF-8, no time or input, none of the outputs, or as
-        for ``find_column``; a channel that needs other rows than its own; a rate beside a clock.
+    RecordError : the header is not UTF-8; time, an input or every output is missing; a channel
+        needs other rows than its own; a rate is given and the stream has a clock. Also as
+        ``find_column``.
     """
     cells = _named(header_cells(line, name), name, names)
     width, computed = len(cells), None
@@ -308,8 +329,8 @@ def read_header(
         result = source_columns(file, choices, inputs, outputs)
         if result:
             computed, sources = (file, choices), result
-            wider, choices = with_derived(file, choices, inputs, outputs)
-            cells = list(wider.table.header)
+            with_computed, choices = with_derived(file, choices, inputs, outputs)
+            cells = list(with_computed.table.header)
     columns = tuple(
         find_column(channel, cells, name, choices, units, signals.channel_units)
         for channel in signals.names
@@ -340,7 +361,10 @@ def read_header(
 
 
 def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
-    """The header with the names that are given. Raises RecordError if they are not as many."""
+    """Return the given names of the columns, or without any the header.
+
+    Raises RecordError if the numbers of names and columns differ.
+    """
     if names and len(names) != len(cells):
         what = f"{len(names)} names for {len(cells)} columns of {name}"
         raise RecordError(
@@ -363,14 +387,14 @@ def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
 
 
 def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
-    """Return a column that is chosen by its number alone, chosen by its header."""
-    known = isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells)
-    return replace(choice, column=cells[int(choice.column) - 1]) if known else choice
+    """Return a choice with the header of its column in place of the number."""
+    if isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells):
+        return replace(choice, column=cells[choice.column - 1])
+    return choice
 
 
 def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
-    """Raise RecordError for a channel that is computed from other rows than its own: a stream has
-    only those that came."""
+    """Raise RecordError for a channel that needs earlier or later rows, which a stream lacks."""
     remedy = "leave it out of the map, or use flightid identify on the whole record"
     for channel, choice in choices.items():
         where = f"{name}, channel {channel}"
@@ -391,7 +415,7 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
 def _table(
     name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
 ) -> CellTable:
-    """Return the rows of a stream as a table, NaN if a column is not read."""
+    """Return rows of a stream as a table; ``columns``: values by index, other columns are NaN."""
     blank = np.full(rows, np.nan)
     return CellTable(
         name,
@@ -404,9 +428,14 @@ def _table(
 def read_lines(
     header: Header, lines: Sequence[bytes], first: int
 ) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Return numbers ``(signals, N)`` in SI (NaN: empty cell), row numbers, and invalid lines.
+    """Return the numbers in lines of a stream; empty lines are skipped.
 
-    ``first``: number of the first line. Empty lines are skipped.
+    ``first``: number of the first line.
+
+    Returns
+    -------
+    Numbers in SI, shape ``(signals, N)``, NaN for an empty cell; numbers of the N lines; faults of
+    the other lines.
     """
     places, signals = header.sources, header.signals
     values: list[list[float]] = []
@@ -415,32 +444,26 @@ def read_lines(
     for number, line in enumerate(lines, start=first):
         try:
             cells = line, places, header.width, header.separator
-            found = plain_numbers(*cells) or numbers_of(*cells)
+            row_values = plain_numbers(*cells) or numbers_of(*cells)
         except (ValueError, csv.Error) as error:
             faults.append(
                 Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error))
             )
             continue
-        if found:
-            values.append(found)
+        if row_values:
+            values.append(row_values)
             numbers.append(number)
     table = np.full((len(header.columns), len(values)), math.nan)
-    came = np.array(values, dtype=float).reshape(-1, len(places)).T
-    read = {place: came[row] for row, place in enumerate(places)}
+    cells_read = np.array(values, dtype=float).reshape(-1, len(places)).T
+    by_index = {place: cells_read[row] for row, place in enumerate(places)}
     if header.computed is not None:
         file, choices = header.computed
-        file = replace(file, table=_table(header.name, file.table.header, read, len(values)))
-        read = dict(
-            enumerate(
-                np.asarray(each)
-                for each in with_derived(file, choices, signals.inputs, signals.outputs)[
-                    0
-                ].table.columns
-            )
-        )
+        file = replace(file, table=_table(header.name, file.table.header, by_index, len(values)))
+        with_computed, _ = with_derived(file, choices, signals.inputs, signals.outputs)
+        by_index = dict(enumerate(map(np.asarray, with_computed.table.columns)))
     for row, column in enumerate(header.columns):
         if column is not None:
-            table[row] = read[column.index]
+            table[row] = by_index[column.index]
     if header.rate is not None:
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
@@ -457,13 +480,23 @@ def read_lines(
 def in_order(
     table: np.ndarray, numbers: Sequence[int], order: Order
 ) -> tuple[np.ndarray, list[Fault], Order]:
-    """Return the valid rows that follow ``order``, ``(signals, N)``, and the faults of the others.
+    """Return the rows that continue a stream in the order of time.
 
-    A row with a missing, repeated or decreasing time is dropped. A row after a jump of the time
-    waits until the next row confirms it. A missing input keeps its last value; if there is none,
-    the row is dropped.
+    A row with a missing, repeated or decreasing time is left out. A row after a jump of the time
+    waits until the next row confirms it. A missing input keeps its last value; a row before any
+    value of the input is left out.
+
+    Parameters
+    ----------
+    table : new rows, shape ``(signals, N)``.
+    numbers : numbers of their lines.
+    order : state before these rows.
+
+    Returns
+    -------
+    The accepted rows, ``(signals, M)``; the faults of the others; the state after the rows.
     """
-    if _goes_on(table, order):
+    if _all_in_order(table, order):
         return (
             table,
             [],
@@ -497,10 +530,8 @@ def in_order(
             if time > ahead[0]:
                 if ahead[0] - order.time > LONGEST_BRIDGED_GAP and order.time > -math.inf:
                     order = order._replace(lost=order.time)
-                    faults += [
-                        Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s")
-                        for each in (ahead_row, number)
-                    ]
+                    what = f"the time jumps from {order.time:g} s to {ahead[0]:g} s"
+                    faults += [Fault(ahead_row, what), Fault(number, what)]
                     continue
                 order = _accept(ahead, ahead_row, order, rows, faults)
             else:
@@ -511,17 +542,18 @@ def in_order(
                         f"time jumps ahead ({time_before}{ahead[0]:.9g} s) and comes back",
                     )
                 )
-        ahead_of_all = time - order.time > ROWS_AHEAD
-        order = (
-            order._replace(waiting=row, waiting_row=number)
-            if ahead_of_all
-            else _accept(row, number, order, rows, faults)
-        )
+        if time - order.time > LARGEST_JUMP:
+            order = order._replace(waiting=row, waiting_row=number)
+        else:
+            order = _accept(row, number, order, rows, faults)
     return np.array(rows, dtype=float).reshape(-1, table.shape[0]).T, faults, order
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """Accept a row that still waits at the end of the stream, unless its gap is too long."""
+    """Accept a row that still waits at the end of the stream, unless its gap is too long.
+
+    Returns as ``in_order``; ``height``: number of signals in a row.
+    """
     rows: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:
@@ -533,13 +565,13 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
     return np.array(rows, dtype=float).reshape(-1, height).T, faults, order
 
 
-def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Return whether all rows simply continue from ``order``, without missing times or inputs."""
+def _all_in_order(table: np.ndarray, order: Order) -> bool:
+    """Return whether all rows are in the order of time, without missing times or inputs."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
     return bool(
-        np.all((steps > 0.0) & (steps <= ROWS_AHEAD))
+        np.all((steps > 0.0) & (steps <= LARGEST_JUMP))
         and not np.isnan(table[1 : 1 + len(order.inputs)]).any()
     )
 
@@ -547,6 +579,10 @@ def _goes_on(table: np.ndarray, order: Order) -> bool:
 def _accept(
     row: np.ndarray, number: int, order: Order, rows: list[np.ndarray], faults: list[Fault]
 ) -> Order:
+    """Append a row to ``rows``, missing inputs filled in, and return the new state.
+
+    A row without an earlier value of a missing input is not appended. Adds to ``faults``.
+    """
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):
             if not order.last_inputs:

@@ -1,10 +1,10 @@
-"""A watch in progress: rows go in, the banks move on.
+"""A watch in progress: banks of filters estimate a low-order system from the rows of a stream.
 
-The first rows are only collected: the noise levels, the trim and the start of two states are read
-off them, then they are filtered like all others. What the filter is given, spikes left out, is the
-record that a batch run would get.
+The first rows are only collected. They give the noise levels, the trim and the initial values of
+two states; then they are filtered like all others. The rows of the filter, without spikes, are the
+record that an identification of the whole record would get.
 
-The figure with which the page of a stream begins: parameters while the stream arrived.
+Also draws the first figure of a watch's page: parameters while the stream arrived.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import io
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -74,23 +74,34 @@ from sim.record import Channel, Hold, Record
 
 # ---- A watch in progress
 
-FEWEST_STARTING_ROWS = 40
-SPIKE_SIGMAS = 30.0  # standard deviations of the innovation
-# parameters that a vehicle file gives
+FEWEST_STARTING_ROWS = 40  # rows; also the rows that a record keeps before the stick moves
+SPIKE_SIGMAS = 30.0  # an innovation of more standard deviations is a spike
+# Parameters whose starts a vehicle file gives.
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
-RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
-# of the rows at the last attempt: all of them together then cost five times the last one
+# Most rows of a relinearisation: 40 s at 40 Hz, which take two seconds of computing.
+RELINEARISED_ROWS = 1600
+# Growth of the number of rows between relinearisations: all of them together cost five times the
+# last one.
 ATTEMPT_GROWTH = 1.25
-# rows over which the stick should not have moved before a part of a record begins: the longest
-# delay and the lag
+# Rows before a part of a record in which the stick should not move: the longest delay and the lag.
 STEADY_STICK_ROWS = 20
+STICK_MOTION_SHARE = 0.05  # a stick that moves by a larger share of its largest motion has moved
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
 class WatchStep(NamedTuple):
-    """A row of the stream, the bank's state after it, how many spikes were left out by then, what
-    other starts add to its deviations ``spread (n,)`` and to the delay's (s), their differences
-    ``(K, n)``, and the bank that was linearised anew, if there is one."""
+    """A row of the stream and the estimates after it.
+
+    Attributes
+    ----------
+    row : time, stick, alpha, q, nz; shape ``(5,)``.
+    state : state of the bank after the row.
+    spikes : number of spikes that were left out so far.
+    spread : standard deviations that filters with other starts add, shape ``(n,)``.
+    delay_spread : the same of the delay, s.
+    differences : differences of the other filters from the most likely one, shape ``(K, n)``.
+    refined : the relinearised bank, if there is one.
+    """
 
     row: np.ndarray
     state: BankState
@@ -107,13 +118,20 @@ class Session:
 
     Attributes
     ----------
-    taken : blocks of rows ``(5, n)``: time, stick, alpha, q, nz; spikes are NaN.
-    system, bank, state, offsets : of the filters, once they have started.
-    others : bank with other starts, and its state.
-    last : the last step.
+    vehicle : the vehicle file.
+    name : name of the stream.
+    stick_unit : unit of the stick.
+    taken : blocks of rows, shape ``(5, n)``: time, stick, alpha, q, nz; a spike is NaN.
+    system, bank, state : the filters, once they have started.
+    offsets : trim by channel, once the filters have started.
+    spikes : number of spikes so far.
     refine : whether the bank is relinearised from time to time.
+    others, others_state : bank with other starts, and its state.
+    refined : the relinearised bank, if there is one.
     tried, first : number of rows at the last relinearisation, and its first row.
-    spectral : regression in the frequency domain of the same rows, without spikes.
+    spectral : regression in the frequency domain on the same rows without spikes.
+    second : the last second of the stream in which a relinearisation could begin, s.
+    last : the last step.
     """
 
     vehicle: VehicleFile
@@ -142,29 +160,24 @@ class Session:
 
 
 def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
-    """Filter rows ``(5, N)`` and return the steps; none before the filter starts."""
+    """Filter rows, ``(5, N)``, and return the steps; none before the filters start."""
     if rows.shape[1] == 0:
         return []
     session.taken.append(np.array(rows))
-    if session.bank is None:
-        times = [
-            float(block[0, column])
-            for block, column in ((session.taken[0], 0), (session.taken[-1], -1))
-        ]
-        return (
-            start(session)
-            if times[1] - times[0] >= STARTING_TIME and session.rows >= FEWEST_STARTING_ROWS
-            else []
-        )
-    return _filter(session, session.taken[-1])
+    if session.bank is not None:
+        return _filter(session, session.taken[-1])
+    duration = float(session.taken[-1][0, -1]) - float(session.taken[0][0, 0])
+    if duration >= STARTING_TIME and session.rows >= FEWEST_STARTING_ROWS:
+        return start(session)
+    return []
 
 
 def start(session: Session) -> list[WatchStep]:
-    """Start the filter with the rows so far.
+    """Start the filters with the rows so far, and return the steps of these rows.
 
     Raises
     ------
-    RecordError : fewer than two rows, or no number in any output.
+    RecordError : there are fewer than two rows, or no output has a number.
     """
     if session.bank is not None:
         return []
@@ -181,15 +194,15 @@ def start(session: Session) -> list[WatchStep]:
 
 
 def record_of(session: Session) -> Record:
-    """Return the rows so far as a record, with rejected spikes as missing samples.
+    """Return the rows so far as a record in which spikes are missing samples.
 
     Raises
     ------
-    RecordError : fewer than two rows, or no number in any output.
+    RecordError : there are fewer than two rows, or no output has a number.
     """
-    table = (
-        np.concatenate(session.taken, axis=1) if session.taken else np.zeros((2 + len(OUTPUTS), 0))
-    )
+    table = np.zeros((2 + len(OUTPUTS), 0))
+    if session.taken:
+        table = np.concatenate(session.taken, axis=1)
     if table.shape[1] < 2:
         raise RecordError(
             f"{table.shape[1]} row(s) that can be used",
@@ -213,12 +226,13 @@ def record_of(session: Session) -> Record:
 
 
 def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
-    """Move the banks over the block's rows; spikes that the first leaves out become NaN in the
-    block, and the others do not see them.
+    """Filter a block of rows with all banks, and return the steps.
+
+    Spikes that the main bank leaves out become NaN in the block; the other banks leave them out.
     """
     bank, others = session.bank, session.others
     assert bank is not None and others is not None
-    states = _on(bank, session.state, _rows_of(session, block))
+    states = _states_after(bank, session.state, _rows_of(session, block))
     session.state = states[-1]
     spikes = []
     for column, state in enumerate(states):
@@ -228,12 +242,14 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
         spikes.append(session.spikes)
     if session.spectral is not None:
         take_in_frequency(session.spectral, block)
-    given = _rows_of(session, block)
-    beside = _on(others, session.others_state, given)
-    session.others_state = beside[-1]
-    ends = final_states_of(others, beside, len(bank.delays))
+    rows = _rows_of(session, block)
+    other_states = _states_after(others, session.others_state, rows)
+    session.others_state = other_states[-1]
+    ends = final_states_of(others, other_states, len(bank.delays))
     spread = spread_of(bank, states, ends)
-    refined = _refined(session, states, ends, given) if session.refine else [None] * len(states)
+    refined: list[Relinearised | None] = [None] * len(states)
+    if session.refine:
+        refined = _refined(session, states, ends, rows)
     columns = zip(
         block.T,
         states,
@@ -244,46 +260,48 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
         refined,
         strict=True,
     )
-    steps = [WatchStep(*each) for each in columns]
+    steps = [WatchStep(*entries) for entries in columns]
     session.last = steps[-1]
     return steps
 
 
 def _refined(
-    session: Session, states: list[BankState], ends: FinalStates, given: Rows
+    session: Session, states: list[BankState], ends: FinalStates, rows: Rows
 ) -> list[Relinearised | None]:
-    """Filter rows and relinearise the bank when due, checked at the first row of each second."""
-    seconds = np.floor(given.time)
+    """Return the relinearised bank after each row; None as long as there is none.
+
+    At the first row of each second it is decided whether the bank is relinearised. ``states``: of
+    the main bank after each row. ``ends``: of the filters with other starts.
+    """
+    seconds = np.floor(rows.time)
     new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
     session.second = float(seconds[-1])
-    out: list[Relinearised | None] = []
+    after_rows: list[Relinearised | None] = []
     for row in [*new_seconds, len(states) - 1]:
-        if row < len(out):
+        if row < len(after_rows):
             continue
-        stretch = slice(len(out), row + 1)
-        passed = (
-            [None] * (row + 1 - len(out))
-            if session.refined is None
-            else advanced(session.refined, Rows(*(part[..., stretch] for part in given)))
-        )
-        session.refined = passed[-1]
+        stretch = slice(len(after_rows), row + 1)
+        filtered: Sequence[Relinearised | None] = [None] * (row + 1 - len(after_rows))
+        if session.refined is not None:
+            filtered = advanced(session.refined, Rows(*(part[..., stretch] for part in rows)))
+        session.refined = filtered[-1]
         if row in new_seconds:
             if session.refined is not None:
                 session.refined = with_fitting_grid(session.refined)
-            if _wanted(session, states[row]):
-                session.tried, before = states[row].rows_seen, session.first
+            if _is_due(session, states[row]):
+                session.tried, first_before = states[row].rows_seen, session.first
                 result = _linearised(session, states[row], ends.mean[row].T)
-                same = session.refined is None or session.first == before
-                session.refined = (
-                    result
-                    if same and result is not None
-                    else bank_that_continues(session.refined, result, STARTED)
-                )
-        out += [*passed[:-1], session.refined]
-    return out
+                same_rows = session.refined is None or session.first == first_before
+                if same_rows and result is not None:
+                    session.refined = result
+                else:
+                    session.refined = bank_that_continues(session.refined, result, STARTED)
+        after_rows += [*filtered[:-1], session.refined]
+    return after_rows
 
 
-def _wanted(session: Session, state: BankState) -> bool:
+def _is_due(session: Session, state: BankState) -> bool:
+    """Return whether the bank is relinearised now: it has enough new rows and information."""
     assert session.bank is not None
     if state.rows_seen - session.first < ATTEMPT_GROWTH * (session.tried - session.first):
         return False
@@ -295,18 +313,18 @@ def _wanted(session: Session, state: BankState) -> bool:
 def _linearised(
     session: Session, state: BankState, other_starts: np.ndarray
 ) -> Relinearised | None:
-    """Linearise over the rows up to a state, of many the last, from where the aircraft was
-    steady.
+    """Return the bank linearised over the rows up to a state; None if that fails.
+
+    Of many rows only the last are used, from a row at which the aircraft was steady.
     """
     assert session.bank is not None
     record, last = record_of(session), state.rows_seen
     if last - session.first > RELINEARISED_ROWS:
         earliest = last - RELINEARISED_ROWS
-        session.first = (
-            onset(record, earliest)
-            if session.refined is None
-            else steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
-        )
+        if session.refined is None:
+            session.first = onset(record, earliest)
+        else:
+            session.first = steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
     first = session.first
     record = less(record.window(float(record.time[first]), state.time), session.offsets)
     system = filter_system(record, session.vehicle, noise_levels(record))
@@ -321,38 +339,34 @@ def _linearised(
 
 
 def onset(record: Record, first: int) -> int:
-    """Row one second before the stick first moves, from ``first`` on, by a twentieth of its largest
-    motion.
-    """
+    """Return the row ``FEWEST_STARTING_ROWS`` before the stick moves, but not before ``first``."""
     stick = record["stick"].values[first:]
-    away = np.abs(stick - np.median(stick))
-    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST_STARTING_ROWS)
+    distance = np.abs(stick - np.median(stick))
+    moves = int(np.argmax(distance > STICK_MOTION_SHARE * distance.max()))
+    return max(first, first + moves - FEWEST_STARTING_ROWS)
 
 
 def steadiest(record: Record, first: int, last: int) -> int:
-    """Return the row from ``first`` to before ``last`` at which the stick has moved and the
-    aircraft pitches least, in shares of their largest.
+    """Return the row from ``first`` to before ``last`` at which the aircraft is steadiest.
+
+    There the sum of the motion of the stick in the rows before and of the pitch rate is smallest,
+    each as a share of its largest value.
     """
-    stick, pitching = record["stick"].values, np.zeros(len(record))
+    stick, pitch_rate = record["stick"].values, np.zeros(len(record))
     if "q" in record.output_names:
-        pitching = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
-    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY_STICK_ROWS), axis=1)
+        pitch_rate = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
+    motion = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY_STICK_ROWS), axis=1)
     rows = np.arange(max(first, STEADY_STICK_ROWS - 1), last)
-    largest = [
+    largest_stick, largest_rate = (
         max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12)
-        for values in (stick, pitching)
-    ]
-    return int(
-        rows[
-            np.argmin(
-                moved[rows - STEADY_STICK_ROWS + 1] / largest[0] + pitching[rows] / largest[1]
-            )
-        ]
+        for values in (stick, pitch_rate)
     )
+    stick_share = motion[rows - STEADY_STICK_ROWS + 1] / largest_stick
+    return int(rows[np.argmin(stick_share + pitch_rate[rows] / largest_rate)])
 
 
-def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """Return the states after each row; without a state, from the first row of the stream."""
+def _states_after(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
+    """Return the state of a bank after each row; ``state``: before the rows, None at the start."""
     if state is not None:
         return advance(bank, state, rows)
     first = begin(bank, Rows(*(part[..., :1] for part in rows)))
@@ -360,19 +374,16 @@ def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState
 
 
 def _rows_of(session: Session, block: np.ndarray) -> Rows:
-    """Return a block about its trim."""
-    levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[
-        :, None
-    ]
-    given = block - levels
-    return Rows(given[0], given[1:2], given[2:])
+    """Return a block with its channels counted from trim."""
+    trim = [0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))]
+    about_trim = block - np.array(trim)[:, None]
+    return Rows(about_trim[0], about_trim[1:2], about_trim[2:])
 
 
 # ---- A watched stream: header, session, and dropped rows
 
 STOPPED = "stopped by the user"
-# rows that are filtered before they are written and shown: a few hundredths of a second
-ROWS_PER_BATCH = 200
+ROWS_PER_BATCH = 200  # rows filtered before results are written and shown
 
 
 @dataclass
@@ -381,13 +392,25 @@ class Watch:
 
     Attributes
     ----------
-    beside : name of the record's JSON file, empty without one.
+    name : name of the stream.
+    vehicle_path : path of the vehicle file, or None.
+    reference : results with which the estimates are compared, or None.
+    choices, units : channel map, or None; unit by channel, from the sidecar.
+    refine : whether the bank is relinearised.
+    beside : name of the sidecar, empty without one.
     columns : names of the columns, if the header is missing or not used.
     rate : Hz, for a stream without a clock.
-    signals : that are read; ``session`` exists only for those of the low-order equivalent.
-    omega : rad/s, of the regression in the frequency domain.
-    hold : inputs between rows in this regression; None: decided by the rows.
-    hold_from : words on who chose it.
+    hold : behaviour of the inputs between rows, for the regression; None: the rows decide.
+    hold_from : words on who chose the hold.
+    signals : the signals that are read.
+    omega : frequencies of the regression in the frequency domain, rad/s, or None.
+    header : header of the stream, once it came.
+    session : banks of filters; only for the signals of the low-order equivalent system.
+    order : state of the check of the rows' order.
+    line : number of lines so far.
+    left_out, mended : numbers of rows that were left out and filled in.
+    reason : why the watch ended.
+    heard : time of the last line, by the monotonic clock, s.
     """
 
     name: str
@@ -418,15 +441,15 @@ class Watch:
         return self.reason == STOPPED
 
 
-def rows_in(watch: Watch, came: Lines) -> np.ndarray:
-    """Return the rows of CSV lines."""
-    lines = came.whole
+def rows_in(watch: Watch, new_lines: Lines) -> np.ndarray:
+    """Return the rows of new CSV lines; the first line may be the header."""
+    lines = new_lines.whole
     if lines:
         watch.heard = time.monotonic()
     while watch.header is None and lines:
         first = lines[0]
-        bare = bool(first.strip() and watch.columns) and is_row(first, watch.name)
-        if not bare:
+        without_header = bool(first.strip() and watch.columns) and is_row(first, watch.name)
+        if not without_header:
             watch.line += 1
             lines = lines[1:]
         if first.strip():
@@ -453,7 +476,10 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
 
 
 def _session(watch: Watch, header: Header) -> Session:
-    """The banks of the low-order equivalent system, with a regression in the frequency domain."""
+    """Return the session of a stream with the signals of the low-order equivalent system.
+
+    It has a regression in the frequency domain, if that is asked for and alpha and q are there.
+    """
     vehicle = vehicle_to_watch(watch.vehicle_path, watch.reference)
     session = Session(vehicle, watch.name, header.stick_unit, refine=watch.refine)
     if watch.omega is not None:
@@ -468,9 +494,9 @@ def _session(watch: Watch, header: Header) -> Session:
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield rows in pieces of whole seconds, so that results do not depend on the input's chunks.
+    """Yield rows in pieces of whole seconds, however they arrived, so that results are the same.
 
-    One second at a time until the filter has started, then up to ``ROWS_PER_BATCH`` rows.
+    A piece is one second until the filters have started, then up to ``ROWS_PER_BATCH`` rows.
     """
     if session is None or not rows.size:
         return
@@ -478,18 +504,15 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
     first = 0
     while first < rows.shape[1]:
         ahead = [cut for cut in cuts if cut > first]
-        fitting = (
-            [cut for cut in ahead if cut <= first + ROWS_PER_BATCH]
-            if session.bank is not None
-            else []
-        )
-        last = max(fitting, default=ahead[0])
+        last = ahead[0]
+        if session.bank is not None:
+            last = max((cut for cut in ahead if cut <= first + ROWS_PER_BATCH), default=last)
         yield rows[:, first:last]
         first = last
 
 
 def session_of(watch: Watch) -> Session:
-    """Return the session, which begins with the header. Raises RecordError if none came."""
+    """Return the session of a stream. Raises RecordError before its header came."""
     if watch.session is None:
         raise RecordError(
             "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
@@ -498,7 +521,7 @@ def session_of(watch: Watch) -> Session:
 
 
 def report(watch: Watch, faults: list[Fault]) -> None:
-    """Count faults, and print the first of each kind in one line."""
+    """Count rows that were left out or filled in, and print a line on the first of each."""
     for fault in faults:
         if fault.left_out:
             if not watch.left_out:
@@ -518,17 +541,22 @@ def report(watch: Watch, faults: list[Fault]) -> None:
             watch.mended += 1
 
 
-STEM = "watched"
+STEM = "watched"  # file stem of the figure
 
 
 def history_section(
     folder: Path, history: str, content: Mapping[str, Any], title: str
 ) -> tuple[Section, ...]:
-    """Draw ``watched`` into ``folder``; the section of a page that shows it.
+    """Draw the figure of the parameters over time, and return the section of the page with it.
 
-    ``history``: text of ``history.csv``, with columns ``NAME`` and ``NAME_std``. ``content``: of
-    ``comparison.json``, which names the parameters and the reference. Nothing where fewer than two
-    lines have an estimate.
+    Empty if fewer than two lines of the history have an estimate.
+
+    Parameters
+    ----------
+    folder : receives the figure's files.
+    history : text of ``history.csv``, with columns ``NAME`` and ``NAME_std``.
+    content : content of ``comparison.json``, which names the parameters and the reference.
+    title : title of the figure.
     """
     time, courses = courses_of(history, content["parameters"])
     if len(time) < 2 or not courses:
@@ -537,9 +565,9 @@ def history_section(
     from scenarios.plots.estimates import figure_watched
 
     reference = {
-        each["name"]: (each["reference"], each["reference_std"])
-        for each in (content.get("reference") or {}).get("differences", ())
-        if each.get("reference") is not None and each.get("reference_std") is not None
+        item["name"]: (item["reference"], item["reference_std"])
+        for item in (content.get("reference") or {}).get("differences", ())
+        if item.get("reference") is not None and item.get("reference_std") is not None
     }
     make = partial(figure_watched, time, courses, reference, title)
     figure_files = draw_for_page([(STEM, make)], folder, USUAL)
@@ -549,17 +577,23 @@ def history_section(
 def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
-    """Return the times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``,
-    NaN if a cell is empty; refined estimates where the history has them.
+    """Return the times of a history, ``(N,)``, s, and the course of each parameter.
+
+    A course is unit, values ``(N,)`` and standard deviations ``(N,)``; an empty cell is NaN. If the
+    history has refined estimates of a parameter, its course is that of these.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:
         return np.zeros(0), {}
     table = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
-    column = {name: table[:, i] for i, name in enumerate(rows[0])}
+    columns = {name: table[:, i] for i, name in enumerate(rows[0])}
     courses = {}
-    for name, each in parameters.items():
-        best = f"refined_{name}" if f"refined_{name}" in column else name
-        if best in column and f"{best}_std" in column and np.any(np.isfinite(column[best])):
-            courses[name] = str(each["unit"]), column[best], column[f"{best}_std"]
-    return column["time"], courses
+    for name, entry in parameters.items():
+        column_name = f"refined_{name}" if f"refined_{name}" in columns else name
+        if (
+            column_name in columns
+            and f"{column_name}_std" in columns
+            and np.any(np.isfinite(columns[column_name]))
+        ):
+            courses[name] = str(entry["unit"]), columns[column_name], columns[f"{column_name}_std"]
+    return columns["time"], courses

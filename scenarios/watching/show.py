@@ -1,5 +1,7 @@
-"""Display of a watch, as a live table or a line a second, and its final print; study folder and
-page of a watch in the frequency domain and of the stability margins of a watched loop.
+"""Show a watch as a live table or as a line for each second, and print its end.
+
+Also write study folder and page of a watch in the frequency domain, and of the stability margins of
+a watched loop.
 """
 
 from __future__ import annotations
@@ -97,16 +99,16 @@ from scenarios.watching.study import (
     so_far,
 )
 
-SHOWN_PARAMETERS = 4  # parameters in a line, the best known ones
+SHOWN_PARAMETERS = 4  # parameters in a line: those with the smallest relative sigmas
 
 
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """Return a second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN_PARAMETERS]
     texts = [
-        f"{each['name']} {number_text(each['value'], each['std'])} +- "
-        f"{number_text(each['std'], each['std'])}"
-        for each in rows
+        f"{row['name']} {number_text(row['value'], row['std'])} +- "
+        f"{number_text(row['std'], row['std'])}"
+        for row in rows
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
     return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(texts) or UNKNOWN}"
@@ -115,18 +117,16 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """Return the last estimate against the reference if there is one."""
-    return (
-        ()
-        if estimate is None
-        else comparisons(estimate, derived_quantities(session, estimate), reference)
-    )
+    """Return the quantities of an estimate beside their references; empty without an estimate."""
+    if estimate is None:
+        return ()
+    return comparisons(estimate, derived_quantities(session, estimate), reference)
 
 
 def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     """Print the last estimate in a table, undetermined parameters, and the reference."""
-    out, found = console(), last_estimate(session)
-    items = items_of(session, found, watch.reference)
+    out, estimate = console(), last_estimate(session)
+    items = items_of(session, estimate, watch.reference)
     out.print(
         f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:",
         highlight=False,
@@ -156,9 +156,10 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
             ),
         ]
     print_table(out, "", columns)
-    sentences = [f"warning: {each}" for each in stream_warnings(session)]
-    for sentence in (*sentences, *(f"note: {each}" for each in stream_notes(session))):
-        out.print(sentence, highlight=False)
+    for warning in stream_warnings(session):
+        out.print(f"warning: {warning}", highlight=False)
+    for note in stream_notes(session):
+        out.print(f"note: {note}", highlight=False)
     if watch.reference is not None:
         out.print(against_items(items, watch.reference.name), highlight=False)
 
@@ -173,10 +174,10 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
         estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name in bank.names:
-            # Of two estimates from the same data the larger deviation is the measure.
-            off = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
+            # Both estimates are from the same data: the larger sigma is the measure.
+            difference = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
             parts.append(
-                f"{name} {number_text(value, std)} +- {number_text(std, std)} ({off:+.1f})"
+                f"{name} {number_text(value, std)} +- {number_text(std, std)} ({difference:+.1f})"
             )
     return [
         f"in the frequency domain (difference from these, in the larger sigma): {', '.join(parts)}"
@@ -226,8 +227,9 @@ def spectral_page(
     first: tuple[Section, ...] = (),
     vehicle: InputFile | None = None,
 ) -> Page:
-    """Return the page of a stream that was identified in the frequency domain; ``first``: the
-    sections with which it begins, ``vehicle`` the vehicle file that was read.
+    """Return the page of a stream that was identified in the frequency domain.
+
+    ``digest``: hash of the record. ``first``: sections that stand above all others.
     """
     stream = content["stream"]
     counts = (
@@ -281,7 +283,7 @@ def spectral_page(
 
 
 def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
-    """Tables of the parameters and of derived quantities."""
+    """Return the tables of parameters and derived quantities; empty without parameters."""
     if not content["parameters"]:
         return []
     rows = [
@@ -301,8 +303,8 @@ REFRESH_INTERVAL = 0.25  # s between two drawings of the live table
 
 
 def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
-    """Return the stream after a step, the last when None."""
-    # A step that is named is news, however long its row waited to be filtered.
+    """Return what is shown of a stream after a step; None: the last step."""
+    # A given step is new, even if its row waited to be filtered.
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
@@ -325,14 +327,15 @@ def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> Vi
 
 
 class Show:
-    """Draws a live table on a terminal, else prints a line for every second of data."""
+    """Draw a live table on a terminal, else print a line for every second of data."""
 
     def __init__(self, watch: Watch) -> None:
         from rich.live import Live
 
         from scenarios.report.quantities import console
 
-        self._watch, self._said, self._drawn = watch, -np.inf, 0.0
+        # Last second of the stream with a line; time of the last drawing, s.
+        self._watch, self._last_second, self._drawn = watch, -np.inf, 0.0
         terminal = console()
         self.live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
 
@@ -347,27 +350,25 @@ class Show:
                 self._drawn = now
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
-        # Of those that were collected before the filter started only the last counts.
-        shown_steps = list(steps)[-1:] if self._said == -np.inf else steps
+        # Of the rows that were collected before the filters started, only the last has a line.
+        shown_steps = list(steps)[-1:] if self._last_second == -np.inf else steps
         seconds = [int(np.floor(step.row[0])) for step in shown_steps]
         for step, second, after in zip(shown_steps, seconds, [*seconds[1:], None], strict=False):
-            if second > self._said and second != after:
-                self._said = second
+            if second > self._last_second and second != after:
+                self._last_second = second
                 print(view_line(view_of(self._watch, session, step)), flush=True)
 
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Context manager that gives the display: a live table on a terminal, else lines."""
+    """Give the body the display: a live table on a terminal, else lines."""
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
 
 
 def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
-    """Print the last table, the reason of the end, and quantities outside the reference's
-    bounds.
-    """
+    """Print the last table, why the watch ended, and quantities outside the reference."""
     from scenarios.report.quantities import console
 
     terminal = console()
@@ -416,13 +417,13 @@ def print_loop_end(watch: Watch, session: MarginSession) -> None:
     if loop is None:
         out.print("no frequency is usable: no margin is determined", highlight=False)
         return
-    for each in loop_tables(loop):
-        show_table(out, each)
+    for margin_table in loop_tables(loop):
+        show_table(out, margin_table)
     for words in (*margin_lines(loop), *loop.cautions):
         print_paragraph(out, words, indent=0)
 
 
-# What MIL-F-9490D demands below the first structural mode, dB and deg.
+# Margins that MIL-F-9490D requires below the first structural mode, dB and deg.
 REQUIRED = {
     "gain_increase": REQUIRED_GAIN,
     "gain_decrease": -REQUIRED_GAIN,
@@ -432,7 +433,7 @@ REQUIRED = {
 
 @dataclass(frozen=True, eq=False)
 class PlottedLoop:
-    """A loop as the figure of margins takes it."""
+    """A loop as ``figure_margins`` takes it: margins, and whether the data are simulated."""
 
     loop: LoopMargins
     simulated: bool = False
@@ -441,9 +442,7 @@ class PlottedLoop:
 def write_loop(
     out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
 ) -> None:
-    """Write the study of a loop, completely or not at all; ``source`` is the file of its rows, None
-    for a pipe.
-    """
+    """Write the study of a loop as a whole; ``source``: file of the rows, None for a pipe."""
     from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
@@ -511,7 +510,7 @@ def loop_page(
 
 
 class FollowLoop:
-    """Callable that puts rows, margins and status of a watched loop into a feed."""
+    """Feed of a page with rows, margins and status of a watched loop."""
 
     def __init__(self, watch: Watch, session: MarginSession, feed: Feed) -> None:
         self._watch, self._session, self._feed = watch, session, feed
@@ -519,7 +518,7 @@ class FollowLoop:
         strips = [names.command, *([names.excitation] if names.excitation else []), names.returned]
         about = {
             "name": watch.name,
-            "strips": [{"name": each, "word": each, "unit": ""} for each in strips],
+            "strips": [{"name": signal, "word": signal, "unit": ""} for signal in strips],
             "delays": [],
             "reference": None,
             "start": "",
@@ -529,17 +528,17 @@ class FollowLoop:
         feed.put("about", _line(about))
 
     def rows(self, table: np.ndarray) -> None:
-        """Rows ``(1 + S, N)`` as they came."""
+        """Send new rows, ``(1 + S, N)``: time and S signals."""
         if table.shape[1]:
             values = {"t": _numbers(table[0], 9)}
             for name, row in zip(self._strips, table[1:], strict=True):
                 values[name] = _numbers(row)
             self._rows += table.shape[1]
             self._feed.put("rows", _line(values), rows=table.shape[1])
-        self._stand("running")
+        self._send_status("running")
 
     def point(self, point: MarginPoint, name: str = "estimates") -> None:
-        """Margins after a second; ``name`` : of the event, ``"final"`` at the end."""
+        """Send the margins after a second; ``name``: of the event, ``"final"`` at the end."""
         items = []
         for key, margin in shown(point):
             text = f"{margin.size.value:.3g} ({interval_text(margin)})"
@@ -562,12 +561,12 @@ class FollowLoop:
         self._feed.put(name, _line(event))
 
     def end(self) -> None:
-        """The last margins, and why the stream ended."""
+        """Send the last margins, and why the stream ended."""
         if self._session.points:
             self.point(self._session.points[-1], "final")
-        self._stand("ended", self._watch.reason)
+        self._send_status("ended", self._watch.reason)
 
-    def _stand(self, state: str, sentence: str = "") -> None:
+    def _send_status(self, state: str, sentence: str = "") -> None:
         passed = max(time.monotonic() - self._begun, 1e-3)
         points = self._session.points
         event = {
@@ -585,7 +584,7 @@ class FollowLoop:
 
 @contextmanager
 def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Iterator[FollowLoop]:
-    """Context manager that serves the live page of a loop and gives a function that feeds it."""
+    """Serve the live page of a loop while the body runs, and give the body its feed."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
 

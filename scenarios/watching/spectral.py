@@ -32,12 +32,12 @@ from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, 
 from scenarios.preparation.measured_inputs import (
     MEASURED,
     Flow,
-    able,
     flow_doubts,
     flow_rows,
     flow_sentence,
     measured_flow,
     pressure_at_rest,
+    usable_flow_channels,
     with_flow_inputs,
 )
 from scenarios.preparation.plan import BY_HAND
@@ -125,7 +125,7 @@ def signals_of(vehicle: VehicleFile) -> StreamSignals:
         [signal.name for signal in each]
         for each in (model.equations.inputs, model.equations.outputs)
     )
-    more = [name for name in able(model) if name not in outputs]
+    more = [name for name in usable_flow_channels(model) if name not in outputs]
     return StreamSignals(tuple(inputs), (*outputs, *more), channel_units(model))
 
 
@@ -159,7 +159,9 @@ def spectral_session(
         raise DeclarationError(what, where=vehicle.name, remedy=remedy)
     system = compile_model(declared)
     flow = tuple(
-        name for name in able(declared) if name in outputs and name not in system.output_names
+        name
+        for name in usable_flow_channels(declared)
+        if name in outputs and name not in system.output_names
     )
     wider = with_flow_inputs(declared, density=set(flow) == set(MEASURED)) if flow else declared
     equations = online_equations(compile_model(wider), omega, outputs)

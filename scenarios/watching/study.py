@@ -61,13 +61,18 @@ from sim.record import Record
 
 @dataclass(frozen=True, eq=False)
 class SoFar:
-    """``estimate`` of the parameters, ``derived`` quantities with deviations, ``weights (B,)`` of
-    the declared delays: likelihoods of the plain filters, or where it is refined the probability
-    that the delay is nearest to each.
+    """Estimate of a stream so far.
 
-    ``refined``: linearised anew on its way, with the delay between the grid points. Else the most
-    likely filter's, and ``hanging`` are the quantities that depend on the start: other starts end
-    as far apart as they began.
+    Attributes
+    ----------
+    estimate : of the parameters.
+    derived : value and standard deviation of derived quantities.
+    weights : weight of each declared delay, shape ``(B,)``. For a refined estimate: probability
+        that the delay is nearest to it. Else its likelihood by the plain filters.
+    refined : whether the estimate was relinearised during the watch; then the delay is estimated
+        between the declared ones. Else the estimate is that of the most likely filter.
+    hanging : quantities that depend on the start: filters with other starts end as far apart as
+        they began. Empty for a refined estimate.
     """
 
     estimate: Estimate
@@ -78,9 +83,7 @@ class SoFar:
 
 
 def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """Return the estimate after a step, the last when None: the one that was linearised anew if
-    there is one.
-    """
+    """Return the estimate after a step; None: the last step. A refined estimate has precedence."""
     step = session.last if step is None else step
     assert session.bank is not None and step is not None
     if step.refined is None:
@@ -91,8 +94,9 @@ def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
 
 
 def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
-    """Return the probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing
-    ``delays`` than to any other.
+    """Return the probability that each of the increasing ``delays`` is the nearest to the true one.
+
+    The true delay is normal about ``value`` with ``std``, s. Delays and result have shape ``(B,)``.
     """
     between = 0.5 * (delays[1:] + delays[:-1])
     below = ndtr((between - value) / max(std, 1e-9))
@@ -100,41 +104,57 @@ def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
 
 
 def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """Estimate of the most likely filter; its deviations include the differences between starts."""
+    """Return the estimate of the most likely filter after a step; None: the last step.
+
+    Its sigmas include the differences between filters with other starts.
+    """
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     estimate, weights, (delay, std) = likely_estimate(bank, step.state)
     n_x = len(bank.system.states)
     spread, differences = step.spread[n_x:], step.differences[:, n_x:]
     derived = derived_of(estimate, session.vehicle, (delay, std))
-    ended = _derived_spread(session, estimate, derived, differences)
-    began = _derived_spread(session, *_at_start(session, estimate))
+    end_spread = _derived_spread(session, estimate, derived, differences)
+    start_spread = _derived_spread(session, *_at_start(session, estimate))
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
-    hanging = {
+    start_dependent = {
         name
-        for name, far, wide in zip(estimate.names, spread.tolist(), prior.tolist(), strict=True)
-        if far >= wide
+        for name, parameter_spread, prior_std in zip(
+            estimate.names, spread.tolist(), prior.tolist(), strict=True
+        )
+        if parameter_spread >= prior_std
     }
-    hanging |= {name for name, far in ended.items() if far >= began.get(name, np.inf)}
-    spans = {**ended, "delay": step.delay_spread}
-    # A spread as wide as a uniform distribution over the grid: the delay is undetermined.
-    hanging |= {"delay"} if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5 else set()
-    wide = {
-        name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
+    start_dependent |= {
+        name for name, size in end_spread.items() if size >= start_spread.get(name, np.inf)
+    }
+    # The standard deviation of a uniform distribution over the grid: the delay is undetermined.
+    if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5:
+        start_dependent.add("delay")
+    added = {**end_spread, "delay": step.delay_spread}
+    with_spread = {
+        name: (value, float(np.hypot(sigma, added.get(name, 0.0))))
         for name, (value, sigma) in derived.items()
     }
-    finite = np.isfinite(spread)
-    covariance = estimate.covariance + spread_covariance(
-        np.where(finite, spread, prior), differences
+    finite_spread = np.where(np.isfinite(spread), spread, prior)
+    covariance = estimate.covariance + spread_covariance(finite_spread, differences)
+    return SoFar(
+        replace(estimate, covariance=covariance),
+        with_spread,
+        weights,
+        False,
+        frozenset(start_dependent),
     )
-    return SoFar(replace(estimate, covariance=covariance), wide, weights, False, frozenset(hanging))
 
 
 def likely_estimate(
     bank: OnlineBank, state: BankState
 ) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
-    """Return the most likely filter's parameters with its own covariance, the likelihood weights
-    ``(B,)``, and the weighted delay with its deviation (s).
+    """Return results of a bank of filters.
+
+    Returns
+    -------
+    Parameters of the most likely filter with its own covariance; likelihood weights of the delays,
+    shape ``(B,)``; mean delay by these weights, and its standard deviation, s.
     """
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
@@ -162,8 +182,8 @@ def likely_estimate(
 def _at_start(
     session: Session, estimate: Estimate
 ) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """Return the declared start as an estimate, derived quantities, and the differences of the
-    other starts ``(K, n)``.
+    """Return the declared start as an estimate, its derived quantities, and the differences of the
+    other starts from it, shape ``(K, n)``.
     """
     bank = session.bank
     assert bank is not None
@@ -179,19 +199,26 @@ def _derived_spread(
     derived: Mapping[str, tuple[float, float]],
     differences: np.ndarray,
 ) -> dict[str, float]:
-    """Typical differences of natural frequency and damping between estimates that differ by ``apart
-    (K, n)``; infinite if half have none.
+    """Return the spread of natural frequency and damping between filters with other starts.
+
+    A spread is infinite if half of the filters have no such quantity.
+
+    Parameters
+    ----------
+    about : the estimate.
+    derived : its derived quantities.
+    differences : differences of the other filters' parameters from it, shape ``(K, n)``.
     """
-    each = [
-        derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
-        for away in differences
+    others = [
+        derived_of(replace(about, values=about.values + difference), session.vehicle, (0.0, 0.0))
+        for difference in differences
     ]
-    out = {}
+    spread = {}
     for name, (value, _) in derived.items():
         if name != "delay":
-            far = [result[name][0] - value if name in result else np.inf for result in each]
-            out[name] = float(np.sqrt(np.median(np.square(far)) / MEDIAN_SQUARE))
-    return out
+            changes = [other[name][0] - value if name in other else np.inf for other in others]
+            spread[name] = float(np.sqrt(np.median(np.square(changes)) / MEDIAN_SQUARE))
+    return spread
 
 
 # ---- The history of a watch: one line per row, written while the stream continues
@@ -201,20 +228,24 @@ PART = "history.csv.part"
 
 
 class History:
-    """A file ``history.csv.part`` in the study's folder that grows; ``finish`` hands it over as a
-    whole.
+    """A growing file ``history.csv.part`` in the folder of the study; ``finish`` returns its text.
 
-    Columns: ``time``; ``most_likely_delay``, ``weighted_delay`` (s); ``log_likelihood`` of the most
-    likely filter, empty once all filters have broken down; ``weight_25ms`` and so on; states and
-    parameters of the most likely filter, each ``NAME``, ``NAME_std`` as that filter has it, and
-    ``NAME_spread``, the deviation that other starts and the grid of delays add; where the bank is
-    linearised anew ``refined_NAME`` and ``refined_NAME_std`` of the parameters and the delay, empty
-    until it first is; ``innovation_CHANNEL`` in standard deviations, an empty cell where nothing
-    was measured; ``spikes``, how many samples of the row were left out.
+    Columns, with an empty cell where there is no number:
+
+    - ``time``, s.
+    - ``most_likely_delay`` and ``weighted_delay``, s.
+    - ``log_likelihood`` of the most likely filter; empty once all filters have diverged.
+    - ``weight_25ms`` and so on: likelihood of each delay.
+    - States and parameters of the most likely filter: ``NAME``; ``NAME_std`` of that filter;
+      ``NAME_spread``, which other starts and the grid of delays add.
+    - If the bank is relinearised: ``refined_NAME`` and ``refined_NAME_std`` of the parameters and
+      the delay; empty before the first relinearisation.
+    - ``innovation_CHANNEL``, in standard deviations.
+    - ``spikes``: number of samples of the row that were left out.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._made = folder, not folder.exists()
+        self._folder, self._creates_folder = folder, not folder.exists()
         self.path = folder / PART
         self._file: IO[str] | None = None
         self._bank: OnlineBank | None = None
@@ -234,15 +265,16 @@ class History:
             self.path.unlink(missing_ok=True)
         if (
             kind is not None
-            and self._made
+            and self._creates_folder
             and self._folder.is_dir()
             and not any(self._folder.iterdir())
         ):
             self._folder.rmdir()
 
     def write(self, bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> None:
-        """Append a line for each step, all of them on disk when this returns; ``refine``: the bank
-        is linearised anew on its way.
+        """Append a line for each step; all lines are on disk when this returns.
+
+        ``refine``: whether the bank is relinearised during the watch.
 
         Raises
         ------
@@ -265,39 +297,42 @@ class History:
 
     def finish(self) -> str:
         """Close the file and return its text."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-            text = self.path.read_text(encoding="ascii")
-            self.path.unlink()
-            return text
-        return ""
+        if self._file is None:
+            return ""
+        self._file.close()
+        self._file = None
+        text = self.path.read_text(encoding="ascii")
+        self.path.unlink()
+        return text
 
 
 def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
-    """Return the names of the columns."""
+    """Return the names of the columns of a history."""
     weights = [f"weight_{1000.0 * delay:g}ms" for delay in bank.delays]
-    values = [name for each in bank.names for name in (each, f"{each}_std", f"{each}_spread")]
+    values = [column for name in bank.names for column in (name, f"{name}_std", f"{name}_spread")]
     if refine:
         values += [
-            name
-            for each in (*bank.names[len(bank.system.states) :], "delay")
-            for name in (f"refined_{each}", f"refined_{each}_std")
+            column
+            for name in (*bank.names[len(bank.system.states) :], "delay")
+            for column in (f"refined_{name}", f"refined_{name}_std")
         ]
     head = ["time", "most_likely_delay", "weighted_delay", "log_likelihood"]
     return [*head, *weights, *values, *(f"innovation_{name}" for name in OUTPUTS), "spikes"]
 
 
 def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> str:
-    """Return a line a step, ten digits a number."""
+    """Return the lines of a history, one for each step, in the order of ``columns``.
+
+    Numbers have ten digits, innovations four.
+    """
     B, n, count = len(bank.delays), len(bank.names), len(steps)
     states = [step.state for step in steps]
-    each = np.arange(count)
     log_likelihood = np.array(
         [np.where(state.sound, state.log_likelihood, -np.inf) for state in states]
     )
     best = log_likelihood.argmax(axis=1)
     weights = likelihood_weights(log_likelihood)
+    # The diagonal of each covariance: every (n + 1)th number of its rows.
     variance = np.array(
         [
             state.covariance[run].reshape(-1)[:: n + 1]
@@ -305,29 +340,32 @@ def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) ->
         ]
     )
     n_x = len(bank.system.states)
-    table = np.full((count, 4 + B + 3 * n + (2 * (n - n_x + 1) if refine else 0)), np.nan)
+    values_at, refined_at = 4 + B, 4 + B + 3 * n  # first columns of values and refined values
+    table = np.full((count, refined_at + (2 * (n - n_x + 1) if refine else 0)), np.nan)
     table[:, 0], table[:, 1] = [step.row[0] for step in steps], bank.delays[best]
-    table[:, 2], table[:, 3] = weights @ bank.delays, log_likelihood[each, best]
-    table[:, 4 : 4 + B] = weights
-    last = 4 + B + 3 * n
-    table[:, 4 + B : last : 3] = [
+    table[:, 2], table[:, 3] = weights @ bank.delays, log_likelihood[np.arange(count), best]
+    table[:, 4:values_at] = weights
+    table[:, values_at:refined_at:3] = [
         state.mean[:, run] for state, run in zip(states, best.tolist(), strict=True)
     ]
-    table[:, 5 + B : last : 3] = np.sqrt(np.maximum(variance, 0.0))
+    table[:, values_at + 1 : refined_at : 3] = np.sqrt(np.maximum(variance, 0.0))
     spread = np.array([step.spread for step in steps])
-    table[:, 6 + B : last : 3] = np.where(np.isfinite(spread), spread, np.nan)
+    table[:, values_at + 2 : refined_at : 3] = np.where(np.isfinite(spread), spread, np.nan)
     for row, step in enumerate(steps):
         if refine and step.refined is not None:
-            result = joint_estimate(step.refined)
-            table[row, last::2], table[row, last + 1 :: 2] = result.values, result.std
+            estimate = joint_estimate(step.refined)
+            table[row, refined_at::2] = estimate.values
+            table[row, refined_at + 1 :: 2] = estimate.std
     innovations = np.array([state.innovation for state in states])
     spikes = [int(np.count_nonzero(state.skipped)) for state in states]
     form = ",".join(["%.10g"] * table.shape[1] + ["%.4g"] * innovations.shape[1]) + ",%d\n"
     text = "".join(
-        form % (*numbers, *sizes, more)
-        for numbers, sizes, more in zip(table.tolist(), innovations.tolist(), spikes, strict=True)
+        form % (*numbers, *sizes, skipped)
+        for numbers, sizes, skipped in zip(
+            table.tolist(), innovations.tolist(), spikes, strict=True
+        )
     )
-    # a match takes the comma of the next
+    # Twice: of two neighbouring cells the first match takes the comma of the second.
     return text.replace(",-inf,", ",,").replace(",nan,", ",,").replace(",nan,", ",,")
 
 
@@ -343,8 +381,13 @@ def watch_page(
 ) -> Page:
     """Return the page of a watch.
 
-    ``content``: of ``comparison.json``. ``digest``: hash of the rows. ``first``: first sections.
-    ``vehicle``: the vehicle file.
+    Parameters
+    ----------
+    content : content of ``comparison.json``.
+    name : name of the watched file.
+    digest : hash of the record.
+    first : sections that stand above all others.
+    vehicle : the vehicle file.
     """
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
@@ -411,19 +454,22 @@ def watch_page(
 
 
 def _estimate_tables(content: Mapping[str, Any]) -> list[Block]:
+    """Return the tables of parameters and derived quantities."""
     rows = [
-        Row(name, each["unit"], each["estimate"], each["std"])
-        for name, each in content["parameters"].items()
+        Row(name, entry["unit"], entry["estimate"], entry["std"])
+        for name, entry in content["parameters"].items()
     ]
-    derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
-    return [
-        estimates_table("Parameters", rows),
-        *([derived_table("Derived quantities", derived)] if derived else []),
-    ]
+    tables: list[Block] = [estimates_table("Parameters", rows)]
+    derived = {
+        name: (entry["estimate"], entry["std"]) for name, entry in content["derived"].items()
+    }
+    if derived:
+        tables.append(derived_table("Derived quantities", derived))
+    return tables
 
 
 def differences_table(reference: Mapping[str, Any]) -> Table:
-    """Each quantity of the reference, and how far the last estimate is from it."""
+    """Return a table of the reference values with the differences of the last estimate."""
     columns = (
         Column("quantity"),
         Column("reference ± σ", BY_ROW),
@@ -431,14 +477,14 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
         Column("remark"),
     )
     rows: list[tuple[Cell, ...]] = []
-    for each in reference["differences"]:
-        reference_value = estimate(each["reference"], each["reference_std"])
+    for difference in reference["differences"]:
+        reference_value = estimate(difference["reference"], difference["reference_std"])
         rows.append(
             (
-                WORDS.get(each["name"], each["name"]),
+                WORDS.get(difference["name"], difference["name"]),
                 reference_value,
-                Number(each["sigmas"], digits=1, signed=True),
-                "outside" if each["outside"] else "",
+                Number(difference["sigmas"], digits=1, signed=True),
+                "outside" if difference["outside"] else "",
             )
         )
     caption = f"The last estimate against {reference['study']}"
@@ -446,11 +492,12 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
         caption,
         columns,
         tuple(rows),
-        tuple(each["unit"] or PURE for each in reference["differences"]),
+        tuple(difference["unit"] or PURE for difference in reference["differences"]),
     )
 
 
 def _bank(bank: Mapping[str, Any]) -> Table:
+    """Return the table of the likelihoods of the delays."""
     rows = tuple(
         (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}"))
         for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
@@ -462,9 +509,9 @@ def _bank(bank: Mapping[str, Any]) -> Table:
     )
 
 
-# ---- What a watch leaves behind
+# ---- Files of a watch that has ended
 
-FREQUENCY = "frequency.csv"  # beside the history of the bank
+FREQUENCY = "frequency.csv"  # history of the estimates in the frequency domain
 FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTENT, PAGE)
 
 
@@ -472,8 +519,17 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 class WatchOutcome:
     """Final results of a watch.
 
-    ``record``: all rows. ``refinement``: identification from the whole record, or None.
-    ``online``: last on-line estimate. ``delays``: of its bank, s. ``standings``: main results.
+    Attributes
+    ----------
+    record : record of all rows.
+    refinement : identification from the whole record, or None.
+    online : the last on-line estimate.
+    delays : delays of the bank, shape ``(B,)``, s.
+    standings : main results, each beside its reference.
+    left_out : number of rows that were left out.
+    mended : number of rows that were filled in.
+    spikes : number of samples that were left out as spikes.
+    reason : why the watch ended.
     """
 
     record: Record
@@ -488,7 +544,7 @@ class WatchOutcome:
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights of the declared delays, as in ``SoFar``, of the final estimate."""
+        """Weights of the declared delays by the final estimate, as in ``SoFar``."""
         if self.refinement is None or "delay" not in self.refinement.estimate.names:
             return self.online.weights
         return nearest(
@@ -518,17 +574,17 @@ def write_watch(
     history: History,
     name: str,
 ) -> None:
-    """Write the study; the history that grew until now becomes one of its files."""
+    """Write the files of a watch; the growing history becomes one of them."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        history_note = history.finish()
-        write_text(scratch / NAME, history_note)
+        history_text = history.finish()
+        write_text(scratch / NAME, history_text)
         if session.spectral is not None and session.spectral.points:
             write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
-        first = history_section(scratch, history_note, content, title)
+        first = history_section(scratch, history_text, content, title)
         write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
@@ -539,13 +595,15 @@ def write_watch(
 def watch_content(
     session: Session, reference: Reference | None, end: WatchOutcome
 ) -> dict[str, Any]:
-    """Return the content of ``comparison.json``: the refined estimate as the main one where it was
-    made, the on-line bank's under ``methods``.
+    """Return the content of ``comparison.json``.
+
+    The main estimate is the refined one, if there is one. The estimate of the bank is then under
+    ``methods``.
     """
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
-    alone = first_pass_so_far(session)
-    plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
+    first_pass = first_pass_so_far(session)
+    plain: dict[str, Any] = {**_content(session, first_pass), "method": "online"}
     if end.refinement is not None:
         result = end.refinement
         main: dict[str, Any] = {
@@ -570,7 +628,7 @@ def watch_content(
         **({"methods": methods} if methods else {}),
         "bank": {
             "delays": bank.delays,
-            "weights": alone.weights,
+            "weights": first_pass.weights,
             "most_likely": float(bank.delays[state.best]),
         },
         **({} if reference is None else {"reference": reference_content(reference, end.standings)}),
@@ -587,7 +645,9 @@ def watch_content(
 
 
 def _content(session: Session, online: SoFar) -> dict[str, Any]:
-    """An estimate on line; quantities that depend on the start are named, without a number."""
+    """Return the content of an on-line estimate; quantities that depend on the start get a warning
+    and no number.
+    """
     assert session.bank is not None and session.state is not None and session.system is not None
     estimate = online.estimate
     rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
@@ -615,8 +675,12 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
 def rows_of(
     names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]
 ) -> tuple[Row, ...]:
-    """Return the rows of the estimated quantities; one without a deviation is not estimated."""
-    return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
+    """Return the rows of the estimated quantities; ``std`` is zero for those not estimated."""
+    return tuple(
+        Row(name, unit, value, sigma)
+        for name, unit, value, sigma in zip(names, units, values, std, strict=True)
+        if sigma > 0
+    )
 
 
 def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:

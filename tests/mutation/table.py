@@ -575,7 +575,7 @@ SCENARIOS = (
     *changes(
         "scenarios/preparation/filtering.py",
         ("tests/unit/scenarios/preparation/test_filtering.py",),
-        ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
+        ("0.5 * CORNER_SHARE * plan.rate", "CORNER_SHARE * plan.rate"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",
@@ -673,7 +673,7 @@ SCENARIOS = (
     *changes(
         "scenarios/studies/campaign_statistics.py",
         ("tests/unit/scenarios/studies/test_bound.py",),
-        ("width = np.minimum(prior, spread * stated)", "width = spread * stated"),
+        ("pass_prior = np.minimum(prior, spread * stated)", "pass_prior = spread * stated"),
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
     *changes(
@@ -718,8 +718,8 @@ RECORDS = (
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         (
-            "np.where(valid, joined[:, before], joined.mean",
-            "np.where(~valid, joined[:, before], joined.mean",
+            "np.where(valid, joined[:, before], mean)",
+            "np.where(~valid, joined[:, before], mean)",
         ),
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),

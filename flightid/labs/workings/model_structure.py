@@ -325,7 +325,7 @@ def archive(studied: Studied) -> bytes:
     from pathlib import Path
 
     from flightid.labs.workings.trying import PREFIX
-    from scenarios.files.aircraft_files import written
+    from scenarios.files.aircraft_files import vehicle_file_text
     from scenarios.files.writing import write_record
     from sim.aerodynamics import Term
 
@@ -336,5 +336,7 @@ def archive(studied: Studied) -> bytes:
             write_record(Path(scratch), record, Path(record.name).stem, simulated=True)
         for path in sorted(Path(scratch).iterdir()):
             packed.write(path, path.name)
-        packed.writestr("vehicle.toml", written(replace(studied.true, coefficients=plain)))
+        packed.writestr(
+            "vehicle.toml", vehicle_file_text(replace(studied.true, coefficients=plain))
+        )
     return out.getvalue()

@@ -2,13 +2,14 @@
 mark, titles, comments and a row of units.
 
 Comment lines (``#``, ``%``, ``//``), titles and a spreadsheet's ``sep=;`` may stand above the
-header. Columns are separated by commas, semicolons, tabs, bars or blanks: by whichever mark parts
-header and rows alike. A file without a header has columns ``column 1``, ``column 2`` ... What
-cannot be decided is refused with the two readings.
+header. Commas, semicolons, tabs, bars or blanks separate columns: the mark that gives header and
+rows equal numbers of cells. A file without a header has columns ``column 1``, ``column 2`` ... If
+two readings of a file are possible, the file is refused, and the message names both.
 """
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import csv
 import io
@@ -49,11 +50,12 @@ BLANKS = " "
 COMMENT = "#"
 COMMENTS = ("#", "%", "//")
 UNNAMED = "column {}"
-LONGEST_LINE = 100_000  # characters of a line
-LAYOUT_BYTES = 200_000  # bytes in which the layout of a large file is found
+LONGEST_LINE = 100_000  # characters; the layout of a file with a longer line is not looked for
+LAYOUT_BYTES = 200_000  # first bytes of a large file, which show its layout
 BLOCK_BYTES = 4_000_000  # bytes that are parsed at a time
 LARGE_FILE_BYTES = 500_000  # bytes from which a plain file is parsed column by column
-_DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+_SEPARATOR_LINE = re.compile(r"sep=(.)\s*", re.IGNORECASE)  # as spreadsheets write it
+_ZERO_BYTES = 0.4  # share of zeros among every second byte that shows UTF-16
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
 _JSON = re.compile(rb"\s*(?:\{\s*\"|\[\s*[\[{])")
 _UNPRINTABLE = re.compile("[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
@@ -66,7 +68,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
     Raises
     ------
-    RecordError : no text, empty, or columns that cannot be told apart.
+    RecordError : the file has no text or is empty, or its separator cannot be decided.
     """
     if _JSON.match(raw[:LAYOUT_BYTES]):
         raise RecordError("JSON is not read", where=str(path), remedy=_SAVE)
@@ -75,14 +77,16 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
         layout = _layout(path, text)
-        table, result = _table(path, text[layout.first :], layout)
-    table, cut = _without_cut_row(table, text)
-    return (Topic("", table, (*notes, *layout.notes, *result, *cut)),)
+        table, header_notes = _table(path, text[layout.first :], layout)
+    table, cut_notes = _without_cut_row(table, text)
+    return (Topic("", table, (*notes, *layout.notes, *header_notes, *cut_notes)),)
 
 
 def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str, ...]]:
-    """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
-    power, and a sentence on it."""
+    """Return the table without an incomplete last row, and a sentence on it if there was one.
+
+    A recorder that loses its power leaves such a row: too few cells and no end of line.
+    """
     last = table.rows.size - 1
     if (
         text.endswith(("\n", "\r"))
@@ -102,8 +106,8 @@ def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str,
 
 @contextlib.contextmanager
 def _long_cells(most: int) -> Iterator[None]:
-    """Allow cells as long as the file while the body runs: a header of thousands of columns is one
-    cell to any other separator.
+    """Allow cells of ``most`` characters while the body runs: a header of thousands of columns is
+    a single cell by any separator but its own.
     """
     former = csv.field_size_limit(max(most, 1))
     try:
@@ -113,8 +117,15 @@ def _long_cells(most: int) -> Iterator[None]:
 
 
 class Layout(NamedTuple):
-    """Layout of a text file: first character of the table, lines above it, separator, and whether
-    there is a header.
+    """Layout of a text file.
+
+    Attributes
+    ----------
+    first : position in the text of the table's first character.
+    above : the lines above the table.
+    separator : mark between columns.
+    named : whether the table has a header.
+    notes : a sentence on titles above the header, if there are any.
     """
 
     first: int
@@ -125,8 +136,9 @@ class Layout(NamedTuple):
 
 
 def _layout(path: Path, text: str) -> Layout:
+    """Return the layout of a text; raise RecordError if its separator cannot be decided."""
     first, above = _header_at(text)
-    declared = _DECLARED.fullmatch(above[0]) if above else None
+    declared = _SEPARATOR_LINE.fullmatch(above[0]) if above else None
     if declared is not None:
         return Layout(first, above, declared[1], True)
     detected = _detected(text[first:])
@@ -136,30 +148,28 @@ def _layout(path: Path, text: str) -> Layout:
     for line in itertools.islice(io.StringIO(text[first:], newline=""), skipped):
         above.append(line)
         first += len(line)
-    titles = sum(_titles(above))
-    return Layout(
-        first,
-        above,
-        separator,
-        named,
-        (f"{titles} lines above the header are taken as titles",) if titles else (),
-    )
+    titles = sum(_are_titles(above))
+    notes = (f"{titles} lines above the header are taken as titles",) if titles else ()
+    return Layout(first, above, separator, named, notes)
 
 
 def _large(path: Path, raw: bytes) -> Topic | None:
-    """A large plain file, parsed by pyarrow or pandas; None if it needs the careful reader."""
-    begin = raw[:LAYOUT_BYTES]
+    """Return the table of a large file, parsed column by column; None if only the reader of small
+    files can read it.
+    """
+    first_bytes = raw[:LAYOUT_BYTES]
     try:
-        head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
+        head = first_bytes[: first_bytes.rindex(b"\n") + 1].decode("utf-8-sig")
         layout = _layout(path, head)
     except (ValueError, RecordError):
         return None
-    skipped = len(head[: layout.first].encode()) + (3 if begin.startswith(b"\xef\xbb\xbf") else 0)
-    result = _fast_table(path, raw, skipped, head[layout.first :], layout)
-    if result is None:
+    byte_order_mark = len(codecs.BOM_UTF8) if first_bytes.startswith(codecs.BOM_UTF8) else 0
+    table_at = byte_order_mark + len(head[: layout.first].encode())
+    table = _fast_table(path, raw, table_at, head[layout.first :], layout)
+    if table is None:
         return None
-    commented = () if layout.named else _unnamed(layout, len(result.header), str(path))[1]
-    return Topic("", result, (*layout.notes, *commented))
+    header_notes = () if layout.named else _unnamed(layout, len(table.header), str(path))[1]
+    return Topic("", table, (*layout.notes, *header_notes))
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
@@ -187,15 +197,13 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str,
     if named:
         at, under, count = heads([cells for _, cells in lines[: MOST_HEADS + 1]])
         header, body = tuple(header_cell(cell, str(path)) for cell in lines[at][1]), lines[count:]
-        units = (
-            tuple(map(without_brackets, lines[under][1]))
-            if under is not None
-            else unit_row(header, body[0][1])
-            if body
-            else ()
-        )
-        body = body[1:] if units and under is None else body
-        # a file that was appended to another
+        units: tuple[str, ...] = ()
+        if under is not None:
+            units = tuple(map(without_brackets, lines[under][1]))
+        elif body:
+            units = unit_row(header, body[0][1])
+            body = body[1:] if units else body
+        # Where files were joined, the header comes again.
         body = [(row, cells) for row, cells in body if cells != lines[at][1]]
     else:
         header, notes = _unnamed(layout, width, str(path))
@@ -211,11 +219,12 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str,
         for position, (_, cells) in enumerate(body)
         if len(cells) != len(header)
     }
-    whole = [cells + [""] * (len(header) - len(cells)) if ragged else cells for _, cells in body]
-    columns = tuple([cells[index] for cells in whole] for index in range(len(header)))
-    comma = separator != "," and "," in text and has_decimal_comma(columns)
+    filled = [cells + [""] * (len(header) - len(cells)) if ragged else cells for _, cells in body]
+    columns = tuple([cells[index] for cells in filled] for index in range(len(header)))
+    decimal_comma = separator != "," and "," in text and has_decimal_comma(columns)
     rows = np.array([row for row, _ in body], dtype=int)
-    return CellTable(str(path), header, columns, rows, ragged, units, separator, comma), notes
+    table = CellTable(str(path), header, columns, rows, ragged, units, separator, decimal_comma)
+    return table, notes
 
 
 def _of_one_width(
@@ -223,7 +232,8 @@ def _of_one_width(
 ) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
     """Return header, units and rows with equal numbers of cells.
 
-    Removes the empty cell after a final separator, and adds a header for row numbers (R).
+    Removes the empty cell after a final separator. Adds a header to row numbers, which R writes
+    without one.
     """
     wider = bool(body) and all(len(cells) == len(header) + 1 for _, cells in body)
     if (
@@ -232,11 +242,10 @@ def _of_one_width(
         and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header))
     ):
         header, units = header[:-1], units[:-1]
-        return (
-            header,
-            units,
-            [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body],
-        )
+        body = [
+            (row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body
+        ]
+        return header, units, body
     if wider and all(not cells[-1].strip() for _, cells in body):
         return header, units, [(row, cells[:-1]) for row, cells in body]
     if wider and all(cells[0].strip() == str(n + 1) for n, (_, cells) in enumerate(body)):
@@ -245,15 +254,15 @@ def _of_one_width(
 
 
 def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the header of a table that begins with numbers: from the comment above it, else
-    ``column 1`` ...; and a sentence on the comment.
+    """Return the header of a table that begins with numbers, and a sentence if it is a comment.
+
+    It is the comment above the table if that names columns, else ``column 1``, ``column 2`` ...
     """
-    result = _commented_header(layout, width)
-    if not result:
+    cells = _commented_header(layout, width)
+    if not cells:
         return _numbered(width), ()
-    return tuple(header_cell(cell, file) for cell in result), (
-        f"the header is the comment in row {len(layout.above)}",
-    )
+    note = f"the header is the comment in row {len(layout.above)}"
+    return tuple(header_cell(cell, file) for cell in cells), (note,)
 
 
 def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
@@ -263,28 +272,21 @@ def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
     """
     if not layout.above or not _is_comment(layout.above[-1]):
         return ()
-    cells = [
-        cell.strip()
-        for cell in _cells(
-            layout.above[-1].strip().lstrip("".join(COMMENTS)).strip(), layout.separator
-        )
-    ]
-    return (
-        tuple(cells)
-        if len(cells) == width
-        and any(map(is_known, cells))
-        and not any(is_number(cell) for cell in cells)
-        else ()
-    )
+    comment = layout.above[-1].strip().lstrip("".join(COMMENTS)).strip()
+    cells = tuple(cell.strip() for cell in _cells(comment, layout.separator))
+    if len(cells) != width or any(map(is_number, cells)):
+        return ()
+    return cells if any(map(is_known, cells)) else ()
 
 
 def _numbered(count: int) -> tuple[str, ...]:
     return tuple(UNNAMED.format(n + 1) for n in range(count))
 
 
-def _titles(above: Sequence[str]) -> list[bool]:
+def _are_titles(above: Sequence[str]) -> list[bool]:
+    """Return which lines are neither empty, nor comments, nor a spreadsheet's separator line."""
     return [
-        bool(line.strip()) and not _is_comment(line) and not _DECLARED.fullmatch(line)
+        bool(line.strip()) and not _is_comment(line) and not _SEPARATOR_LINE.fullmatch(line)
         for line in above
     ]
 
@@ -294,24 +296,19 @@ def _is_comment(line: str) -> bool:
 
 
 def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
-    """Return the text of a file and a sentence on its encoding where that is not UTF-8."""
+    """Return the text of a file, and a sentence on its encoding if that is not Unicode."""
     sample = raw[:4096]
-    encodings = ["utf-8-sig"]
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encodings = ["utf-16"]
-    elif (
-        len(sample) > 8
-        and sample[1::2].count(0) > 0.4 * len(sample[1::2])
-        and not sample[::2].count(0)
-    ):
-        encodings = ["utf-16-le"]
-    elif (
-        len(sample) > 8
-        and sample[::2].count(0) > 0.4 * len(sample[::2])
-        and not sample[1::2].count(0)
-    ):
-        encodings = ["utf-16-be"]
-    for encoding in [*encodings, "cp1252"]:
+    even, odd = sample[::2], sample[1::2]
+    long_enough = len(sample) > 8
+    unicode = "utf-8-sig"
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        unicode = "utf-16"
+    # In UTF-16 one byte of each letter of English is zero: the second one in little endian.
+    elif long_enough and odd.count(0) > _ZERO_BYTES * len(odd) and not even.count(0):
+        unicode = "utf-16-le"
+    elif long_enough and even.count(0) > _ZERO_BYTES * len(even) and not odd.count(0):
+        unicode = "utf-16-be"
+    for encoding in (unicode, "cp1252"):
         try:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
@@ -338,7 +335,7 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         if len(lines) >= LOOKED_AT:
             break
     if any(len(line) > LONGEST_LINE or line.count('"') % 2 for line in lines):
-        return None  # cells that go on over several lines
+        return None  # a cell may continue on the next line
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         return None
@@ -352,17 +349,17 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         ):
             return None
     tail = filled[-max(1, min(len(filled) // 2, 20)) :]
-    best: tuple[int, str] | None = None
+    most_numbers, separator = 0, ""
     for mark in (*SEPARATORS, BLANKS):
         cells = [_cells(line, mark) for line in tail]
         width = len(cells[0])
         if width > 1 and all(len(row) == width and has_number(row) for row in cells):
             numbers = sum(is_number(cell) for row in cells for cell in row)
-            if best is None or numbers > best[0]:
-                best = numbers, mark
-    if best is None:
+            if numbers > most_numbers:
+                most_numbers, separator = numbers, mark
+    if not separator:
         return None
-    mark = best[1]
+    mark = separator
     width = len(_cells(tail[0], mark))
     cells = [
         _cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines
@@ -371,24 +368,28 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     first_numbers = next(
         (n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None
     )
-    result = header_row(rows)
-    if result is not None and len(rows[result]) == width:
-        return mark, result, True
-    if first_numbers is None or (
-        first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width
-    ):
-        return None  # a header of another width than the rows is for the careful reading to refuse
+    header_at = header_row(rows)
+    if header_at is not None and len(rows[header_at]) == width:
+        return mark, header_at, True
+    if first_numbers is None:
+        return None
+    if first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width:
+        return None  # header and rows differ in width; _rows and the checks of cells report it
     return mark, first_numbers, False
 
 
 def _cells(line: str, mark: str) -> list[str]:
-    """Cells of a line, without an empty one after a final separator."""
+    """Return the cells of a line, without the empty cell after a final bar."""
     cells = line.split() if mark == BLANKS else next(csv.reader([line], delimiter=mark), [])
-    return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
+    if mark == "|" and len(cells) > 1 and not cells[-1].strip():
+        return cells[:-1]
+    return cells
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """Return the table that begins at a byte of a plain file; ``begin``: its first lines."""
+    """Return the table of a plain file from the byte ``at`` on, with the first lines ``begin``;
+    None if the file is not plain.
+    """
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
@@ -431,8 +432,8 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
     """Return the columns of the rows from a byte on, block by block to save memory.
 
-    A column has numbers if its first block has. None if a later cell is no number: then the careful
-    reader is needed.
+    A column has numbers if its first block has numbers. None if a later cell of it is no number:
+    then the reader of small files has to read the file.
     """
     import pyarrow
     from pyarrow import csv as arrow_csv
@@ -449,7 +450,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
         raw[at : raw.index(b"\n", at)].rstrip(b"\r ").endswith(separator.encode())
         and separator == "|"
     )
-    every = [*names, "end"] if trailing else names
+    names_in_file = [*names, "end"] if trailing else names
     parsing = arrow_csv.ParseOptions(delimiter=separator, quote_char=False)
     content = pyarrow.py_buffer(raw).slice(at)
 
@@ -463,17 +464,17 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
             false_values=[],
         )
 
-    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK_BYTES)
+    reading = arrow_csv.ReadOptions(column_names=names_in_file, block_size=BLOCK_BYTES)
     count = raw.count(b"\n", at) + (not raw.endswith(b"\n"))
     try:
         first = arrow_csv.open_csv(
             pyarrow.BufferReader(content), reading, parsing, options({})
         ).read_next_batch()
         numeric = [
-            pyarrow.types.is_integer(each.type)
-            or pyarrow.types.is_floating(each.type)
-            or pyarrow.types.is_null(each.type)
-            for each in first.schema
+            pyarrow.types.is_integer(field.type)
+            or pyarrow.types.is_floating(field.type)
+            or pyarrow.types.is_null(field.type)
+            for field in first.schema
         ]
         types = {
             name: pyarrow.float64() if number else pyarrow.string()
@@ -494,7 +495,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
     except (pyarrow.ArrowInvalid, StopIteration):
         return None
     if row != count:
-        return None  # empty lines: their rows have numbers too
+        return None  # pyarrow skips empty lines, but row numbers in messages count them
     return [
         column if number else _numeric_or_text(column)
         for column, number in zip(columns, numeric, strict=True)
@@ -502,7 +503,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
 
 
 def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
-    """Cells as numbers if only blanks around them were in the way."""
+    """Return a column of texts as numbers if each text is a number with blanks around it."""
     try:
         if not all(cell is None or (cell.isascii() and "_" not in cell) for cell in cells):
             return cells
@@ -532,7 +533,11 @@ def _header_at(text: str) -> tuple[int, list[str]]:
     above: list[str] = []
     at = 0
     for line in io.StringIO(text, newline=""):
-        if line.strip() and not _is_comment(line) and not (not above and _DECLARED.fullmatch(line)):
+        if (
+            line.strip()
+            and not _is_comment(line)
+            and not (not above and _SEPARATOR_LINE.fullmatch(line))
+        ):
             break
         above.append(line)
         at += len(line)
@@ -540,14 +545,14 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 
 
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
-    """Return all rows without empty ones."""
+    """Return the rows that are not empty; ``above``: how many lines stand above the text."""
     if separator == BLANKS:
-        parted = [
+        split_lines = [
             (n + above + 1, line.split())
             for n, line in enumerate(io.StringIO(text, newline=""))
             if not _is_comment(line)
         ]
-        return [(row, cells) for row, cells in parted if cells]
+        return [(row, cells) for row, cells in split_lines if cells]
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     lines: Rows = []
     try:
@@ -563,20 +568,23 @@ def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
 
 
 def _separator(path: Path, text: str, above: int) -> str:
-    """Separator of the columns; a comma for a single column."""
-    parting = [mark for mark in SEPARATORS if len(_first_row(path, text, mark, above)) > 1]
-    if len(parting) > 1:
-        fitting = [mark for mark in parting if _even(_rows(path, text, mark, above))]
-        if len(fitting) != 1:
-            both = " and ".join(SEPARATORS[mark] for mark in parting)
-            what = f"{both} stand in the header, and either may separate the columns"
-            raise RecordError(
-                what,
-                where=f"{path}, row {above + 1}",
-                remedy="save it with one separator, names that contain another in quotes",
-            )
-        return fitting[0]
-    return parting[0] if parting else ","
+    """Return the separator of the columns; a comma for a single column.
+
+    If the header has several marks, the separator is the one by which all rows have equal numbers
+    of cells. Raises RecordError if several marks do that, or none.
+    """
+    in_header = [mark for mark in SEPARATORS if len(_first_row(path, text, mark, above)) > 1]
+    if not in_header:
+        return ","
+    if len(in_header) == 1:
+        return in_header[0]
+    fitting = [mark for mark in in_header if _of_equal_width(_rows(path, text, mark, above))]
+    if len(fitting) != 1:
+        marks = " and ".join(SEPARATORS[mark] for mark in in_header)
+        what = f"{marks} stand in the header, and either may separate the columns"
+        remedy = "save it with one separator, names that contain another in quotes"
+        raise RecordError(what, where=f"{path}, row {above + 1}", remedy=remedy)
+    return fitting[0]
 
 
 def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
@@ -588,5 +596,5 @@ def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
         ) from None
 
 
-def _even(lines: Rows) -> bool:
+def _of_equal_width(lines: Rows) -> bool:
     return len(lines) > 1 and all(len(cells) == len(lines[0][1]) for _, cells in lines)

@@ -1,5 +1,6 @@
-"""Time stamps of a record as seconds: dates, times of day, counters, few digits, roll-over,
-repeated and unsorted rows.
+"""Convert the time stamps of a record to seconds: dates, times of day and counters.
+
+Also repairs stamps with few digits, counters that overflow, and repeated or unsorted rows.
 """
 
 from __future__ import annotations
@@ -15,28 +16,30 @@ from sim.errors import RecordError
 
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-USUAL_RATE = 50.0  # Hz; an unlabelled counter has the unit with the rate nearest to this
-# Hz: a counter of whole numbers that would be slower in seconds does not count seconds
+# A counter without a unit gets the unit that gives the rate nearest to this, Hz.
+USUAL_RATE = 50.0
+# A counter of whole numbers with a lower rate in seconds, Hz, does not count seconds.
 LOWEST_COUNTER_RATE = 0.1
-FEWEST_STEPS = 20  # least number of steps that determine the unit of a counter
-# Hz: an unlabelled clock that would be faster in seconds is in a longer unit
+FEWEST_STEPS = 20  # with fewer steps the unit of a counter is not decided
+# A clock without a unit and with a higher rate in seconds, Hz, has a longer unit.
 HIGHEST_CLOCK_RATE = 50_000.0
-# Hz, from which a note says that an unlabelled clock is read in seconds
+# A clock without a unit and with a higher rate in seconds, Hz, is read in seconds with a note.
 DOUBTFUL_CLOCK_RATE = 1000.0
 LEAST_DATE_STAMP = 1e8  # s; larger stamps are dates
-LATEST_EPOCH_STAMP = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
-# Largest delay of the first stamp after the end of a day or week, share of it.
+LATEST_EPOCH_STAMP = 4.2e9  # s; seconds since 1970 stay below it until the year 2103
+# Longest time from the end of a day or week to the first stamp after it, share of day or week.
 ROLLOVER_DELAY_SHARE = 1e-3
+OVERFLOW_SHARE = 0.9  # a fall by a larger share of its range is an overflow of a counter
 HOUR = 3600.0  # s
 DAY = 86400.0  # s
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
-# Least share of uneven steps that is attributed to rounding of the stamps. Measured: correct for
-# all of 1500 records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s.
+# Least share of uneven steps that is attributed to rounding of the stamps. Correct for all of 1500
+# records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s.
 ROUNDED_STEP_SHARE = 0.01
-COARSE_STAMP_SHARE = 0.01  # rounding of the stamps over the step that counts as coarse
-# share of the rows that may stand in the wrong place; in order, a record has none and this decides
-# nothing
+COARSE_STAMP_SHARE = 0.01  # stamps whose rounding is a larger share of the step are coarse
+MOST_FIT_STAMPS = 4000  # stamps that determine an even grid; enough, and the fit stays fast
+# A record with a larger share of rows in the wrong place is not sorted.
 MOST_DISPLACED_SHARE = 0.02
 _TIME_OF_DAY = re.compile(
     r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ "
@@ -52,9 +55,9 @@ class Clock:
 
     Attributes
     ----------
-    time : ``(N,)``, s, NaN for rows without a readable time.
-    notes : sentences on the decisions.
-    origin : s, subtracted from the stamps; relates the clocks of one log.
+    time : shape ``(N,)``, s; NaN for rows without a readable time.
+    notes : sentences on how the stamps were read.
+    origin : s; it was subtracted from the stamps. With it the clocks of a log have one time.
     """
 
     time: np.ndarray
@@ -68,9 +71,9 @@ class Sorted:
 
     Attributes
     ----------
-    time : shape ``(M,)``, s.
-    order : position of each row before, shape ``(M,)``.
-    notes : one sentence each.
+    time : shape ``(M,)``, s, increasing.
+    order : shape ``(M,)``, position that each row had in the file.
+    notes : sentences on rows that were moved or left out.
     """
 
     time: np.ndarray
@@ -79,18 +82,19 @@ class Sorted:
 
 
 def counter_unit(name: str) -> str | None:
-    """Unit that a clock's name alone states, as ``TimeUS`` does; None if it states none."""
+    """Return the unit in the name of a clock such as ``TimeUS``; None if there is none in it."""
     return COUNTERS.get(name.strip().lower())
 
 
 def times_of_texts(cells: Sequence[object]) -> Clock | None:
-    """Dates, times of day, IRIG times or durations in seconds from the first; None for others.
+    """Return texts of times in seconds from the first; None for other texts.
 
-    Dates are ISO 8601, or day, month and year in either order. Times of day are ``hh:mm:ss.sss``,
-    with a comma or a colon before the fraction, or ``mm:ss.s``. IRIG times are
-    ``DDD:hh:mm:ss.sss``, also with a year before or a dash after the day. Durations are those of
-    pandas, ``0 days 00:00:01.5``. A time of day that falls by more than half a day has passed
-    midnight; one of minutes that falls by more than half an hour has passed the hour.
+    - Dates: ISO 8601, or day, month and year; day and month in either order.
+    - Times of day: ``hh:mm:ss.sss``, also with a comma or a colon before the fraction, or
+      ``mm:ss.s``. A fall by more than half a day is midnight; a fall of ``mm:ss.s`` by more than
+      half an hour is the full hour.
+    - IRIG times: ``DDD:hh:mm:ss.sss``, also with a year before or a dash after the day.
+    - Durations: those of pandas, ``0 days 00:00:01.5``.
     """
     texts = ["" if cell is None else str(cell).strip() for cell in cells]
     filled = [text for text in texts if text]
@@ -107,40 +111,44 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
         parts = (_MINUTES if of_minutes else _TIME_OF_DAY).fullmatch(text)
         if parts is None:
             return None
-        seconds[row] = (
-            60.0 * int(parts[1]) + _fraction(parts[2]) if of_minutes else _seconds_of_day(parts)
-        )
-    irig, duration = (False, False) if match is None else (bool(match[1]), bool(match[2]))
-    kind = "IRIG times (days of the year)" if irig else "durations" if duration else "times of day"
-    kind = "minutes and seconds" if of_minutes else kind
+        if of_minutes:
+            seconds[row] = 60.0 * int(parts[1]) + _seconds_with_fraction(parts[2])
+        else:
+            seconds[row] = _seconds_of_day(parts)
+    if of_minutes:
+        kind, period = "minutes and seconds", HOUR
+    elif match is not None and match[1]:
+        kind, period = "IRIG times (days of the year)", 0.0
+    elif match is not None and match[2]:
+        kind, period = "durations", 0.0
+    else:
+        kind, period = "times of day", DAY
     note = f"{kind} count from the first, {filled[0]}"
     finite_rows = np.flatnonzero(np.isfinite(seconds))
-    turn = 0.0 if irig or duration else HOUR if of_minutes else DAY
-    turns = (
-        np.concatenate([[0.0], np.cumsum(np.diff(seconds[finite_rows]) < -0.5 * turn)])
-        if turn
-        else np.zeros(finite_rows.size)
-    )
-    seconds[finite_rows] += turn * turns
-    if turns.size and turns[-1]:
-        note += "; the full hour is passed" if of_minutes else "; midnight is passed"
-    return Clock(
-        np.round(seconds - seconds[finite_rows[0]], 9), (note,), float(seconds[finite_rows[0]])
-    )
+    if period:
+        falls = np.diff(seconds[finite_rows]) < -0.5 * period
+        periods = np.concatenate([[0.0], np.cumsum(falls)])
+        seconds[finite_rows] += period * periods
+        if periods[-1]:
+            note += "; the full hour is passed" if of_minutes else "; midnight is passed"
+    first = float(seconds[finite_rows[0]])
+    return Clock(np.round(seconds - first, 9), (note,), first)
 
 
 def _seconds_of_day(parts: re.Match[str]) -> float:
+    """Return the seconds of a match of ``_TIME_OF_DAY``, its days included."""
     days = int(parts[1] or parts[2] or 0)
-    return DAY * days + 60.0 * (60.0 * int(parts[3]) + int(parts[4])) + _fraction(parts[5])
+    minutes = 60.0 * int(parts[3]) + int(parts[4])
+    return DAY * days + 60.0 * minutes + _seconds_with_fraction(parts[5])
 
 
-def _fraction(text: str) -> float:
-    """Seconds with a fraction after a point, a comma or a colon."""
+def _seconds_with_fraction(text: str) -> float:
+    """Return seconds whose fraction stands after a point, a comma or a colon."""
     return float(text.replace(",", ".").replace(":", "."))
 
 
 def times_of_dates(dates: np.ndarray) -> Clock:
-    """NumPy's dates or durations in seconds, dates from the first."""
+    """Return dates or durations of NumPy in seconds; dates count from the first."""
     if dates.dtype.kind == "m":
         return Clock(np.where(np.isnat(dates), np.nan, dates / np.timedelta64(1, "ns") * 1e-9))
     finite_rows = np.flatnonzero(~np.isnat(dates))
@@ -157,33 +165,33 @@ def times_of_dates(dates: np.ndarray) -> Clock:
 def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
     """Return the numbers of a clock in seconds.
 
+    A counter of 16 or 32 bits continues after an overflow. Stamps that are dates count from the
+    first sample.
+
     Parameters
     ----------
     values : shape ``(N,)``, NaN if missing.
-    unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
-    where : the column, for a message.
-
-    A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first
-    sample.
+    unit : ``s``, ``ms``, ``us`` or ``ns``; None: the rate decides.
+    where : file and column, for errors.
 
     Raises
     ------
-    RecordError : no unit is stated, and the rate would be impossible in seconds, so that the clock
-        may be in minutes, hours or days.
+    RecordError : ``unit`` is None, and the rate in seconds would be impossibly high: the clock may
+        be in minutes, hours or days.
     """
     notes: list[str] = []
     stated = unit == "s"
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < 2:
         return Clock(values)
-    values, turns = _unrolled(values)
-    if turns:
-        notes.append(
-            f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on"
-        )
+    values, overflows = _without_overflows(values)
+    if overflows:
+        times = "time" if overflows == 1 else "times"
+        notes.append(f"the counter of the clock begins anew {overflows} {times} and goes on")
     if unit is None:
         unit, sentence = _unit_by_rate(values[finite], where)
-        notes += [sentence] if sentence else []
+        if sentence:
+            notes.append(sentence)
     if unit == "d":
         first = float(values[finite][0])
         days = (values - first) * DAY
@@ -194,22 +202,31 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
         first = float(values[finite][0])
         values = values - first
     seconds, period = _past_midnight(values * factor if factor != 1.0 else values)
-    notes += [f"the clock begins anew after a {period} and goes on"] if period else []
+    if period:
+        notes.append(f"the clock begins anew after a {period} and goes on")
     return Clock(seconds, tuple(notes), first * factor)
 
 
 def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
-    """Return the unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values``
-    are finite.
+    """Decide the unit of a clock whose unit is not stated.
+
+    Parameters
+    ----------
+    values : the stamps, shape ``(N,)``, finite.
+    where : file and column, for errors.
+
+    Returns
+    -------
+    The unit, ``s``, ``ms``, ``us``, ``ns`` or ``d``, and a sentence on it or an empty text.
 
     Raises
     ------
-    RecordError : the rate is impossible in seconds, and no unit is certain.
+    RecordError : the rate is impossible in seconds, and no other unit is certain.
     """
     steps = np.diff(values)
-    moves = steps > 0.0
-    # Stamps with few digits repeat more often than they change.
-    step = float(np.median(steps[moves]) * np.mean(moves)) if np.any(moves) else 0.0
+    forward = steps > 0.0
+    # Stamps with few digits repeat: the interval is the step times the share of stamps that change.
+    step = float(np.median(steps[forward]) * np.mean(forward)) if np.any(forward) else 0.0
     if not step > 0.0 or steps.size < FEWEST_STEPS:
         return "s", ""
     whole = bool(np.all(values == np.round(values)))
@@ -241,19 +258,22 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """Return the even grid that was rounded to the stamps, and a sentence; None if the stamps
-    are exact enough or no even grid explains them.
+    """Return the even grid of times whose rounding gives the stamps.
 
     Parameters
     ----------
-    time : shape ``(N,)``, s, finite.
+    time : the stamps, shape ``(N,)``, s, finite.
+
+    Returns
+    -------
+    The grid, shape ``(N,)``, s, and a sentence on it; None if the stamps are exact enough, or if no
+    even grid explains them.
 
     Notes
     -----
-    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp; the digits
-    are counted for each power of ten, as numbers printed with a fixed number of significant digits
-    have fewer decimals the larger they are. Of all such grids the one with the least largest
-    deviation is taken (a linear program in ``a``, ``b``).
+    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp. The last
+    digit is found for each power of ten, since larger numbers with the same significant digits have
+    fewer decimals. A linear program in ``a`` and ``b`` minimizes the largest deviation.
     """
     if (
         time.size < 10
@@ -266,7 +286,7 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
         return None
     usual = float(np.median(np.diff(time)))
     uneven = np.abs(np.diff(time) - usual) > COARSE_STAMP_SHARE * step
-    # If most stamps repeat, the few changes are no faults.
+    # If usual is zero, most stamps repeat, and steps between them are not faults.
     if usual > 0.0 and np.mean(uneven) < ROUNDED_STEP_SHARE:
         return None
     unit = _last_digits(time)
@@ -274,14 +294,17 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
         return None
     from scipy.optimize import linprog
 
-    some = np.unique(np.linspace(0, time.size - 1, min(time.size, 4000)).astype(int))
-    k, scale = some / (time.size - 1), 0.5 * unit[some]
+    samples = np.linspace(0, time.size - 1, min(time.size, MOST_FIT_STAMPS))
+    samples = np.unique(samples.astype(int))
+    # Unknowns: offset a, length b of the grid, largest deviation d in units of half a last digit.
+    k, half_digit = samples / (time.size - 1), 0.5 * unit[samples]
     ones = np.ones_like(k)
-    rows = np.vstack([np.column_stack([ones, k, -scale]), np.column_stack([-ones, -k, -scale])])
-    shifted = time[some] - time[0]
+    above = np.column_stack([ones, k, -half_digit])
+    below = np.column_stack([-ones, -k, -half_digit])
+    shifted = time[samples] - time[0]
     solution = linprog(
         [0.0, 0.0, 1.0],
-        A_ub=rows,
+        A_ub=np.vstack([above, below]),
         b_ub=np.concatenate([shifted, -shifted]),
         bounds=[(None, None), (None, None), (0.0, None)],
     )
@@ -290,53 +313,56 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     grid = time[0] + solution.x[0] + solution.x[1] * np.arange(time.size) / (time.size - 1)
     if np.any(np.abs(grid - time) > 0.5 * unit * (1.0 + 1e-6) + 1e-12):
         return None
-    even = solution.x[1] / (time.size - 1)
+    interval = solution.x[1] / (time.size - 1)
     repeats = int(np.count_nonzero(np.diff(time) == 0.0))
     repeated = f" and repeat {repeats} times" if repeats else ""
-    return (
-        grid,
-        f"the time stamps have few digits{repeated}: an even grid of {even:.6g} s explains all of "
-        "them and is used",
+    sentence = (
+        f"the time stamps have few digits{repeated}: an even grid of {interval:.6g} s explains all "
+        "of them and is used"
     )
+    return grid, sentence
 
 
 def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
-    """Sorted rows without exact repeats; None if too many are out of order, or a time remains
-    twice.
+    """Sort rows by time, and leave out rows that repeat the row before them.
 
     Parameters
     ----------
     time : shape ``(N,)``, s, finite.
     repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
+
+    Returns
+    -------
+    The sorted rows; None if too many rows are out of order, or if two rows that differ have the
+    same time.
     """
     order = np.argsort(time, kind="stable")
     notes = []
     misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
     if misplaced:
-        if misplaced > MOST_DISPLACED_SHARE * time.size or np.max(
-            np.abs(order - np.arange(time.size))
-        ) > max(10, MOST_DISPLACED_SHARE * time.size):
+        most = MOST_DISPLACED_SHARE * time.size
+        farthest = np.max(np.abs(order - np.arange(time.size)))
+        if misplaced > most or farthest > max(10, most):
             return None
         notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
     order = order[~repeats[order]]
     dropped = time.size - order.size
     if dropped:
-        notes.append(
-            f"{dropped} row{'s that repeat' if dropped > 1 else ' that repeats'} the one before "
-            f"{'are' if dropped > 1 else 'is'} left out"
-        )
+        rows, are = ("row that repeats", "is") if dropped == 1 else ("rows that repeat", "are")
+        notes.append(f"{dropped} {rows} the one before {are} left out")
     if order.size < 2 or np.any(np.diff(time[order]) <= 0.0):
         return None
     return Sorted(time[order], order, tuple(notes))
 
 
 def _dates(texts: Sequence[str]) -> Clock | None:
+    """Return dates in seconds from the first; None for other texts."""
     import pandas
 
     first_text = next(text for text in texts if text)
     if not re.match(r"\d{4}-?\d{2}-?\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}", first_text):
         return None
-    result = []
+    readings = []
     for texts_in_order, words in _orders_of_day_and_month(texts):
         series = pandas.Series([text or None for text in texts_in_order])
         for form in ("ISO8601", "mixed"):
@@ -345,12 +371,12 @@ def _dates(texts: Sequence[str]) -> Clock | None:
             except (ValueError, TypeError, OverflowError):
                 continue
             valid = stamps.dropna()
-            result.append((valid.max() - valid.min(), stamps, words))
+            readings.append((valid.max() - valid.min(), stamps, words))
             break
-    if not result:
+    if not readings:
         return None
-    # Records are short: use the order of day and month with the shorter duration.
-    _, stamps, words = min(result, key=lambda each: each[0])
+    # Records are short: use the order of day and month that gives the shorter duration.
+    _, stamps, words = min(readings, key=lambda reading: reading[0])
     first = stamps[stamps.first_valid_index()]
     seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
     return Clock(
@@ -361,65 +387,67 @@ def _dates(texts: Sequence[str]) -> Clock | None:
 
 
 def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], str]]:
-    """Return the dates as year, month, day; without the year first, for both orders."""
-    parted = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
-    if not any(parted):
+    """Return the readings of dates as texts with year, month and day, each with a word on it.
+
+    Dates with the year first have one reading. Other dates have two: day first and month first.
+    """
+    matches = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
+    if not any(matches):
         return [(texts, "")]
     orders: list[tuple[Sequence[str], str]] = []
     for day, month, words in ((1, 2, " (day first)"), (2, 1, " (month first)")):
         ordered = [
-            f"{each[3]}-{int(each[month]):02d}-{int(each[day]):02d}{each[4]}" if each else text
-            for each, text in zip(parted, texts, strict=True)
+            f"{match[3]}-{int(match[month]):02d}-{int(match[day]):02d}{match[4]}" if match else text
+            for match, text in zip(matches, texts, strict=True)
         ]
         orders.append((ordered, words))
     return orders
 
 
 def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Seconds of the day or of the GPS week, which begin anew at the end of it, made continuous;
-    and which.
+    """Make seconds of the day, or of the GPS week, continuous over the end of day or week.
+
+    Returns the times, shape ``(N,)``, s, and ``"day"``, ``"week"`` or, without an end, an empty
+    text.
     """
     finite_rows = np.flatnonzero(np.isfinite(time))
-    steps = np.diff(time[finite_rows])
+    finite = time[finite_rows]
     for period, name in ((DAY, "day"), (7.0 * DAY, "week")):
-        turns = np.abs(steps + period) < ROLLOVER_DELAY_SHARE * period
-        if (
-            np.any(turns)
-            and np.min(time[finite_rows]) >= 0.0
-            and np.max(time[finite_rows]) <= period
-        ):
-            out = time.copy()
-            out[finite_rows] += period * np.concatenate([[0.0], np.cumsum(turns)])
-            return out, name
+        rollovers = np.abs(np.diff(finite) + period) < ROLLOVER_DELAY_SHARE * period
+        if np.any(rollovers) and np.min(finite) >= 0.0 and np.max(finite) <= period:
+            continuous = time.copy()
+            continuous[finite_rows] += period * np.concatenate([[0.0], np.cumsum(rollovers)])
+            return continuous, name
     return time, ""
 
 
-def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return a counter of 16 or 32 bits without its overflows."""
+def _without_overflows(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return a counter of 16 or 32 bits made continuous, and the number of its overflows."""
     finite_rows = np.flatnonzero(np.isfinite(values))
     steps = np.diff(values[finite_rows])
     for bits in (16, 32):
         span = 2.0**bits
-        turns = steps < -0.9 * span
+        overflows = steps < -OVERFLOW_SHARE * span
         if (
-            np.any(turns)
+            np.any(overflows)
             and np.nanmax(values) < span
             and np.all(values[finite_rows] == np.round(values[finite_rows]))
         ):
-            out = values.copy()
-            out[finite_rows] += span * np.concatenate([[0], np.cumsum(turns)])
-            return out, int(np.count_nonzero(turns))
+            continuous = values.copy()
+            continuous[finite_rows] += span * np.concatenate([[0], np.cumsum(overflows)])
+            return continuous, int(np.count_nonzero(overflows))
     return values, 0
 
 
 def _last_digits(time: np.ndarray) -> np.ndarray:
-    """Return the unit of the last digit with which stamps of each power of ten are written, s,
-    shape ``(N,)``.
+    """Return the unit of the last written digit of each stamp, s, shape ``(N,)``.
+
+    Stamps of the same power of ten have the same unit: the largest in which all of them are whole.
     """
     power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
     unit = np.zeros_like(time)
-    for each in np.unique(power):
-        here = power == each
+    for exponent in np.unique(power):
+        here = power == exponent
         values = time[here]
         for decimals in range(-6, 13):
             scaled = values * 10.0**decimals
@@ -431,11 +459,11 @@ def _last_digits(time: np.ndarray) -> np.ndarray:
             ):
                 unit[here] = 10.0**-decimals
                 break
-    # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals
-    # than a larger one.
-    for each in np.unique(power)[::-1]:
-        here = power == each
-        larger = unit[power > each]
+    # A printed number has at least the decimals of any larger one; small numbers may seem to have
+    # fewer by chance.
+    for exponent in np.unique(power)[::-1]:
+        here = power == exponent
+        larger = unit[power > exponent]
         if larger.size:
             unit[here] = np.minimum(unit[here], larger.min())
     return unit

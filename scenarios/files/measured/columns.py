@@ -1,4 +1,4 @@
-"""Columns of a table as channels with units; and record files, read once."""
+"""Find the columns of a table that are channels, and their units. Open each record file once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sim.record import Hold
 
 # ---- Which column of a table is which channel
 
-_SECOND = re.compile(r"(\w[\w.]*)\[1\]")
+_SECOND_ELEMENT = re.compile(r"(\w[\w.]*)\[1\]")  # xyz[1], which also reads as xyz in the unit 1
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class SourceColumn:
 
     Attributes
     ----------
-    channel : our name.
-    header : the cell in the file.
-    index : position in the table.
-    unit : unit of the column's numbers; for the stick a label.
-    inside : the unit that they are converted to, empty if the unit is a label.
+    channel : name of the channel in this project.
+    header : header cell of the column in the file.
+    index : position in the table, from 0.
+    unit : unit of the column's numbers; for the stick a label that is not converted.
+    inside : SI unit of the channel, to which they are converted; empty if ``unit`` is a label.
     """
 
     channel: str
@@ -52,11 +52,11 @@ class SourceColumn:
 
 
 def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
-    """Name and unit of a header cell.
+    """Return name and unit of a header cell; the unit is None if the cell states none.
 
     ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, without a unit.
     """
-    match = _SECOND.fullmatch(header[index])
+    match = _SECOND_ELEMENT.fullmatch(header[index])
     if match is not None and (f"{match[1]}[0]" in header or f"{match[1]}[2]" in header):
         return header[index], None
     return split_header(header[index])
@@ -65,7 +65,7 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
 def suffix_unit(cell: str, channel: str) -> str | None:
     """Return the unit in a header ``channel_unit``; None for any other header.
 
-    The first word is divided by the others: ``q_deg_s`` is in ``deg/s``.
+    Words after the first one are divisors: ``q_deg_s`` is in ``deg/s``.
     """
     if not cell.startswith(channel + "_"):
         return None
@@ -86,28 +86,27 @@ def find_column(
 ) -> SourceColumn | None:
     """Return the column of a channel, None if the table has none.
 
-    A channel in ``choices`` is that column alone, or absent. Otherwise the headers ``alpha``,
-    ``alpha [deg]`` and ``alpha_deg`` are recognised. A header ``alpha_word`` whose word is no unit
-    of an angle is another signal if there is also a column ``alpha``.
+    ``choices``, the channel map, names the column of a channel or declares the channel absent. A
+    channel that is not in the map is found by the headers ``alpha``, ``alpha [deg]`` and
+    ``alpha_deg``. If a column ``alpha`` exists, a header ``alpha_word`` is another signal unless
+    the word is a unit of an angle.
 
     The unit is that of the header, else of ``under`` (the row of units under the header), else of
     ``units`` (the sidecar's). ``channel_units``: the SI unit of every known channel; a header that
     is the name of another channel is never used. ``lenient``: ignore a unit in ``under`` of the
-    wrong dimension, since recorders often write wrong ones.
+    wrong dimension; recorders often write wrong units.
 
     Raises
     ------
-    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one
-        of the wrong dimension, or two that contradict each other, in the header and under it.
+    RecordError : two columns for the channel; the file lacks the column of the map; the unit is
+        unknown or has the wrong dimension; the units in the header and under it differ.
     """
     if channel not in channel_units:
         raise RecordError(
             f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
         )
-    default, inside = (
-        (units or {}).get(channel, channel_units[channel]),
-        inside_unit(channel, channel_units),
-    )
+    default = (units or {}).get(channel, channel_units[channel])
+    inside = inside_unit(channel, channel_units)
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
@@ -115,42 +114,37 @@ def find_column(
             channel, choices[channel], header, file, default, inside, under, lenient=lenient
         )
     named, suffixed = [], []
-    cells = _in_our_case(channel, header, channel_units)
+    cells = _in_case_of_channel(channel, header, channel_units)
     for index, cell in enumerate(cells):
         name, unit = split_at(cells, index)
         if name == channel:
-            named.append(
-                SourceColumn(
-                    channel,
-                    header[index],
-                    index,
-                    default if unit is None else unit or default,
-                    inside,
-                )
-            )
+            named.append(SourceColumn(channel, header[index], index, unit or default, inside))
         elif name not in channel_units and (word := suffix_unit(cell, channel)) is not None:
             suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    result = named + readable if inside else named or suffixed  # any word is a label
-    if len(result) > 1:
-        both = " and ".join(repr(column.header) for column in result)
+    # The unit of a stick without a unit is a label: any word is one.
+    matching = named + readable if inside else named or suffixed
+    if len(matching) > 1:
+        both = " and ".join(repr(column.header) for column in matching)
         raise RecordError(
             f"columns {both} are all {channel}",
             where=file,
             remedy="leave one of them, or choose with --channels",
         )
-    chosen = result or suffixed[:1]
+    chosen = matching or suffixed[:1]
     if not chosen:
         return None
     stated = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
-    return _sound(_with_unit_under(chosen[0], under, file, said=stated, lenient=lenient), file)
+    column = _with_unit_under(chosen[0], under, file, stated=stated, lenient=lenient)
+    return _convertible(column, file)
 
 
-def _in_our_case(
+def _in_case_of_channel(
     channel: str, header: Sequence[str], channel_units: Mapping[str, str]
 ) -> Sequence[str]:
-    """Return the header with ``Elevator`` or ``ALPHA`` in the case of the channel, if no cell
-    matches exactly and no other channel is meant.
+    """Return the header with ``Elevator`` or ``ALPHA`` in the letter case of the channel.
+
+    The header stays as it is if a cell matches exactly. A cell that names another channel stays.
     """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
@@ -176,7 +170,9 @@ def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) 
 def named_otherwise(
     channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
 ) -> bool:
-    """Return whether the only similar headers are such as ``airspeed_raw``, without a unit."""
+    """Return whether all headers that begin with the channel's name go on with a word that is no
+    unit, as ``airspeed_raw`` does.
+    """
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
@@ -192,7 +188,7 @@ def map_command(file: str | Path) -> str:
 
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
-    """Return the error for a channel that a model cannot do without."""
+    """Return the error for a channel that a model needs and the file does not have."""
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = (
@@ -211,38 +207,44 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
 
 
 def column_place(file: str, column: SourceColumn) -> str:
-    """``record.csv, column 'alpha_deg'``."""
+    """Return the place of a column as errors name it: ``record.csv, column 'alpha_deg'``."""
     return f"{file}, column {column.header!r}"
 
 
 def _with_unit_under(
-    column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool
+    column: SourceColumn, under: Sequence[str], file: str, *, stated: bool, lenient: bool
 ) -> SourceColumn:
-    """Return the column in the unit of the row under its header; ``said``: the header states a unit
-    too, which must agree.
+    """Return the column in the unit that stands under its header.
+
+    If the header states a unit too (``stated``), RecordError is raised unless both agree.
     """
-    text = under[column.index] if under else ""
-    if lenient and text and _unit_fault(replace(column, unit=text), file) is not None:
-        text = ""
-    if not text or not said:
-        return replace(column, unit=text) if text else column
-    if not _same_unit(column.unit, text, column.inside):
-        what = f"the header says {column.unit}, the row of units under it {text}"
+    unit_under = under[column.index] if under else ""
+    if lenient and unit_under and _unit_fault(replace(column, unit=unit_under), file) is not None:
+        unit_under = ""
+    if not unit_under:
+        return column
+    if not stated:
+        return replace(column, unit=unit_under)
+    if not _same_unit(column.unit, unit_under, column.inside):
+        what = f"the header says {column.unit}, the row of units under it {unit_under}"
         raise RecordError(what, where=column_place(file, column), remedy="correct one of them")
     return column
 
 
-def _same_unit(one: str, other: str, inside: str) -> bool:
+def _same_unit(unit: str, other_unit: str, inside: str) -> bool:
+    """Return whether two units are equal by name, or by their factor to the unit ``inside``."""
+    if unit == other_unit:
+        return True
+    if not inside:
+        return False
     try:
-        return one == other or (
-            inside != "" and to_si(1.0, one, inside, "") == to_si(1.0, other, inside, "")
-        )
+        return to_si(1.0, unit, inside, "") == to_si(1.0, other_unit, inside, "")
     except RecordError:
         return False
 
 
-def _sound(column: SourceColumn, file: str) -> SourceColumn:
-    """Return the column, if its unit can be converted."""
+def _convertible(column: SourceColumn, file: str) -> SourceColumn:
+    """Return the column; raise RecordError if its unit cannot be converted."""
     fault = _unit_fault(column, file)
     if fault is not None:
         raise fault
@@ -260,32 +262,35 @@ def _mapped(
     *,
     lenient: bool,
 ) -> SourceColumn:
-    assert isinstance(choice.column, str)  # numbers are resolved before
-    result = [index for index, cell in enumerate(header) if cell == choice.column]
-    result = result or [
+    """Return the column that the channel map names: by its whole header cell, else by its name
+    without unit.
+    """
+    assert isinstance(choice.column, str)  # column numbers were replaced by headers before
+    matching = [index for index, cell in enumerate(header) if cell == choice.column]
+    matching = matching or [
         index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column
     ]
-    if not result:
+    if not matching:
         error = missing_column(channel, header, file)
         near = closest(choice.column, [cell for cell in header if cell])
-        if choice.column == channel:  # named by itself, as signals of `response` are
+        if choice.column == channel:  # signals of `flightid response` stand for themselves
             raise RecordError(error.what, where=error.where, remedy=near)
         what = error.what.replace(
             repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
         )
         raise RecordError(what, where=error.where, remedy=f"correct the channel map: {near}")
-    if len(result) > 1:
-        raise RecordError(
-            f"{len(result)} columns are headed {choice.column!r}",
-            where=f"{file}, header",
-            remedy="rename all but one of them",
-        )
-    cell = header[result[0]]
+    if len(matching) > 1:
+        what = f"{len(matching)} columns are headed {choice.column!r}"
+        raise RecordError(what, where=f"{file}, header", remedy="rename all but one of them")
+    index = matching[0]
     if choice.unit is not None:
-        return _sound(SourceColumn(channel, cell, result[0], choice.unit or default, inside), file)
-    unit = split_at(header, result[0])[1]
-    column = SourceColumn(channel, cell, result[0], unit or default, inside)
-    return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
+        unit: str | None = choice.unit
+        column = SourceColumn(channel, header[index], index, unit or default, inside)
+        return _convertible(column, file)
+    unit = split_at(header, index)[1]
+    column = SourceColumn(channel, header[index], index, unit or default, inside)
+    column = _with_unit_under(column, under, file, stated=bool(unit), lenient=lenient)
+    return _convertible(column, file)
 
 
 def _unit_fault(column: SourceColumn, file: str) -> RecordError | None:
@@ -312,11 +317,11 @@ class Sidecar:
 
     Attributes
     ----------
-    name : of the record, or None.
-    hold : inputs between samples.
-    says_hold : whether the file states the hold; else it is the default.
-    simulated : whether the data are simulated.
+    name : name of the record; None if the file states none.
+    hold : behaviour of the inputs between samples.
     units : channel -> unit of a column without a unit in its header.
+    says_hold : whether the file states the hold; if not, ``hold`` is the default.
+    simulated : whether the data are simulated.
     file : name of the JSON file; empty if there is none.
     """
 
@@ -329,18 +334,19 @@ class Sidecar:
 
 
 def sidecar_path(record: Path) -> Path:
-    """``record.json`` beside ``record.csv`` or ``record.csv.gz``."""
+    """Return the path ``record.json`` for a record ``record.csv`` or ``record.csv.gz``."""
     uncompressed = record.with_suffix("") if record.suffix.lower() == ".gz" else record
     return uncompressed.with_suffix(".json")
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """Return the sidecar of a record file; the default one if there is none, or where that JSON
-    is of another program.
+    """Return the sidecar of a record file.
+
+    The default sidecar is returned if there is no file, or a JSON file of another program.
 
     Raises
     ------
-    RecordError : it cannot be read or is damaged, or it is a record's and says something that
+    RecordError : the file cannot be read or is damaged, or it is a sidecar with an entry that
         cannot be used.
     """
     path = sidecar_path(record)
@@ -360,24 +366,18 @@ def read_sidecar(record: Path) -> Sidecar:
 
 
 def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
-    """Return the content of a record's JSON, checked."""
+    """Return the sidecar of a JSON file's content, checked."""
     schema = content.get("schema")
     if not isinstance(schema, str) or not schema.startswith("flightid/"):
         ours = [key for key in ("hold", "units") if key in content]
         if ours and not isinstance(schema, str):
             what = f"it has the key {ours[0]} and no schema"
-            raise RecordError(
-                what,
-                where=f"{path}, key schema",
-                remedy=f'add "schema": "{SCHEMA}", or move the file away',
-            )
+            remedy = f'add "schema": "{SCHEMA}", or move the file away'
+            raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
         return Sidecar()
     if schema != SCHEMA:
-        raise RecordError(
-            f"schema {schema!r} is not known here",
-            where=f"{path}, key schema",
-            remedy=f"write the record again as {SCHEMA}",
-        )
+        what, remedy = f"schema {schema!r} is not known here", f"write the record again as {SCHEMA}"
+        raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
     for key in content:
         if key not in KEYS:
             raise RecordError(
@@ -388,21 +388,15 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
     if name is not None and not isinstance(name, str):
         raise RecordError(f"{name!r} is no name", where=f"{path}, key name", remedy="write a text")
     if hold not in [kind.value for kind in Hold]:
-        raise RecordError(
-            f"hold {hold!r} is not known",
-            where=f"{path}, key hold",
-            remedy="write previous or linear",
-        )
+        what, remedy = f"hold {hold!r} is not known", "write previous or linear"
+        raise RecordError(what, where=f"{path}, key hold", remedy=remedy)
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
         raise RecordError(
             "a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}'
         )
     if not isinstance(content.get("origin", ""), str):
-        raise RecordError(
-            "the origin is not a text",
-            where=f"{path}, key origin",
-            remedy=f"write {SIMULATED}, or leave it out",
-        )
+        what, remedy = "the origin is not a text", f"write {SIMULATED}, or leave it out"
+        raise RecordError(what, where=f"{path}, key origin", remedy=remedy)
     return Sidecar(
         name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name
     )
@@ -411,7 +405,9 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
 def refuse_unknown_units(
     sidecar: Sidecar, header: Sequence[str], record: Path, allowed: Collection[str]
 ) -> None:
-    """Raise RecordError for the unit of a name that is no ``allowed`` channel and no column."""
+    """Raise RecordError if the sidecar states a unit for a name that is neither an ``allowed``
+    channel nor a column.
+    """
     for name in sidecar.units:
         if name in allowed or any(
             split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header
@@ -427,11 +423,18 @@ def refuse_unknown_units(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordFile:
-    """A record file: path, cells, JSON file, and identity (name and hash).
+    """An open record file.
 
-    ``identity.name``: name in outputs, with folders if two files have the same name. ``choices``:
-    its channel map. ``in_memory``: not a file; ``path`` is only a name. ``topics``: of a log with
-    several clocks; ``table`` then has only the headers, ``topic.field``. ``notes``: on reading it.
+    Attributes
+    ----------
+    path : its path; of a record in memory only a name.
+    table : its cells; of a log of several topics only the headers, ``topic.field``.
+    sidecar : the JSON file beside it.
+    identity : name in outputs, with folders if two files have the same name; hash of the content.
+    choices : its channel map.
+    in_memory : whether the record never was a file.
+    topics : tables of a log of several topics, each with its own clock; else empty.
+    notes : sentences on decisions that reading the file took.
     """
 
     path: Path
@@ -448,13 +451,13 @@ class RecordFile:
 
 
 def read_record_file(path: str | Path) -> RecordFile:
-    """Open a record file of any of our formats, or a folder with one CSV file a channel, and its
-    sidecar, each once.
+    """Read a record file of any known format, or a folder with one CSV file a channel, and its
+    sidecar.
 
     Raises
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
-        the sidecar says what cannot be used.
+        the sidecar has an entry that cannot be used.
     """
     folder = opened_folder(Path(path))
     if folder is None:
@@ -479,11 +482,11 @@ def read_record_file(path: str | Path) -> RecordFile:
 
 
 def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
-    """Return the file with its columns named anew, in their order.
+    """Return the file with new names of its columns, in their order.
 
     Raises
     ------
-    RecordError : not one name for each column, or a log of several topics.
+    RecordError : the numbers of names and columns differ, or the file is a log of several topics.
     """
     if not names:
         return file
@@ -508,45 +511,45 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
-    """Record files in their order, with unique names; an open file is returned as it is."""
+    """Return the record files, opened, in their order, with unique names."""
     return with_distinct_names([opened(record) for record in records])
 
 
 def opened(record: Path | RecordFile) -> RecordFile:
-    """Return a record file read; itself where it is open already."""
+    """Return the record file of a path; an open file is returned as it is."""
     return record if isinstance(record, RecordFile) else read_record_file(record)
 
 
 def read_with_validation(
     records: Iterable[Path | RecordFile], validate: Iterable[Path | RecordFile]
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
-    """Record files to fit and those to predict, in their order, with unique names."""
-    first = [opened(record) for record in records]
-    both = with_distinct_names([*first, *(opened(record) for record in validate)])
-    return both[: len(first)], both[len(first) :]
+    """Return the record files to fit and those to predict, opened, all with unique names."""
+    fitted = [opened(record) for record in records]
+    files = with_distinct_names([*fitted, *(opened(record) for record in validate)])
+    return files[: len(fitted)], files[len(fitted) :]
 
 
 def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
-    """Return the files, those with equal names named with as many of their folders as it takes:
-    ``flight1/record.csv``, ``flight2/record.csv``.
+    """Return the files with distinct names: equal file names get as many folders as they need,
+    ``flight1/record.csv`` and ``flight2/record.csv``.
     """
     by_name: dict[str, list[Path]] = {}
-    on_disk = [file for file in files if not file.in_memory]
-    for file in on_disk:
-        by_name.setdefault(file.path.name, []).append(resolved(file.path))
-    deep = {name: _depth(same) for name, same in by_name.items()}
+    for file in files:
+        if not file.in_memory:
+            by_name.setdefault(file.path.name, []).append(resolved(file.path))
+    depths = {name: _depth(paths) for name, paths in by_name.items()}
 
     def named(file: RecordFile) -> RecordFile:
         if file.in_memory:
             return file
-        name = "/".join(resolved(file.path).parts[-deep[file.path.name] :])
+        name = "/".join(resolved(file.path).parts[-depths[file.path.name] :])
         return replace(file, identity=replace(file.identity, name=name))
 
     return tuple(named(file) for file in files)
 
 
 def _depth(paths: Sequence[Path]) -> int:
-    """Return the number of path parts that distinguish paths with the same last part."""
+    """Return how many last parts tell the paths apart; the file name is the last part of all."""
     most = max(len(path.parts) for path in paths)
     return next(
         (
@@ -564,7 +567,7 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
 
 
 def all_simulated(files: Iterable[RecordFile]) -> bool:
-    """Return whether the JSON files beside them state that all are simulated."""
+    """Return whether the sidecar of every record states that its data are simulated."""
     return all(file.sidecar.simulated for file in files)
 
 
@@ -578,9 +581,7 @@ def path_of(record: Path | RecordFile) -> Path | None:
 def refuse_twice(
     records: Sequence[Path | RecordFile], remedy: str = "name each record once"
 ) -> None:
-    """Raise RecordError if two paths lead to the same file, or a record in memory is given
-    twice.
-    """
+    """Raise RecordError if two paths lead to the same file, or a record in memory appears twice."""
     seen: set[Path | int] = set()
     for record in records:
         path = path_of(record)

@@ -1,8 +1,9 @@
 """Merge columns of topics with different clocks on one time grid.
 
 The grid is the clock of the fastest topic with an output, over the time common to all topics.
-Faster columns are low-pass filtered (zero phase). Slower outputs have samples only at the grid
-times nearest to their own. Inputs are held or linear between their samples. Notes report this.
+Faster columns are low-pass filtered (zero phase). A slower output has a sample only at the grid
+time nearest to each of its own samples. A slower input is held or linear between its samples. A
+sentence reports each of these changes.
 """
 
 from __future__ import annotations
@@ -30,19 +31,39 @@ from scenarios.files.units import QUANTITIES, to_si
 from sim.errors import RecordError
 
 SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
-BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
+CORNER_SHARE = 0.8  # corner frequency of the low-pass, as a share of half the new rate
 FILTER_ORDER = 4
+SHORTEST_FILTERED = 20  # samples; a shorter column is not filtered
+STEPS_SHARE = 0.3  # a signal that changes between fewer of its samples is a command that is held
+# One part in 1e9 more, so that rounding does not lose the last sample of an even grid.
+ROUNDING = 1.0 + 1e-9
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
-NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
-FIRST_CELLS = 5  # cells that say whether a column holds dates
-UNEVEN_CLOCK_SHARE = 0.1  # relative deviation that is reported as an uneven clock
-Place = tuple[int, int]  # topic and column
+INDEX_HEADERS = ("", "index", "unnamed: 0")  # headers that pandas gives an index without a name
+# Spellings of units of time -> their symbols.
+TIME_UNITS = {
+    "µs": "us",
+    "usec": "us",
+    "msec": "ms",
+    "sec": "s",
+    "seconds": "s",
+    "nsec": "ns",
+}
+FIRST_CELLS = 5  # cells that show whether a column holds dates
+UNEVEN_CLOCK_SHARE = 0.1  # jitter over interval from which a clock is reported as uneven
+Place = tuple[int, int]  # numbers of a topic and of a column in it
 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A channel to compute: from which columns, by which expression, and as an input or an
-    output.
+    """A channel to compute from columns.
+
+    Attributes
+    ----------
+    channel : its name.
+    choice : its entry in the channel map.
+    expression : the expression over columns.
+    places : place of each column by its name in the expression.
+    is_input : whether it is an input of the model; else it is an output.
     """
 
     channel: str
@@ -53,7 +74,7 @@ class Wanted:
 
     @property
     def computed(self) -> bool:
-        """Whether it is anything but one column's own numbers."""
+        """Whether the channel differs from the numbers of a single column."""
         return (
             self.choice.computed
             or len(self.places) != 1
@@ -62,27 +83,25 @@ class Wanted:
 
 
 def clock_place(table: CellTable) -> int | None:
-    """Return the column with the clock of a table, or None.
+    """Return the number of the column that is the clock of a table, or None.
 
-    In this order: ``time``, other names of clocks, an unnamed first column with dates (pandas).
+    First choice is ``time``, then another name of a clock, then an unnamed first column with dates
+    (pandas).
     """
-    named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
-    first = [
-        index for index in named if split_header(table.header[index])[0].strip().lower() == TIME
-    ]
-    chosen = first or named
-    if (
-        not chosen
-        and table.header
-        and table.header[0].lower() in NO_NAMES
-        and holds_dates(table.columns[0])
-    ):
-        return 0
-    return chosen[0] if chosen else None
+    names = [split_header(cell)[0] for cell in table.header]
+    clocks = [index for index, name in enumerate(names) if is_clock(name)]
+    called_time = [index for index in clocks if names[index].strip().lower() == TIME]
+    if called_time or clocks:
+        return (called_time or clocks)[0]
+    has_index = bool(names) and table.header[0].lower() in INDEX_HEADERS
+    return 0 if has_index and holds_dates(table.columns[0]) else None
 
 
 def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
-    """Whether a column holds dates, times of day or durations, by its type or its first cells."""
+    """Return whether a column holds dates, times of day or durations.
+
+    Its type shows that, else its first cells.
+    """
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
         return True
     if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
@@ -96,16 +115,17 @@ def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
 
 
 def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
-    """Return the stamps of a table's clock in seconds.
+    """Return the time stamps of a clock in seconds.
 
     Parameters
     ----------
-    table, index : the column.
-    unit : its unit where that is known; None: as the header says, else as the numbers do.
+    table : the table.
+    index : number of the column with the clock.
+    unit : its unit; None: that of the header, or the one that the numbers suggest.
 
     Raises
     ------
-    RecordError : a unit that measures no time.
+    RecordError : the unit measures no time.
     """
     column = table.columns[index]
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
@@ -120,29 +140,20 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
                 return clock
     stated = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
+    where = f"{table.file}, column {table.header[index]!r}"
     if stated in SECONDS or stated is None:
-        return seconds_of_counter(values, stated, f"{table.file}, column {table.header[index]!r}")
-    return Clock(
-        np.asarray(to_si(values, stated, "s", f"{table.file}, column {table.header[index]!r}"))
-    )
+        return seconds_of_counter(values, stated, where)
+    return Clock(np.asarray(to_si(values, stated, "s", where)))
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """Return the unit in a header, in the row under it or in a clock's name; None without one."""
+    """Return the unit that a header, the row under it or the name of a clock states, or None."""
     name, unit = split_at(table.header, index)
-    under = table.units[index] if table.units else ""
-    if unit or under:
-        chosen = unit or under
-        if table.stated_apart and is_clock(name) and not measures(chosen, "s"):
+    stated = unit or (table.units[index] if table.units else "")
+    if stated:
+        if table.stated_apart and is_clock(name) and not measures(stated, "s"):
             return None
-        return {
-            "µs": "us",
-            "usec": "us",
-            "msec": "ms",
-            "sec": "s",
-            "seconds": "s",
-            "nsec": "ns",
-        }.get(chosen, chosen)
+        return TIME_UNITS.get(stated, stated)
     if not is_clock(name):
         return None
     suffix = suffix_unit(name.lower(), TIME) or suffix_unit(name.lower(), "timestamp")
@@ -152,14 +163,14 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 def unit_of(
     wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
-    """Return the unit of a channel's numbers, and a note on an unused stated unit.
+    """Return the unit of a channel's numbers, and a note if the unit in the file is not used.
 
-    The unit of the choice has precedence over that of the file. None for expressions over columns
-    with units, which are computed in SI.
+    The unit in the channel map has precedence over that in the file. The unit is None for a
+    computed channel without a unit in the map: its columns are converted to SI before.
 
     Raises
     ------
-    RecordError : somebody wrote a unit to the column that is none of the channel.
+    RecordError : a user wrote a unit into the header that does not measure the channel.
     """
     if wanted.choice.unit is not None or wanted.computed:
         return wanted.choice.unit, ""
@@ -174,6 +185,7 @@ def unit_of(
 
 
 def measures(unit: str, inside: str) -> bool:
+    """Return whether a unit can be converted to the unit ``inside``."""
     if not inside:
         return False
     try:
@@ -184,24 +196,23 @@ def measures(unit: str, inside: str) -> bool:
 
 
 def calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
+    """Return values after the calibration table, scale and offset of the channel map."""
     if choice.table is not None:
         values = np.where(np.isnan(values), np.nan, np.interp(values, *choice.table))
-    return (
-        choice.scale * values + choice.offset
-        if (choice.scale, choice.offset) != (1.0, 0.0)
-        else values
-    )
+    if (choice.scale, choice.offset) == (1.0, 0.0):
+        return values
+    return choice.scale * values + choice.offset
 
 
 def topic_numbers(
     file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
 ) -> np.ndarray:
-    """Return a column as numbers; in SI where ``si`` and its unit is stated and known."""
+    """Return the numbers of a column; ``si``: in SI if the file states a known unit."""
     table = topics[place[0]].table
-    result = numbers(table, place[1])
+    content = numbers(table, place[1])
     where = f"{table.file}, column {table.header[place[1]]!r}"
-    if result.texts:
-        row, text = next(iter(result.texts.items()))
+    if content.texts:
+        row, text = next(iter(content.texts.items()))
         raise RecordError(
             f"{text[:40]!r} in row {table.rows[row]} is not a number",
             where=where,
@@ -209,19 +220,24 @@ def topic_numbers(
         )
     unit = stated_unit(table, place[1])
     if not si or not unit or unit in QUANTITIES:
-        return result.values
+        return content.values
     for target in SI_TRIED:
         try:
-            return np.asarray(to_si(result.values, unit, target, where))
+            return np.asarray(to_si(content.values, unit, target, where))
         except RecordError:
             continue
-    return result.values
+    return content.values
 
 
 def delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """A column corrected for ``delay``, s, at the times of its rows; constant beyond its ends."""
+    """Return a column corrected for its ``delay``, s, at the times of its rows.
+
+    Beyond the ends of the column its values are constant. All arrays have shape ``(N,)``.
+    """
     finite = np.isfinite(values) & np.isfinite(time)
-    return np.interp(time + delay, time[finite], values[finite]) if np.any(finite) else values
+    if not np.any(finite):
+        return values
+    return np.interp(time + delay, time[finite], values[finite])
 
 
 def merged(
@@ -232,37 +248,48 @@ def merged(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """Return the wanted channels of several topics on one grid."""
-    used = sorted({place[0] for each in wanted for place in each.places.values()})
+    """Merge the wanted channels of several topics on one grid.
+
+    Parameters
+    ----------
+    rate : Hz; of an even grid. None: the grid is the clock of a topic.
+    hold : ``previous`` or ``linear``: slower inputs between their samples, unless the channel map
+        states it. None: held if the input moves in steps.
+    channel_units : SI unit of every known channel.
+
+    Returns
+    -------
+    The file with a single table of the channels, and the channel map of that table.
+    """
+    used = sorted({place[0] for channel in wanted for place in channel.places.values()})
     clocks = topic_clocks(file, topics, used)
-    notes: list[str] = []
-    leading = [
+    with_outputs = [
         topic
-        for each in wanted
-        if not each.is_input
-        for topic in {place[0] for place in each.places.values()}
-    ] or used
-    grid, grid_note = grid_of(file, topics, clocks, used, leading, rate)
-    notes += [grid_note, *unread_topics(topics, used)]
+        for channel in wanted
+        if not channel.is_input
+        for topic in {place[0] for place in channel.places.values()}
+    ]
+    grid, grid_note = grid_of(file, topics, clocks, used, with_outputs or used, rate)
+    notes = [grid_note, *unread_topics(topics, used)]
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
-    for each in wanted:
-        values, unit, note = on_grid(file, topics, clocks, each, grid, step, hold, channel_units)
-        header.append(each.channel)
+    for channel in wanted:
+        values, unit, note = on_grid(file, topics, clocks, channel, grid, step, hold, channel_units)
+        header.append(channel.channel)
         columns.append(values)
-        choices[each.channel] = ColumnChoice(each.channel, unit)
+        choices[channel.channel] = ColumnChoice(channel.channel, unit)
         if note:
-            notes.append(f"{each.channel}: {note}")
+            notes.append(f"{channel.channel}: {note}")
     table = CellTable(str(file.path), tuple(header), tuple(columns), np.arange(1, grid.size + 1))
-    single = replace(file, table=table, topics=(), notes=(*file.notes, *notes))
-    return single, choices
+    merged_file = replace(file, table=table, topics=(), notes=(*file.notes, *notes))
+    return merged_file, choices
 
 
 def topic_clocks(
     file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return ordered times (s, common origin) and their rows, by topic."""
-    result: dict[int, Clock] = {}
+    """Return by topic its increasing times, s from an origin common to all, and their rows."""
+    absolute: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
         index = clock_place(table)
@@ -274,10 +301,10 @@ def topic_clocks(
             raise RecordError(
                 f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy
             )
-        result[number] = clock_of(table, index)
-    origin = min(clock.origin for clock in result.values())
+        absolute[number] = clock_of(table, index)
+    origin = min(clock.origin for clock in absolute.values())
     clocks = {}
-    for number, clock in result.items():
+    for number, clock in absolute.items():
         time = clock.time + (clock.origin - origin)
         rows = np.flatnonzero(np.isfinite(time))
         rows = rows[np.argsort(time[rows], kind="stable")]
@@ -300,6 +327,10 @@ def grid_of(
     leading: Sequence[int],
     rate: float | None,
 ) -> tuple[np.ndarray, str]:
+    """Return the times of the grid, s, and a sentence on it.
+
+    ``leading``: topics of which the fastest gives the grid its clock; ``rate``, Hz, replaces it.
+    """
     begin, end = max(clocks[n][0][0] for n in used), min(clocks[n][0][-1] for n in used)
     spans = ", ".join(
         f"{topics[n].name} {clocks[n][0][0]:g} to {clocks[n][0][-1]:g} s" for n in used
@@ -309,7 +340,7 @@ def grid_of(
             "the topics share no time", where=str(file.path), remedy=f"they cover {spans}"
         )
     if rate is not None:
-        grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
+        grid = begin + np.arange(int((end - begin) * rate * ROUNDING) + 1) / rate
         grid_text = f"an even grid of {rate:g} Hz"
     else:
         fastest = min(dict.fromkeys(leading), key=lambda n: float(np.median(np.diff(clocks[n][0]))))
@@ -319,9 +350,8 @@ def grid_of(
         step = float(np.median(steps))
         jitter = float(np.median(np.abs(steps - step)))
         grid_text = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        grid_text += (
-            f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > UNEVEN_CLOCK_SHARE * step else ""
-        )
+        if jitter > UNEVEN_CLOCK_SHARE * step:
+            grid_text += f" with a jitter of {1e3 * jitter:.2g} ms"
     if grid.size < 2:
         raise RecordError(
             "the topics share fewer than two samples",
@@ -330,36 +360,34 @@ def grid_of(
         )
     if len(used) == 1:
         return grid, f"the rows are those of {grid_text}"
-    return (
-        grid,
-        f"{len(used)} topics are put on one grid, {grid_text}: "
-        f"{', '.join(topics[n].name for n in used)}",
-    )
+    names = ", ".join(topics[n].name for n in used)
+    return grid, f"{len(used)} topics are put on one grid, {grid_text}: {names}"
 
 
-PART_OF_A_VECTOR = re.compile(r"\w*\[\d+\]|[xyz]")  # xyz[0], control[1], x
+VECTOR_ELEMENT = re.compile(r"\w*\[\d+\]|[xyz]")  # xyz[0], control[1], x
 
 
 def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
-    """Return a sentence on topics that have the same columns as those that are read, as the sheets
-    of several runs have.
+    """Return a sentence for each used topic that has the same columns as unread topics.
+
+    A spreadsheet with a sheet for each run has such topics.
     """
     sentences = []
-    for at in used:
-        header = topics[at].table.header
-        named = [cell for cell in header if not is_clock(split_header(cell)[0])]
-        if all(PART_OF_A_VECTOR.fullmatch(cell) for cell in named):
-            continue  # names that any vector of a log has
-        others = [
+    for used_number in used:
+        header = topics[used_number].table.header
+        fields = [cell for cell in header if not is_clock(split_header(cell)[0])]
+        if all(VECTOR_ELEMENT.fullmatch(cell) for cell in fields):
+            continue  # any vector of a log has these names
+        unread = [
             topic.name
-            for n, topic in enumerate(topics)
-            if n not in used and topic.table.header == header
+            for number, topic in enumerate(topics)
+            if number not in used and topic.table.header == header
         ]
-        if others:
-            shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
-            have, are = ("has", "is") if len(others) == 1 else ("have", "are")
+        if unread:
+            shown = ", ".join(unread[:6]) + (", ..." if len(unread) > 6 else "")
+            have, are = ("has", "is") if len(unread) == 1 else ("have", "are")
             sentences.append(
-                f"{shown} {have} the same columns as {topics[at].name} and {are} not read"
+                f"{shown} {have} the same columns as {topics[used_number].name} and {are} not read"
             )
     return sentences
 
@@ -374,106 +402,113 @@ def on_grid(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """Return a channel's values on the grid, NaN if an output has no sample, their unit, and how
-    it got there.
+    """Return a channel on the grid.
+
+    Returns
+    -------
+    Values, NaN where an output has no sample; their unit; a text on how they were resampled.
     """
-    unit, unused = unit_of(wanted, topics, channel_units)
-    laid: dict[str, np.ndarray] = {}
-    slowest = 0.0
-    notes: list[str] = [unused] if unused else []
+    unit, unused_unit = unit_of(wanted, topics, channel_units)
+    resampled: dict[str, np.ndarray] = {}
+    longest_interval = 0.0
+    notes: list[str] = [unused_unit] if unused_unit else []
     for name, place in wanted.places.items():
         time, rows = clocks[place[0]]
         values = topic_numbers(file, topics, place, wanted, si=unit is None)[rows]
-        laid[name], own, sentence = _laid(
+        resampled[name], interval, sentence = _resampled(
             time, values, grid + wanted.choice.delay, step, wanted, hold
         )
-        slowest = max(slowest, own)
-        notes += [sentence] if sentence else []
+        longest_interval = max(longest_interval, interval)
+        if sentence:
+            notes.append(sentence)
     where = f"{file.path}, channel {wanted.channel}"
-    values = calibrated(evaluate(wanted.expression, laid, where), wanted.choice)
-    if not wanted.is_input and slowest > SAME_RATE * step:
+    values = calibrated(evaluate(wanted.expression, resampled, where), wanted.choice)
+    if not wanted.is_input and longest_interval > SAME_RATE * step:
         values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
         notes.append(
-            f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has "
-            "samples only where it was measured"
+            f"its own samples come every {longest_interval:.3g} s, the grid's every {step:.3g} s: "
+            "it has samples only where it was measured"
         )
-    return (
-        values,
-        unit if unit is not None else inside_unit(wanted.channel, channel_units),
-        "; ".join(dict.fromkeys(notes)),
-    )
+    if unit is None:
+        unit = inside_unit(wanted.channel, channel_units)
+    return values, unit, "; ".join(dict.fromkeys(notes))
 
 
-def _laid(
+def _resampled(
     time: np.ndarray,
     values: np.ndarray,
-    at: np.ndarray,
+    grid: np.ndarray,
     step: float,
     wanted: Wanted,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
-    """Return a column at the times of the grid, its own sampling interval, and a sentence if it was
-    filtered or continued.
+    """Return a column at the times of the grid.
+
+    Returns
+    -------
+    The values; the sampling interval of the column, s; a sentence if it was filtered, held or
+    joined by lines.
     """
-    sound = np.isfinite(values)
-    if np.count_nonzero(sound) < 2:
-        return np.full(at.size, np.nan), 0.0, ""
-    time, values = time[sound], values[sound]
-    own = float(np.median(np.diff(time)))
-    if np.array_equal(time, at):
-        return values, own, ""
-    if own * SAME_RATE < step:
-        return (
-            np.interp(at, time, _smoothed(time, values, own, step)),
-            own,
-            f"passes a zero-phase low-pass of {0.5 * BELOW_HALF / step:.3g} Hz",
-        )
-    if wanted.is_input and own > SAME_RATE * step:
-        way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
-        sentence = (
-            f"its own samples come every {own:.3g} s and are "
-            f"{'held' if way == 'previous' else 'joined by lines'} between them"
-        )
-        if way == "previous":
-            return (
-                values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)],
-                own,
-                sentence,
-            )
-        return np.interp(at, time, values), own, sentence
-    return np.interp(at, time, values), own, ""
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < 2:
+        return np.full(grid.size, np.nan), 0.0, ""
+    time, values = time[finite], values[finite]
+    interval = float(np.median(np.diff(time)))
+    if np.array_equal(time, grid):
+        return values, interval, ""
+    if interval * SAME_RATE < step:
+        sentence = f"passes a zero-phase low-pass of {0.5 * CORNER_SHARE / step:.3g} Hz"
+        smooth = _smoothed(time, values, interval, step)
+        return np.interp(grid, time, smooth), interval, sentence
+    linear = np.interp(grid, time, values)
+    if not wanted.is_input or interval <= SAME_RATE * step:
+        return linear, interval, ""
+    chosen = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
+    sentence = (
+        f"its own samples come every {interval:.3g} s and are "
+        f"{'held' if chosen == 'previous' else 'joined by lines'} between them"
+    )
+    if chosen == "previous":
+        latest = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, time.size - 1)
+        return values[latest], interval, sentence
+    return linear, interval, sentence
 
 
 def leaps(values: np.ndarray) -> bool:
-    """Return whether a signal is constant except for single steps, as a computer's command."""
-    moves = np.diff(values) != 0.0
-    return bool(np.mean(moves) < 0.3) if moves.size else True
+    """Return whether a signal moves in single steps only, as a digital command does."""
+    changes = np.diff(values) != 0.0
+    return bool(np.mean(changes) < STEPS_SHARE) if changes.size else True
 
 
-def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> np.ndarray:
+def _smoothed(time: np.ndarray, values: np.ndarray, interval: float, step: float) -> np.ndarray:
+    """Return a column after the low-pass for a grid of the interval ``step``, s.
+
+    ``interval``: median sampling interval of the column, s. A short column is not filtered.
+    """
     from scipy.signal import butter, sosfiltfilt
 
-    even = time[0] + own * np.arange(int((time[-1] - time[0]) / own * (1.0 + 1e-9)) + 1)
-    if even.size < 20:
+    samples = int((time[-1] - time[0]) / interval * ROUNDING) + 1
+    even_time = time[0] + interval * np.arange(samples)
+    if even_time.size < SHORTEST_FILTERED:
         return values
-    sections = butter(FILTER_ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
-    smooth = sosfiltfilt(
-        sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own))
-    )
-    return np.interp(time, even, smooth)
+    corner = 0.5 * CORNER_SHARE / step
+    sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
+    padding = min(even_time.size - 1, round(6.0 * step / interval))  # six samples of the grid
+    smooth = sosfiltfilt(sections, np.interp(even_time, time, values), padlen=padding)
+    return np.interp(time, even_time, smooth)
 
 
 def _nearest(
     clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray
 ) -> np.ndarray:
-    """Grid times that are nearest to a sample of the slowest topic of a channel."""
-    slow = max(
+    """Return which grid times are nearest to a sample of the slowest topic of a channel."""
+    slowest = max(
         {place[0] for place in wanted.places.values()},
         key=lambda n: float(np.median(np.diff(clocks[n][0]))),
     )
-    time = clocks[slow][0]
+    time = clocks[slowest][0]
     right = np.clip(np.searchsorted(grid, time), 1, grid.size - 1)
     nearest = np.where(time - grid[right - 1] < grid[right] - time, right - 1, right)
-    result = np.zeros(grid.size, dtype=bool)
-    result[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
-    return result
+    has_sample = np.zeros(grid.size, dtype=bool)
+    has_sample[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
+    return has_sample

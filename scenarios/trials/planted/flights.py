@@ -14,13 +14,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
-from scenarios.files.aircraft_files import written
+from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_text
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
+from scenarios.studies.estimating import maneuvers_by_input, resting, with_common_hold
 from scenarios.studies.reading import (
     maneuver_plans,
     model_files,
@@ -171,7 +171,7 @@ def simulated_with_truth(
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
     time = sample_times(flight.rate, plan.duration)
     if flight.own is not None:
-        by_input = held_alike(by_input, plan.maneuvers, time)
+        by_input = with_common_hold(by_input, plan.maneuvers, time)
     record, truth = fly(
         model,
         by_input,
@@ -324,7 +324,7 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
     } | dict(scenario.start)
     aircraft = declaration_of(model)
     if aircraft is not None:
-        return written(aircraft.with_values(started))
+        return vehicle_file_text(aircraft.with_values(started))
     lines = [
         f"name = {json.dumps(model.name)}",
         *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),

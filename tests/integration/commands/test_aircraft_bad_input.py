@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.aircraft_files import written
+from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.writing import write_record
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import aircraft_model
@@ -48,7 +48,7 @@ def files(folder: Path, rows: Mapping[str, np.ndarray], edit: tuple[str, str] = 
         "flight",
     )
     write_record(folder, record, "flight")
-    text = written(AIRLINER)
+    text = vehicle_file_text(AIRLINER)
     assert edit[0] in text
     (folder / "plane.toml").write_text(text.replace(*edit, 1) if edit[0] else text)
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import flightid as fid
-from scenarios.files.aircraft_files import written
+from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.writing import write_record
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import aircraft_model
@@ -36,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for signal, row in zip(model.equations.inputs, flight.u, strict=True)
     )
     write_record(made, Record(flight.time, inputs, outputs, Hold.PREVIOUS, "flight"), "flight")
-    (made / "plane.toml").write_text(written(AIRLINER))
+    (made / "plane.toml").write_text(vehicle_file_text(AIRLINER))
     return made
 
 
@@ -82,7 +82,7 @@ def test_derivatives_come_back_from_a_flight_in_recorded_wind(tmp_path: Path, ax
     for signal, row in zip(model.equations.outputs, rows, strict=True):
         noise = 0.3 * spread[signal.name] * rng.standard_normal(len(row))
         columns[signal.name] = row + noise
-    (tmp_path / "plane.toml").write_text(written(windy))
+    (tmp_path / "plane.toml").write_text(vehicle_file_text(windy))
     found = fid.identify(pd.DataFrame(columns), "aircraft", tmp_path / "plane.toml")
     for name, value in {"CL_alpha": 5.2, "Cm_q": -20.0, "Cl_p": -0.5, "Cn_beta": 0.13}.items():
         assert abs(found[name].value - value) < 4.0 * found[name].sigma

@@ -19,7 +19,7 @@ from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
-from scenarios.studies.estimating import START_OF_REST, held_alike, maneuvers_by_input
+from scenarios.studies.estimating import START_OF_REST, maneuvers_by_input, with_common_hold
 from scenarios.studies.reading import maneuver_plans, scenario_of
 from scenarios.studies.schema import ManeuverTable
 from scenarios.studies.study import run_scenario
@@ -215,16 +215,16 @@ def test_steps_beside_a_smooth_maneuver_are_all_held() -> None:
     time = np.arange(0.0, 5.0, 0.1)
     plans = maneuver_plans([steps, smooth], "here", "lateral")
     flown = maneuvers_by_input(plans, ["aileron", "rudder"], "here", {"rudder": 0.02})
-    held = held_alike(flown, plans, time)
+    held = with_common_hold(flown, plans, time)
     assert {flown["rudder"].hold, held["rudder"].hold} == {Hold.LINEAR, Hold.PREVIOUS} and held[
         "aileron"
     ] is flown["aileron"]
     assert np.allclose(held["rudder"](time + 0.05), flown["rudder"](time)) and float(
         held["rudder"](0.5 * START_OF_REST)
     ) == pytest.approx(0.02)
-    assert held_alike({"rudder": flown["rudder"]}, plans[1:], time)["rudder"] is flown["rudder"], (
-        "alone it is read as the line that it is"
-    )
+    assert (
+        with_common_hold({"rudder": flown["rudder"]}, plans[1:], time)["rudder"] is flown["rudder"]
+    ), "alone it is read as the line that it is"
 
 
 @pytest.mark.parametrize(

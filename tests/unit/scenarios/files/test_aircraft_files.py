@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.aircraft_files import read_aircraft, read_model_file, written
+from scenarios.files.aircraft_files import read_aircraft, read_model_file, vehicle_file_text
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import read_any_vehicle, read_vehicle
 from sim.declaration.compile import compile_model
@@ -31,7 +31,7 @@ MIXED = replace(
 
 def file_of(folder: Path, aircraft: Aircraft = TRIMMED) -> Path:
     path = folder / "plane.toml"
-    path.write_text(written(aircraft), encoding="utf-8")
+    path.write_text(vehicle_file_text(aircraft), encoding="utf-8")
     return path
 
 
@@ -83,7 +83,7 @@ def test_units_and_constraints(tmp_path: Path) -> None:
 
 
 def test_sigmas_stand_beside_the_values(tmp_path: Path) -> None:
-    text = written(TRIMMED, {"Cm_alpha": 0.0123})
+    text = vehicle_file_text(TRIMMED, {"Cm_alpha": 0.0123})
     assert '"alpha" = -1.0 # +- 0.012' in text
 
 
@@ -133,7 +133,7 @@ def test_axes_of_the_wind(tmp_path: Path, text: str, axes: str) -> None:
     path.write_text(path.read_text().replace("wind = false", f"wind = {text}"))
     aircraft, _ = read_aircraft(read_toml_source(path))
     assert aircraft.wind == axes
-    path.write_text(written(aircraft))
+    path.write_text(vehicle_file_text(aircraft))
     assert read_aircraft(read_toml_source(path))[0].wind == axes
 
 

@@ -69,7 +69,7 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
             replace(options, profile=None),
         )
 
-    monkeypatch.setattr(identify, "_read_otherwise", read_otherwise)
+    monkeypatch.setattr(identify, "_with_other_hold", read_otherwise)
     monkeypatch.setattr(identify, "_filter_error_proposed", lambda *_: ())
     return seen
 
@@ -175,7 +175,7 @@ def test_no_profile_is_made_of_the_other_reading() -> None:
         return None, ended
 
     ready: Any = "ready"
-    found: Any = identify._read_otherwise(
+    found: Any = identify._with_other_hold(
         ready, cast(Any, ended), again, replace(DEFAULT_OPTIONS, profile=("L_p",))
     )
     assert found == (ready, ended)

@@ -12,10 +12,10 @@ import pytest
 from ident.whole_record.output_error import fit_output_error
 from scenarios.diagnosis.opening import candidates_for
 from scenarios.preparation.measured_inputs import (
-    able,
     flow_doubts,
     flow_sentence,
     measured_flow,
+    usable_flow_channels,
     with_flow,
 )
 from scenarios.preparation.plausibility import hold_out
@@ -126,7 +126,7 @@ def test_the_low_order_system_takes_the_speed_and_leaves_the_pressure() -> None:
         ),
         Hold.LINEAR,
     )
-    assert able(model) == ("airspeed",)
+    assert usable_flow_channels(model) == ("airspeed",)
     _, (ready,) = with_flow(model, [record])
     assert ready.input_names == ("stick", "airspeed_change", "lift") and ready.output_names == (
         "q",
@@ -138,7 +138,7 @@ def test_the_low_order_system_takes_the_speed_and_leaves_the_pressure() -> None:
         rtol=1e-3,
     )
     assert (
-        able(
+        usable_flow_channels(
             model_from_constants(
                 "ballistic",
                 dict(air_density_reference=1.2, density_scale_height=7000.0, gravity=9.8),

@@ -13,7 +13,7 @@ import pytest
 from scenarios.files.measured.columns import read_record_files
 from scenarios.files.records import read_record
 from scenarios.preparation import declared_model
-from scenarios.preparation.declared_model import held_by_computer, linear_by
+from scenarios.preparation.declared_model import gain_of_linear_inputs, held_by_computer
 from scenarios.preparation.measured_inputs import with_flow, with_load_factors
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.reading import for_model, prepare
@@ -179,9 +179,11 @@ def test_starting_values_do_not_turn_the_reading(
     led_astray = declared().with_parameters(declared().parameters.with_values(values))
     for flown, linear_is_right in ((linear, True), (held, False)):
         record = record_of(flown, rng=np.random.default_rng(seed))
-        right = linear_by([record], declared(), with_flow)
+        right = gain_of_linear_inputs([record], declared(), with_flow)
         assert (right > 10.0) is linear_is_right
-        assert linear_by([record], led_astray, with_flow) == pytest.approx(right, abs=2.0)
+        assert gain_of_linear_inputs([record], led_astray, with_flow) == pytest.approx(
+            right, abs=2.0
+        )
 
 
 @pytest.mark.sampled
@@ -199,9 +201,9 @@ def test_wild_points_do_not_turn_the_reading(
                 c.of(c.name, c.unit, values) if c.name == "alpha" else c for c in record.outputs
             ),
         )
-        gain = linear_by([wild], declared(), with_flow)
+        gain = gain_of_linear_inputs([wild], declared(), with_flow)
         assert (gain > 10.0) is linear_is_right and gain == pytest.approx(
-            linear_by([record], declared(), with_flow), rel=0.1, abs=2.0
+            gain_of_linear_inputs([record], declared(), with_flow), rel=0.1, abs=2.0
         )
 
 
@@ -230,7 +232,7 @@ def test_a_commanded_input_is_held_whatever_the_fit_says(held: FallingSpeed) -> 
         record.time, (record.inputs[0].of("elevator", "rad", steps),), record.outputs
     )
     assert held_by_computer(stepped) and not held_by_computer(record)
-    assert linear_by([stepped], declared(), with_flow) == 0.0
+    assert gain_of_linear_inputs([stepped], declared(), with_flow) == 0.0
 
 
 @pytest.mark.long
@@ -301,7 +303,7 @@ def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.Monkey
         "COMPARISON_SETTINGS",
         replace(declared_model.COMPARISON_SETTINGS, iterations=2),
     )
-    found = declared_model.better_by(*readings, OUTPUTS)
+    found = declared_model.compared_readings(*readings, OUTPUTS)
     assert found.gain == 0.0 and found.why_open == "a fit has not converged"
 
 
@@ -324,7 +326,7 @@ def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.Monk
     model = model_from_constants("rigid", FIGHTER, derivatives)
     readings = with_flow(model, records), with_flow(model, records, weight=False)
     monkeypatch.setattr(declared_model, "from_trim", lambda record, model: record)
-    found = declared_model.better_by(*readings, OUTPUTS)
+    found = declared_model.compared_readings(*readings, OUTPUTS)
     assert found.gain == 0.0 and "a fit needs a bias of" in found.why_open
 
 

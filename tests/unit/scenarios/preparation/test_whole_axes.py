@@ -13,7 +13,7 @@ import pytest
 from scenarios.files.measured.columns import read_record_files
 from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.declared_model import model_of_file
-from scenarios.preparation.measured_inputs import instead_of
+from scenarios.preparation.measured_inputs import accelerometers_for
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.reading import PreparedData, prepare
 from scenarios.preparation.recording import expectations_of
@@ -63,7 +63,7 @@ def test_accelerometers_serve_as_load_factors(tmp_path: Path, records: dict[str,
     assert {"longitudinal.csv: nz is -az/9.80665", "longitudinal.csv: nx is ax/9.80665"} <= set(
         longitudinal.notes
     )
-    assert instead_of(("alpha", "q", "nz")) == {"nz": "az"}
+    assert accelerometers_for(("alpha", "q", "nz")) == {"nz": "az"}
 
 
 def test_degrees_by_name(tmp_path: Path, records: dict[str, Record]) -> None:

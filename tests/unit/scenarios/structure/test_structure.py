@@ -13,7 +13,7 @@ import pytest
 
 import flightid as fid
 from scenarios.export.targets import written_model
-from scenarios.files.aircraft_files import read_aircraft, written
+from scenarios.files.aircraft_files import read_aircraft, vehicle_file_text
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import with_plain_terms
 from scenarios.files.writing import write_record
@@ -77,7 +77,7 @@ def files(tmp_path: Path) -> list[Path]:
     for seed in (1, 2, 3):
         write_record(tmp_path, record_of(seed), f"m{seed}")
     plain = replace(CURVED, coefficients={axis: {Term(): 0.0} for axis in CURVED.coefficients})
-    (tmp_path / "vehicle.toml").write_text(written(plain))
+    (tmp_path / "vehicle.toml").write_text(vehicle_file_text(plain))
     return [tmp_path / f"m{seed}.csv" for seed in (1, 2, 3)]
 
 
@@ -235,7 +235,7 @@ def test_still_records_are_refused() -> None:
 
 
 def test_a_vehicle_file_needs_no_terms(tmp_path: Path) -> None:
-    text = written(CURVED)
+    text = vehicle_file_text(CURVED)
     path = tmp_path / "vehicle.toml"
     path.write_text(text[: text.index("[aerodynamics")])
     aircraft, _ = read_aircraft(with_plain_terms(read_toml_source(path)))
@@ -345,7 +345,7 @@ def test_surfaces_are_read_as_the_records_show_and_the_text_says_so(tmp_path: Pa
     write_record(tmp_path, noisy(time, u, rows, 1), "m1")
     (tmp_path / "m1.json").unlink()  # it would say how inputs move
     plain = replace(CURVED, coefficients={axis: {Term(): 0.0} for axis in CURVED.coefficients})
-    (tmp_path / "vehicle.toml").write_text(written(plain))
+    (tmp_path / "vehicle.toml").write_text(vehicle_file_text(plain))
     found = structure_of_files(Request((tmp_path / "m1.csv",)), OPTIONS)
     values = found.selections["Cl"].table
     for each, value in CURVED.coefficients["Cl"].items():

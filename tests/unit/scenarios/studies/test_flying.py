@@ -12,10 +12,10 @@ from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import (
     START_OF_REST,
     fly_scenario,
-    held_alike,
     maneuver_of,
     maneuvers_by_input,
     measured_again,
+    with_common_hold,
 )
 from sim.maneuvers import Maneuver
 from sim.record import Hold
@@ -42,7 +42,7 @@ INPUTS = ("aileron", "elevator", "rudder")
 def flown(*plans: ManeuverPlan) -> tuple[dict[str, Maneuver], dict[str, Maneuver]]:
     """Maneuvers by input as they are declared, and as a record can hold them."""
     declared = maneuvers_by_input(plans, INPUTS, "here")
-    return declared, held_alike(declared, plans, TIME)
+    return declared, with_common_hold(declared, plans, TIME)
 
 
 @pytest.mark.parametrize("plans", [(), (DOUBLET,), (DOUBLET, replace(DOUBLET, input="aileron"))])
