@@ -55,12 +55,13 @@ def all_visible(case: Case, values: Values, flight: Flight) -> bool:
         there = _whitened(case, values, elsewhere, {})
         if there.shape == true.shape:
             columns.append((there - true).reshape(-1, 1) / SLOPE)
-    gone = {
-        name: (
-            _whitened(case, {k: v for k, v in values.items() if k != name}, flight, {}) - true
-        ).reshape(-1, 1)
+    without = {
+        name: _whitened(case, {k: v for k, v in values.items() if k != name}, flight, {})
         for name in asked
     }
+    if any(there.shape != true.shape for there in without.values()):
+        return False  # it cannot be flown with all of them, or without one
+    gone = {name: (there - true).reshape(-1, 1) for name, there in without.items()}
     return all(
         _left([*columns, *(other for key, other in gone.items() if key != name)], gone[name])
         > LEAST

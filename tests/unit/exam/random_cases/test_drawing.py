@@ -184,6 +184,13 @@ def test_the_vehicle_file_has_the_constants_and_wrong_starts(model: str) -> None
     assert set(estimated(model)) <= set(told)
 
 
+def test_a_flight_that_its_hidden_cause_makes_diverge_is_drawn_again(tmp_path: Path) -> None:
+    """With the first size drawn of this seed the motion is not finite."""
+    written = write_case(1006223, tmp_path)
+    assert written.case.hidden == ("alpha-rate product",)
+    assert (tmp_path / "train.csv").exists()
+
+
 def test_what_another_beginning_explains_cannot_be_seen() -> None:
     """A falling body's altimeter that runs off slowly is a body that was a little faster: hidden
     from whoever has to fit both.
