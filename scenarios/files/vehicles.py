@@ -18,6 +18,7 @@ from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
+    AIRCRAFT_SUFFIX,
     NONE,
     Constraints,
     OwnModel,
@@ -184,9 +185,16 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     """Return a user's model with the values of a vehicle file.
 
-    Without a file the model keeps its own values.
+    Without a file the model keeps its own values. Raises DeclarationError if the file has the
+    aerodynamics of an aircraft and the model is a Python file.
     """
     if source is not None and "aerodynamics" in toml_of(source):
+        if not own.identity.name.endswith(AIRCRAFT_SUFFIX):
+            what = (
+                f"it has [aerodynamics], which {own.model.name}, a model in Python, does not read"
+            )
+            remedy = "give a file with the parameters of this model, or --model aircraft"
+            raise DeclarationError(what, where=str(source.path), remedy=remedy)
         return aircraft_vehicle(source)
     name, model, constraints = own.model.name, own.model, NONE
     if source is not None:

@@ -34,6 +34,15 @@ def test_what_is_a_model_file() -> None:
     ]
 
 
+def test_the_file_of_an_aircraft_does_not_take_the_place_of_a_model_in_python(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(DeclarationError) as refused:
+        read(tmp_path, "[aerodynamics.Cm]\nalpha = -1.0\n")
+    said = str(refused.value)
+    assert "vehicle.toml" in said and "[aerodynamics]" in said and "--model aircraft" in said
+
+
 def test_without_a_vehicle_file_the_model_has_its_own_numbers(tmp_path: Path) -> None:
     vehicle = read(tmp_path)
     assert (vehicle.name, vehicle.model) == ("roll", "roll")
