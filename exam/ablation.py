@@ -135,13 +135,6 @@ RULES: Mapping[str, Rule] = {
         lambda search, best, clear: (best, {}, set()),
         lambda before, result, search, best, *_: result[0] is not best,
     ),
-    "no discrepancy": Rule(
-        "where a discrepancy is not needed and names nothing, white noise decides",
-        decision,
-        "_discrepancy_is_needed",
-        lambda *_: True,
-        lambda before, result, *_: not result,
-    ),
     "large error": Rule(
         "forces prove no cause where the residual is ten times the noise",
         decision,

@@ -35,11 +35,10 @@ from ident.tracing.steady_search import (
     search_spread_evidence,
     vuong,
 )
-from ident.tracing.whiteness import FITTED, is_noise, whiteness
+from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
-LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
 LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
@@ -218,10 +217,6 @@ def _decide(
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
-    if not _discrepancy_is_needed(search, best, discrepancy):
-        found = _decide_under_white_noise(search, best, clear=math.inf)
-        if found.named:
-            return found
     return _decide_with_general_forms(search, leaves_noise) or beside
 
 
@@ -258,22 +253,6 @@ def _decide_by_prediction(
                 return found
         failed.append(key)
     return None
-
-
-def _discrepancy_is_needed(search: Search, best: WeighedSet, discrepancy: Traceable) -> bool:
-    """Return whether a discrepancy makes the best set clearly more probable, or an output leaves
-    coloured noise that is large.
-
-    The search with a discrepancy cannot find events, since their evidence is local in time. A
-    discrepancy acts on forces and cannot represent a sensor fault, hence the second condition.
-    """
-    fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
-    if fitted is None or search.evidence_gain(fitted, best) > CLEAR_GAIN:
-        return True
-    tests, levels = whiteness(best.fitted.fit, FITTED), noise_levels(best.fitted.fit)
-    coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
-    least = search.problem.least_noise
-    return any(levels[name] > LARGEST_NOISE_RATIO * least.get(name, math.inf) for name in coloured)
 
 
 def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decision | None:

@@ -164,10 +164,6 @@ class Search:
         evidence, offset, covariance = evidence_of(fitted, self.context)
         return self.weighed_by_own_odds(WeighedSet(fitted, evidence, 0.0, offset, covariance))
 
-    def evidence_gain(self, fitted: FittedModel, one: WeighedSet) -> float:
-        """Return the log evidence of a fit over that of a set."""
-        return evidence_of(fitted, self.context)[0] - one.evidence
-
     def fit(
         self,
         effects: Sequence[Traceable],

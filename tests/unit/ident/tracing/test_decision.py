@@ -23,9 +23,7 @@ from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import Search
 from ident.tracing.steady_search import quiet_vuong, vuong
-from ident.tracing.whiteness import is_noise
 from ident.whole_record.layout import FitSettings
-from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import effects_for
 from sim.record import Record
@@ -168,32 +166,6 @@ def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
         z.append(quiet_vuong(more, less, less, float(np.median(np.diff(record.time)))))
     assert z[0] > 3.0
     assert z[1] < 2.0
-
-
-@pytest.mark.parametrize(("strength", "named"), [(0.6, ["unmeasured-input"]), (1.2, [])])
-def test_an_event_is_named_where_hardly_more_than_noise_is_left(
-    strength: float, named: list[str]
-) -> None:
-    """A pulse in passing beside a slow error of the gyro: it is not spread over the record, and
-    beside a discrepancy it is not looked for.
-    """
-    model = declared()
-    every = effects_for(model.equations)
-    pulse = next(each for each in every if each.name == "unmeasured-input")
-    assert isinstance(pulse, Traceable)
-    values = {"start": 4.0, "duration": 1.2, "lift": 0.03, "moment": 0.015}
-    record = planted([pulse], {f"{pulse.name}.{key}": each for key, each in values.items()}, seed=3)
-    (channel,) = [each for each in record.outputs if each.name == "q"]
-    slow = coloured_noise(np.random.default_rng(4), record.time, strength * NOISE["q"], 1.0)
-    record = with_output(record, "q", channel.values + slow)
-    few = [
-        each
-        for each in every
-        if each.name in (LATE, "sensor-scale:q", pulse.name) and isinstance(each, Traceable)
-    ]
-    search = search_white_noise(problem_of([record], few, model=model))
-    assert not is_noise(search.best().fitted.fit)
-    assert [each.name for each in decide(search, discrepancy_for(every)).named] == named
 
 
 @pytest.mark.long
