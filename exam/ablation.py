@@ -106,6 +106,15 @@ RULES: Mapping[str, Rule] = {
         _second,
         _not_second,
     ),
+    "failed fits": Rule(
+        "a set that fits worse than a part of it is set aside",
+        Search,
+        "_set_aside_failed",
+        _nothing,
+        lambda before, result, search, new: any(
+            one.weight == float("-inf") for one in search.visited.values()
+        ),
+    ),
     "inputs read otherwise": Rule(
         "where a time is found, the likelier of two readings of inputs between samples is taken",
         loop,

@@ -247,6 +247,7 @@ def _decide_by_prediction(
             narrowed = copy(search)
             excluded = {other: replace(search.visited[other], weight=-math.inf) for other in failed}
             narrowed.visited = search.visited | excluded
+            narrowed.repeated = search.repeated | {*failed}
             found = _decide_under_white_noise(narrowed, one, clear=-math.inf)
             # The decided set may differ from the tested one.
             if leaves_noise(found.best):

@@ -77,6 +77,7 @@ class Search:
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned.
     refined : sets tried in refined forms, by their parameters.
+    repeated : sets whose failed fit was repeated.
     steps, tried : log of the search.
     alike : by pairs of names, the largest cosine of their signatures.
     fits : number of fits.
@@ -95,6 +96,7 @@ class Search:
     visited: dict[Key, WeighedSet] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
+    repeated: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
@@ -158,7 +160,18 @@ class Search:
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
-        return self.visited[found.names]
+            self._set_aside_failed(found)
+        return self._fitted_from_part(self.visited[found.names])
+
+    def _set_aside_failed(self, new: WeighedSet) -> None:
+        """Exclude sets that fit worse than one of their subsets, ``new`` or because of it: their
+        fits missed the optimum.
+        """
+        for one in [*self.visited.values()]:
+            for part, whole in ((one, new), (new, one)):
+                lost = part.fitted.fit.log_likelihood - whole.fitted.fit.log_likelihood
+                if part.names < whole.names and lost > CLEAR_GAIN:
+                    self.visited[whole.names] = replace(whole, weight=-math.inf)
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
         evidence, offset, covariance = evidence_of(fitted, self.context)
@@ -211,10 +224,24 @@ class Search:
         best = min((each for each in tries if each), key=lambda each: each.fit.cost, default=None)
         return None if best is None else self.store(best)
 
+    def _fitted_from_part(self, one: WeighedSet) -> WeighedSet:
+        """Return a set; if it fits worse than a part of it, fitted again from the best part, with
+        its other effects absent.
+        """
+        if one.weight > -math.inf or one.names in self.repeated:
+            return one
+        self.repeated.add(one.names)
+        parts = [each for key, each in self.visited.items() if key < one.names]
+        part = max(parts, key=lambda each: each.fitted.fit.log_likelihood)
+        absent = absent_values(each for each in one.fitted.effects if each.name not in part.names)
+        own = part.fitted.values.own
+        again = self.fit(one.fitted.effects, part.fitted, [absent] * len(own))
+        return one if again is None else self.store(again)
+
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """Return the set without one of its effects, stored or fitted now."""
         found = self.visited.get(parent.names - {name})
-        return self.fit_without(parent, name) if found is None else found
+        return self.fit_without(parent, name) if found is None else self._fitted_from_part(found)
 
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
@@ -302,7 +329,11 @@ class Search:
         return other
 
     def weighed_by_own_odds(self, one: WeighedSet) -> WeighedSet:
-        """Return a fitted set with the prior odds of this search."""
+        """Return a fitted set with the prior odds of this search; an excluded one stays
+        excluded.
+        """
+        if one.weight == -math.inf:
+            return one
         named = [effect for effect in one.fitted.effects if effect not in self.base]
         odds = log_odds(named, self.families, self.problem.named_by_kinematics)
         return replace(one, weight=one.evidence + odds)
@@ -442,7 +473,7 @@ class Search:
         """Log the candidates tried at a set, for the report."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
-        for child in made:
+        for child in (each for each in made if each.weight > -math.inf):
             for effect in child.fitted.effects:
                 if child.names - parent.names == {effect.name}:
                     self.tried.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import cast
@@ -21,7 +22,7 @@ from ident.tracing.diagnosis import Verdict
 from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import Search
+from ident.tracing.search import CLEAR_GAIN, Search
 from ident.tracing.steady_search import quiet_vuong, vuong
 from ident.whole_record.layout import FitSettings
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
@@ -248,6 +249,35 @@ def test_a_likely_set_is_fitted_until_it_settles() -> None:
     far = replace(search.best(), weight=search.best().weight + 1e5)
     search.visited = {frozenset({"other"}): far}
     assert search.store(rough).fitted is rough
+
+
+def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
+    """A held sensor of sideslip was named in a measured flight: its fit had ended far from the
+    optimum, and the noise that it left was coloured enough to be forgiven.
+    """
+    problem = offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
+    search = Search(problem, problem.candidates)
+    root, whole = search.root, problem.fit([effect(LATE)], search.declared)
+    assert whole is not None
+    good = search.store(whole)
+    worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR_GAIN + 1.0))
+    failed = replace(good, fitted=worse, weight=good.weight + 1e3)
+    for sets in ([root, failed], [failed, root]):
+        search.visited = {}
+        for one in sets:
+            search.visited[one.names] = one
+            search._set_aside_failed(one)
+        assert search.best() is root and search.visited[good.names].weight == -math.inf
+        assert search.weighed_by_own_odds(search.visited[good.names]).weight == -math.inf
+    # The set is fitted again from the part, once, and takes part again.
+    repaired = search.set_without(failed, "of a larger set")
+    assert repaired is not None and repaired.weight == pytest.approx(good.weight, abs=0.1)
+    assert search.best().names == good.names
+    search.visited[good.names] = replace(repaired, weight=-math.inf)
+    again = search.set_without(failed, "of a larger set")
+    assert again is not None and again.weight == -math.inf
+    # So does a better fit of the set.
+    assert search.store(whole).weight == good.weight and search.best().names == good.names
 
 
 @pytest.mark.long
