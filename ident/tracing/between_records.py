@@ -190,6 +190,23 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
     return tuple(found)
 
 
+def widened_by_scatter(
+    sizes: Mapping[str, Quantity], by_record: Sequence[Mapping[str, Quantity]]
+) -> dict[str, Quantity]:
+    """Return an effect's parameters with sigmas widened by the scatter of their values by record.
+
+    The factor is Birge's ratio, the root of chi-squared over its degrees of freedom, at least one.
+    """
+    widened = dict(sizes)
+    for name in set(sizes) & set(by_record[0] if by_record else ()):
+        values = np.array([found[name].value for found in by_record])
+        sigma = np.array([found[name].std for found in by_record])
+        mean = np.sum(values / sigma**2) / np.sum(sigma**-2)
+        ratio = float(np.sqrt(np.sum(((values - mean) / sigma) ** 2) / (len(values) - 1)))
+        widened[name] = replace(sizes[name], std=max(1.0, ratio) * sizes[name].std)
+    return widened
+
+
 # ---- Uncertainty from the form of an effect
 
 

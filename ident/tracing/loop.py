@@ -14,6 +14,7 @@ from ident.tracing.between_records import (
     RecordScatter,
     of_each_record,
     scatter_between_records,
+    widened_by_scatter,
 )
 from ident.tracing.decision import (
     Decision,
@@ -331,15 +332,16 @@ def _claim(
         **{name: named.alternatives[name] for name in others},
     }
     random = isinstance(effect, NoiseEffect)
+    by_record = of_each_record(best, effect) if claimed and named.spread is not None else ()
     return Claim(
         named.name,
-        quantities(best, effect),
+        widened_by_scatter(quantities(best, effect), by_record),
         tuple(others),
         claimed,
         records_of(best, effect),
         effect.explanation,
         probability=probability if claimed else {},
-        by_record=of_each_record(best, effect) if claimed and named.spread is not None else (),
+        by_record=by_record,
         spread=named.spread,
         one_step_gains=tuple(gains) if random else (),
         reasons=() if claimed else (named.reason,) if named.reason else (),
