@@ -92,6 +92,9 @@ RULES: Mapping[str, Rule] = {
         _nothing,
         lambda before, result, search, one: result is not None and result.weight > one.weight,
     ),
+    "look-alikes": _search_step(
+        "effects with the signature of a member are tried in its place", "_with_look_alikes"
+    ),
     "equivalents": _search_step(
         "effects that no record tells from a member are tried in its place", "_with_equivalents"
     ),

@@ -256,6 +256,7 @@ class Search:
                 break
             self.expand(best)
             self._in_finer_forms()
+            self._with_look_alikes()
             if self._discrepancy_is_likelier(self.best().weight - best.weight):
                 return self
         for _ in range(2):
@@ -278,6 +279,7 @@ class Search:
             if self.best().names not in self.expanded:
                 self.expand(self.best())
             self._in_finer_forms()
+        self._with_look_alikes()
         self._with_equivalents()
         return self
 
@@ -401,6 +403,22 @@ class Search:
         absent = {name: v for name, v in absent_values(forms).items() if name not in known}
         other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
         return None if other is None else self.store(other)
+
+    def _with_look_alikes(self) -> None:
+        """Try the best set with each member replaced by each confusable effect."""
+        best = self.best()
+        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
+            smaller = self.visited.get(best.names - {effect.name})
+            wanted = {
+                name
+                for name in (*self._confusable_names(effect.name), *effect.traits.twins)
+                if best.names - {effect.name} | {name} not in self.visited
+            }
+            if not wanted:
+                continue
+            smaller = smaller or self.fit_without(best, effect.name)
+            if smaller is not None:
+                self.sets_with_replacement(smaller, wanted)
 
     def sets_with_replacement(
         self, smaller: WeighedSet, wanted: Collection[str]
