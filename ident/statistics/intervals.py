@@ -526,6 +526,18 @@ def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 BORROWED = 6.0
 
 
+def reduced_chi_square(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return chi-squared over its degrees of freedom ``(n,)`` of values about their weighted means.
+
+    Parameters
+    ----------
+    values, sigma : ``(n, records)``, at least two records.
+    """
+    weight = sigma**-2
+    mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
+    return np.sum(((values - mean) / sigma) ** 2, axis=1) / (values.shape[1] - 1)
+
+
 def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return factors on the sigmas of means, for the scatter of values between records.
 
@@ -551,10 +563,8 @@ def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """
     from scipy.special import chdtri, ndtr, stdtrit
 
-    weight = sigma**-2
-    mean = np.sum(weight * values, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
     freedom = values.shape[1] - 1
-    own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
+    own = reduced_chi_square(values, sigma)
     # the median of chi-squared lies below its mean
     shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
     borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # no more degrees exist

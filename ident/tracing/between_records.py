@@ -18,6 +18,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.intervals import (
     add_normal_equations,
     inverse_information,
+    reduced_chi_square,
     scatter_factors,
 )
 from ident.tracing.diagnosis import Quantity
@@ -199,10 +200,9 @@ def widened_by_scatter(
     """
     widened = dict(sizes)
     for name in set(sizes) & set(by_record[0] if by_record else ()):
-        values = np.array([found[name].value for found in by_record])
-        sigma = np.array([found[name].std for found in by_record])
-        mean = np.sum(values / sigma**2) / np.sum(sigma**-2)
-        ratio = float(np.sqrt(np.sum(((values - mean) / sigma) ** 2) / (len(values) - 1)))
+        values = np.array([[found[name].value for found in by_record]])
+        sigma = np.array([[found[name].std for found in by_record]])
+        ratio = float(np.sqrt(reduced_chi_square(values, sigma)[0]))
         widened[name] = replace(sizes[name], std=max(1.0, ratio) * sizes[name].std)
     return widened
 
