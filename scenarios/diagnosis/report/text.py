@@ -318,10 +318,12 @@ def _untouched(tracing: Tracing) -> str:
 
 def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
     """Return the weight of a claim that was judged by predictions of one step."""
+    where = where_predicted(tracing)
+    if any(math.isinf(gain) for gain in claim.one_step_gains):
+        return f"without this effect, one-step predictions diverge on {where}"
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
     return (
-        f"with this effect, the log likelihood of one-step predictions rises by {gains} on "
-        f"{where_predicted(tracing)}"
+        f"with this effect, the log likelihood of one-step predictions rises by {gains} on {where}"
     )
 
 
@@ -485,7 +487,8 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
     out |= {} if claim.claimed else {"claimed": False}
     out |= {"reasons": list(claim.reasons)} if claim.reasons else {}
     out |= {"probability": shown_probability(claim)} if claim.probability else {}
-    out |= {"one_step_gains": list(claim.one_step_gains)} if claim.one_step_gains else {}
+    gains = [bounded(gain) for gain in claim.one_step_gains]
+    out |= {"one_step_gains": gains} if gains else {}
     out |= {"records": list(claim.records)} if claim.records else {}
     out |= (
         {

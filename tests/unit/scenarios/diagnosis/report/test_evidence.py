@@ -143,6 +143,16 @@ def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> 
     assert diagnosis_content(tracing, "")["effects"][0]["one_step_gains"] == [1139.6]
 
 
+@pytest.mark.parametrize("gain", [math.inf, -math.inf])
+def test_a_prediction_that_diverges_is_told_and_stored_as_a_finite_number(gain: float) -> None:
+    tracing = tracing_of(Verdict.PARTIAL)
+    gust = Claim("gust-turbulence", {"sigma": Quantity(2.1, 0.2, "m/s")}, one_step_gains=(gain,))
+    tracing = replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(gust,)))
+    assert "inf" not in headline(tracing)
+    (stored,) = diagnosis_content(tracing, "")["effects"][0]["one_step_gains"]
+    assert math.isfinite(stored) and math.copysign(1.0, stored) == math.copysign(1.0, gain)
+
+
 @pytest.mark.parametrize(
     ("name", "others", "words"),
     [
