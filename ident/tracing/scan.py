@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable
 SCANNED_PLACES = 60  # onsets tried over the record
 SHARP_PLACES = 2000  # the same for a step of one output
 KEPT_PLACES = 2  # best places kept of a candidate
+LARGEST_BATCH = 250_000  # numbers of signatures moved together, so that they fit the cache
 RANKING_AVERAGE_TIME = 0.04  # s, averaging time of samples where places are ranked
 
 
@@ -64,6 +66,7 @@ class Prepared:
     whiten : of a record's number, columns ``(c, a, N)`` and the ``a`` outputs that they belong to
         makes whitened ones ``(c, a N)``.
     separate : whether outputs are whitened one by one.
+    noise : of the residuals.
     ranking : the same set by averages of neighbouring samples, where that is less work; places of
         smooth signatures are ranked by it.
     """
@@ -73,6 +76,7 @@ class Prepared:
     rows: tuple[slice, ...]
     whiten: Callable[[int, np.ndarray, np.ndarray | slice], np.ndarray]
     separate: bool
+    noise: ColouredNoise
     ranking: Prepared | None = None
 
 
@@ -139,7 +143,7 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
         time = layout.problems[0].record.time
         most = int(RANKING_AVERAGE_TIME * (len(time) - 1) / (time[-1] - time[0]))
         ranking = prepared(fitted, prior, most) if most > 1 else None
-    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate, ranking)
+    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate, noise, ranking)
 
 
 def closed_forms(
@@ -236,16 +240,22 @@ def _places_in_record(
         # The likelihood of an event has local optima: neighbours of the best place are tried,
         # finely for a step of one output.
         sharp = probe.sharp and ready.separate
-        by = ready if sharp else ready.ranking or ready
         step = max(1, count // (SHARP_PLACES if sharp else SCANNED_PLACES))
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
-        found = _places_at_shifts(by, effect, r, parts[r], probe, known, coarse)
+        if not np.any(parts[r]):
+            continue
+        gains_at: Callable[[Sequence[int]], tuple[np.ndarray, np.ndarray]] = (
+            _gains_at_every_shift(ready, r, parts[r], known)
+            if sharp
+            else partial(_gains_at, ready.ranking or ready, r, parts[r], known)
+        )
+        found = _places_at_shifts(gains_at, effect, parts[r], probe, known, coarse)
         if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
             apart = max(1, 2 * step // SCANNED_PLACES)
             near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
             inside = [each for each in near if each != best]
-            fine = _places_at_shifts(by, effect, r, parts[r], probe, known, inside)
+            fine = _places_at_shifts(gains_at, effect, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
         out += found
     return out
@@ -285,21 +295,61 @@ def _gains(
     return closed_forms(grams, W @ ready.e[rows], *prior)
 
 
-def _places_at_shifts(
+def _gains_at(
     ready: Prepared,
-    effect: Traceable,
     r: int,
+    own: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray],
+    shifts: Sequence[int],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gains and factors (``closed_forms``) of a signature ``own (m, N, k)`` of record ``r`` begun
+    later by some numbers of samples.
+    """
+    batch = max(1, LARGEST_BATCH // own.size)
+    parts = [
+        _gains(ready, *_shifted_columns(ready, r, own, shifts[first : first + batch]), prior)
+        for first in range(0, len(shifts), batch)
+    ]
+    return np.concatenate([gains for gains, _ in parts]), np.concatenate([f for _, f in parts])
+
+
+def _gains_at_every_shift(
+    ready: Prepared, r: int, own: np.ndarray, prior: tuple[np.ndarray, np.ndarray]
+) -> Callable[[Sequence[int]], tuple[np.ndarray, np.ndarray]]:
+    """Return ``_gains_at`` of a signature ``own (m, N, k)`` that is moved to nearly every sample,
+    where outputs are whitened one by one.
+    """
+    m, count, k = own.shape
+    grams, inside = np.zeros((count, k, k)), np.zeros((count, k, 1 + ready.root.shape[1]))
+    for output in range(m):
+        acting = np.flatnonzero(np.any(own[output] != 0.0, axis=0))
+        rows = ready.rows[r].start + output * count + np.arange(count)
+        others = np.vstack([ready.e[rows], ready.root[rows].T])
+        if acting.size:
+            squares, products = ready.noise.products_when_moved(
+                r, output, own[output].T[acting], others
+            )
+            grams[:, acting[:, None], acting] += squares
+            inside[:, acting] += products
+    with_root = inside[..., 1:]
+    grams -= with_root @ with_root.swapaxes(1, 2)
+    return lambda shifts: closed_forms(grams[shifts], inside[shifts, :, 0], *prior)
+
+
+def _places_at_shifts(
+    gains_at: Callable[[Sequence[int]], tuple[np.ndarray, np.ndarray]],
+    effect: Traceable,
     own: np.ndarray,
     probe: Probe,
     prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> list[Place]:
-    """Return the places of a signature ``own (m, N, k)`` of record ``r`` begun later by some
-    numbers of samples; none if it changes no output or has an unphysical sign.
+    """Return the places of a signature ``own (m, N, k)`` of one record begun later by some numbers
+    of samples; none where its sign is unphysical.
     """
-    if not np.any(own):
+    if not shifts:
         return []
-    gains, factors = _gains(ready, *_shifted_columns(ready, r, own, shifts), prior)
+    gains, factors = gains_at(shifts)
     return [
         Place(gain, probe, own, shift, prior)
         for gain, shift, made in zip(gains.tolist(), shifts, factors, strict=True)

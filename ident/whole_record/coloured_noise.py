@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.fft import dct, idct, prev_fast_len
+from scipy.fft import dct, idct, irfft, next_fast_len, prev_fast_len, rfft
 
 from ident.statistics.residuals import LOW_FREQUENCY
 from ident.whole_record.gauss_newton import Fit
 
 FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
+_BATCH = 64  # cosines whose products are computed together
 
 
 def blocks_of(n: int) -> tuple[slice, ...]:
@@ -27,11 +28,10 @@ def blocks_of(n: int) -> tuple[slice, ...]:
 def cosines(values: np.ndarray, inverse: bool = False) -> np.ndarray:
     """Orthonormal cosine transform along the last axis, block by block, or its inverse."""
     transform = idct if inverse else dct
-    made = [
-        transform(values[..., block], axis=-1, norm="ortho")
-        for block in blocks_of(values.shape[-1])
-    ]
-    return np.concatenate(made, axis=-1)
+    out = np.empty(values.shape)
+    for block in blocks_of(values.shape[-1]):
+        out[..., block] = transform(values[..., block], axis=-1, norm="ortho")
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +137,48 @@ class ColouredNoise:
         """Whitened sensitivities ``(m, N, c)`` of a record over the frequencies."""
         standard = self._standard(r, self.fit.jacobians[r])
         return np.moveaxis(self.whitened(r, np.moveaxis(standard, 2, 0)), 0, 2)
+
+    def products_when_moved(
+        self, r: int, output: int, columns: np.ndarray, others: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return inner products of whitened columns that begin later by every number of samples.
+
+        A product with a fixed row is a correlation over the shifts, computed by Fourier transforms.
+        The squares follow from those of the columns themselves and of their low cosines.
+
+        Parameters
+        ----------
+        r, output : position of the record and of the output.
+        columns : ``(k, N)`` signatures in the output's unit, at shift zero.
+        others : ``(c, N)`` whitened rows of this output.
+
+        Returns
+        -------
+        Products ``(N, k, k)`` of the columns, and ``(N, k, c)`` of the columns and the others; the
+        first axis is the shift.
+        """
+        problem, sigma = self.fit.layout.problems[r], math.sqrt(self.fit.variance[output])
+        valid, n = problem.valid[output].astype(float), columns.shape[1]
+        length = next_fast_len(2 * n, real=True)
+
+        def correlated(rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
+            spectrum = rfft(rows, length)[:, None] * np.conj(rfft(moved, length))
+            return np.asarray(irfft(spectrum, length)[..., :n])
+
+        in_time = valid * cosines(others * self._scales(r)[output], inverse=True) / sigma
+        with_others = correlated(in_time, columns).transpose(2, 1, 0)
+        k = len(columns)
+        pairs = (columns[:, None] * columns[None]).reshape(k * k, n)
+        low, high = (1.0 / (self._bands[1][output] * self.fit.variance[output])).tolist()
+        squares = high * correlated(valid[None], pairs)[0].reshape(k, k, n)
+        at = np.flatnonzero(self._low[r]) if low != high else np.zeros(0, dtype=int)
+        for first in range(0, len(at), _BATCH):
+            chosen = at[first : first + _BATCH]
+            unit = np.zeros((len(chosen), n))
+            unit[np.arange(len(chosen)), chosen] = 1.0
+            inside = correlated(valid * cosines(unit, inverse=True), columns)
+            squares += (low - high) * np.einsum("fkn,fln->kln", inside, inside)
+        return squares.transpose(2, 0, 1), with_others
 
     def in_time(self, r: int) -> np.ndarray:
         """Whitened residual ``(m, N)`` of a record over the samples."""

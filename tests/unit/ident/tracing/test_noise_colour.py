@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
@@ -104,3 +106,25 @@ def test_filtered_noise_does_not_make_evidence_for_an_absent_effect() -> None:
         white.append(more.fit.log_likelihood - less.fit.log_likelihood)
     assert max(gained) < 0.8 * max(white)
     assert max(gained) < 5.0
+
+
+@pytest.mark.parametrize("colour", ["white", "coloured"])
+def test_products_of_moved_columns_are_those_of_columns_moved_one_by_one(colour: str) -> None:
+    fit = smooth_fit() if colour == "coloured" else fit_of(problem_of([planted(seed=3)])).fit
+    (problem,) = fit.layout.problems
+    count, rng = problem.valid.shape[1], np.random.default_rng(1)
+    valid = problem.valid.copy()
+    valid[1, 40:60] = False
+    masked = replace(problem, valid=valid)
+    fit = replace(fit, problem=replace(fit.problem, layout=replace(fit.layout, problems=(masked,))))
+    noise = ColouredNoise(fit)
+    columns, others = rng.standard_normal((2, count)), rng.standard_normal((3, count))
+    squares, products = noise.products_when_moved(0, 1, columns, others)
+    sigma = np.sqrt(fit.variance[1])
+    for shift in (0, 1, count // 2, count - 2):
+        moved = np.zeros((2, 1, count))
+        moved[:, 0, shift:] = columns[:, : count - shift]
+        (whitened,) = noise.whitened(0, np.where(valid[1], moved, 0.0) / sigma, [1]).swapaxes(0, 1)
+        size = float(np.abs(whitened @ whitened.T).max())
+        np.testing.assert_allclose(squares[shift], whitened @ whitened.T, atol=1e-9 * size)
+        np.testing.assert_allclose(products[shift], whitened @ others.T, atol=1e-9 * size)
