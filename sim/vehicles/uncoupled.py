@@ -175,6 +175,11 @@ alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0)
     )
     parameter_names: tuple[str, ...] = (*LONGITUDINAL_CONSTANTS, *LONGITUDINAL_DERIVATIVES)
 
+    # Sensors are calibrated and aligned. Near one airspeed, biases and coefficients of totals would
+    # otherwise grow together without limit.
+    bias_priors: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"airspeed": 3.0, "alpha": 0.05, "theta": 0.05, "q": 0.02, "nz": 0.1, "nx": 0.1}
+    )
     factors: ClassVar[Mapping[str, str]] = MappingProxyType(
         {name: unit for name, unit in LONGITUDINAL_DERIVATIVES.items() if not name.endswith("_0")}
     )
