@@ -114,7 +114,7 @@ def diagnose(
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
         root = problem.fit((), root) or root
-        search = search.rerun_in(problem)
+        search = search.rerun_in(problem, "wrong samples left out")
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
@@ -153,7 +153,7 @@ def _searched(
     masks = measured_masks(records, problem.outputs)
     other = replace(problem, records=records, masks=masks, predicted=predicted)
     again = fit_declared(other)
-    rival = search.refitted(again.problem)
+    rival = search.refitted(again.problem, "inputs between samples read the other way")
     if rival.best().weight <= search.best().weight:
         return problem, declared, search
     # The interpolation hardly changes a scan: sets scanned before are not scanned again.

@@ -296,16 +296,16 @@ class Search:
             self.rivals[key] = Search(self.problem, (), base).root.weight
         return self.rivals[key] - best.weight > raised
 
-    def rerun_in(self, problem: TraceProblem) -> Search:
+    def rerun_in(self, problem: TraceProblem, data: str) -> Search:
         """Return the search with other masks or records; it continues if another set is then the
-        most probable of those fitted again.
+        most probable of those fitted again. ``data`` names the data for the log.
         """
-        other = self.refitted(problem)
+        other = self.refitted(problem, data)
         return other if other.best().names == self.best().names else other.run()
 
-    def refitted(self, problem: TraceProblem) -> Search:
+    def refitted(self, problem: TraceProblem, data: str) -> Search:
         """Return a search of other data, or another reading of the same, with the leading sets
-        fitted again.
+        fitted again. ``data`` names the data for the log.
         """
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
@@ -316,6 +316,7 @@ class Search:
             if fitted is not None:
                 found.append(other.store(fitted))
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
+        other._log_best(f"{self.title}, {data}: the leading sets fitted again")
         return other
 
     def with_candidates(self, candidates: Sequence[Traceable], title: str) -> Search:
@@ -506,12 +507,18 @@ class Search:
                             self._confusable_names(effect.name),
                         )
                     )
+        self._log_best(
+            f"{self.title}, effects added to {beside}: {len(self.candidates)} candidates scanned, "
+            f"{len(made)} set{'s' * (len(made) != 1)} fitted"
+        )
+
+    def _log_best(self, what: str) -> None:
+        """Log what was done, with the most probable set after it."""
         best = self.best()
         names = " + ".join(sorted(self.added(best))) or "nothing"
         sentence = (
-            f"{self.title}, effects added to {beside}: {len(self.candidates)} candidates scanned, "
-            f"{len(made)} set{'s' * (len(made) != 1)} fitted; most probable so far is {names}, "
-            f"log posterior odds {best.weight - self.root.weight:+.1f} against the declared model"
+            f"{what}; most probable so far is {names}, log posterior odds "
+            f"{best.weight - self.root.weight:+.1f} against the declared model"
         )
         found = best.fitted.fit.log_likelihood
         self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))

@@ -80,8 +80,8 @@ class Phugoid:
     def traits(self) -> Traits:
         return Traits(
             sentences=(
-                "the aircraft exchanges speed and height (phugoid), its flight path {attitude} "
-                "nose up at the record's begin",
+                "the aircraft exchanges speed and height (phugoid) and loses speed as in a climb "
+                "of {attitude}, by its flight path or by drag beyond that of trim",
                 "with the airspeed the moment changes that balances the engines, a coefficient of "
                 "{trim_moment} in trim",
             ),
