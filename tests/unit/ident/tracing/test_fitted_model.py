@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from ident.tracing.fitted_model import (
+    FitData,
     compiled_with,
     declared_priors,
+    fit_set,
     quantities,
     start_and_guesses,
 )
@@ -115,4 +117,19 @@ def test_a_bias_that_the_equations_know_of_has_its_prior_and_no_other_has() -> N
     assert prior is not None
     assert [layout.names[i].partition(",")[0] for i in prior.positions] == ["bias_phi"]
     assert prior.mean == [0.0] and prior.information == pytest.approx(np.array([[0.05**-2]]))
-    assert declared_priors(true_model("longitudinal").with_biases(["theta"]), (), layout) is None
+
+
+def test_biases_of_calibrated_sensors_do_not_grow_along_with_coefficients_of_totals() -> None:
+    """Near one airspeed, a bias of the airspeed is nearly the same as other coefficients."""
+    names = ["airspeed", "alpha", "theta", "q", "nz", "nx"]
+    model = true_model("longitudinal").with_biases(names)
+    data = FitData(
+        [flown("longitudinal")], [np.ones((6, len(flown("longitudinal"))), bool)], model, names
+    )
+    fitted = fit_set(data, (), FitSettings(max_step=0.02))
+    assert fitted is not None and fitted.fit.layout.prior is not None
+    layout = fitted.fit.layout
+    biases = [i for i, name in enumerate(layout.names) if name.startswith("bias_")]
+    assert sorted(layout.prior.positions) == biases
+    sigmas = np.diag(layout.prior.information) ** -0.5
+    assert np.all(np.abs(fitted.fit.theta[layout.prior.positions]) < sigmas)
