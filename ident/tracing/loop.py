@@ -118,9 +118,9 @@ def diagnose(
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
-    decision, out = _decide_and_predict(search, discrepancy, held)
+    decision, out, gain = _decide_and_predict(search, discrepancy, held)
     problem = search.problem
-    judgement = _with_judgement(problem, decision, out, held, (*declared.spikes, *spikes))
+    judgement = _with_judgement(problem, decision, out, gain, held, (*declared.spikes, *spikes))
     before, after = _scatter(problem, root, judgement, held)
     diagnosis = reported(
         problem,
@@ -222,18 +222,39 @@ class _HeldOutCheck:
 
 def _decide_and_predict(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
-) -> tuple[Decision, HeldOut]:
-    """Return the decision, the converged fit of its set, and the predictions of held-out data."""
+) -> tuple[Decision, HeldOut, PredictiveGain]:
+    """Return the decision, with the converged fit of its set, the predictions of held-out data, and
+    the gains of the claimed effects there.
+
+    Held-out data may contradict all claims. If the set without them leaves noise, nothing is
+    missing.
+    """
     against = _HeldOutCheck(search.problem, held)
     decision = decide(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
-    return replace(decision, best=best), out
+    decision, gain = replace(decision, best=best), PredictiveGain()
+    if decision.named:
+        gain = predictive_gains(decision.reference, best, held, out)
+    if gain.contradicts and against.leaves_noise(decision.reference):
+        why = _reason_of_no_improvement(_no_improvement(gain))
+        hints = [replace(each, reason=why, within=best) for each in decision.named]
+        smaller, out = against.ended(decision.reference)
+        decision = replace(
+            decision,
+            verdict=Verdict.CONSISTENT,
+            best=smaller,
+            named=(),
+            hints=(*decision.hints, *hints),
+        )
+        gain = PredictiveGain()
+    return decision, out, gain
 
 
 def _with_judgement(
     problem: TraceProblem,
     decision: Decision,
     out: HeldOut,
+    gain: PredictiveGain,
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
@@ -242,11 +263,6 @@ def _with_judgement(
     tests = residual_tests(best, out)
     left = not_noise(tests.all, WHITENESS_P_VALUE)
     verdict = decision.verdict
-    gain = (
-        predictive_gains(decision.reference, best, held, out)
-        if decision.named
-        else PredictiveGain()
-    )
     guards = problem.guards
     claims = [_claim(best, each, gain.values, guards, claimed=True) for each in decision.named]
     claims += [
@@ -261,7 +277,7 @@ def _with_judgement(
     if gain.contradicts:
         verdict = Verdict.UNEXPLAINED
         worse = _no_improvement(gain)
-        why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
+        why = (_reason_of_no_improvement(worse),)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
     elif decision.named and not has_process_noise(best.system) and frozen_gain(held, out) <= 0.0:
@@ -310,6 +326,10 @@ def _no_improvement(gain: PredictiveGain) -> Caution:
     )
     what = "the effects found do not lower the error on data that were not fitted"
     return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
+
+
+def _reason_of_no_improvement(caution: Caution) -> str:
+    return caution.requirement.sentence if caution.requirement else caution.sentence
 
 
 def _claim(

@@ -11,9 +11,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from ident.tracing import loop
+from ident.tracing.decision import Decision
+from ident.tracing.diagnosis import Verdict
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
+from ident.tracing.names import Named
 from ident.tracing.predictive import PredictiveGain, least_gain, predictive_gains
+from ident.tracing.search import Search
 from ident.tracing.wrong_samples import measured_masks
 from ident.whole_record.gauss_newton import Fit
 from sim.effects.disturbance.gusts import GustTurbulence
@@ -160,3 +165,26 @@ def test_with_process_noise_predictions_one_step_ahead_are_compared_record_by_re
     held = held_of(still, planted(seed=4))
     (loss,) = predictive_gains(still, rough, held, predicted_by(rough, held)).values
     assert loss < 0.0
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_claims_that_held_out_data_contradict_leave_a_declared_model_that_leaves_noise(
+    monkeypatch: pytest.MonkeyPatch, missing: bool
+) -> None:
+    """If the declared model does not leave noise, the claims stay for the verdict to reject."""
+    record = lagged(5) if missing else planted(seed=5)
+    problem = problem_of([record])
+    root, more = fit_of(problem), fit_of(problem, [SensorLag("q")])
+    claim = Named("sensor-lag:q", 1.0, {})
+    traced = Decision(Verdict.TRACED, more, root, (claim,), (), ())
+    monkeypatch.setattr(loop, "decide", lambda *_: traced)
+    monkeypatch.setattr(loop, "predictive_gains", lambda *_: PredictiveGain((-20.0,), -4.5))
+    search = cast(Search, SimpleNamespace(problem=problem))
+    decision, _, gain = loop._decide_and_predict(search, None, HeldOutData())
+    if missing:
+        assert decision.named == (claim,) and gain.contradicts
+        return
+    assert decision.verdict is Verdict.CONSISTENT and decision.best.names == ()
+    assert decision.named == () and not gain.contradicts
+    (hint,) = decision.hints
+    assert hint.name == "sensor-lag:q" and hint.within is not None and "-20" in hint.reason
