@@ -197,12 +197,15 @@ def _off(item: Level) -> str:
 
 def direction(finding: Finding) -> str:
     """``"too small by a factor of 3.2"``: with it two sigmas hold 95.4 % of the errors."""
-    factor = finding.wrong.factor
-    return (
-        f"too small by a factor of {_factor(factor)}"
-        if factor > 1.0
-        else f"too large by a factor of {_factor(1.0 / max(factor, 1e-12))}"
-    )
+    return _by_factors([finding])
+
+
+def _by_factors(group: list[Finding]) -> str:
+    """Return the smallest and the largest factor by which sigmas of one direction are wrong."""
+    small = group[0].wrong.too_small
+    factors = sorted(f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12) for f in group)
+    ends = dict.fromkeys(_factor(factors[at]) for at in (0, -1))
+    return f"too {'small' if small else 'large'} by a factor of {' to '.join(ends)}"
 
 
 def cause_sentences(found: Findings) -> list[str]:
@@ -210,33 +213,18 @@ def cause_sentences(found: Findings) -> list[str]:
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
-    sentences = {
-        key: "; and ".join(_SAID[cause](group, found) for cause in key[0])
-        for key, group in groups.items()
-    }
     return [
-        f"{_directions(group)}: {sentences[key]}{_how(group, found)}"
-        for key, group in groups.items()
+        f"{_directions(group)}: {'; and '.join(_SAID[cause](group, found) for cause in causes)}"
+        f"{_how(group, found)}"
+        for (causes, _), group in groups.items()
     ]
 
 
 def _directions(group: list[Finding]) -> str:
     """Return the factors by which the sigmas of a group are wrong."""
-    parts = []
-    for small, word in ((True, "too small"), (False, "too large")):
-        factors = sorted(
-            f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12)
-            for f in group
-            if f.wrong.too_small is small
-        )
-        if factors:
-            ends = (
-                _factor(factors[0])
-                if _factor(factors[0]) == _factor(factors[-1])
-                else f"{_factor(factors[0])} to {_factor(factors[-1])}"
-            )
-            parts.append(f"{word} by a factor of {ends}")
-    return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {' and '.join(parts)}"
+    sides = ([f for f in group if f.wrong.too_small is small] for small in (True, False))
+    parts = " and ".join(_by_factors(side) for side in sides if side)
+    return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {parts}"
 
 
 def _how(group: list[Finding], found: Findings) -> str:
@@ -268,14 +256,9 @@ def _steps(group: list[Finding], found: Findings) -> str:
 
 
 def _levels(group: list[Finding], found: Findings) -> str:
-    return (
-        f"it assumes wrong noise ({_what_is_off(found)}): with the levels by likelihood it is right"
-    )
-
-
-def _what_is_off(found: Findings) -> str:
     items = found.levels.items if found.levels is not None else ()
-    return "; ".join(_off(item) for item in items if not item.agrees)
+    off = "; ".join(_off(item) for item in items if not item.agrees)
+    return f"it assumes wrong noise ({off}): with the levels by likelihood it is right"
 
 
 def _prior(group: list[Finding], found: Findings) -> str:
@@ -311,8 +294,7 @@ def _noise(group: list[Finding], found: Findings) -> str:
 
 
 def _model(group: list[Finding], found: Findings) -> str:
-    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = _bias_share(group)
     if not any(each.wrong.too_small for each in group):
         bias_text += "; what is declared in its place, process noise, is more than it needs"
     left = (
@@ -323,12 +305,15 @@ def _model(group: list[Finding], found: Findings) -> str:
 
 
 def _open(group: list[Finding], found: Findings) -> str:
-    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     return (
         "no cause was found: the model follows the flight, and nothing that was changed makes it "
-        f"right; {bias_text}"
+        f"right; {_bias_share(group)}"
     )
+
+
+def _bias_share(group: list[Finding]) -> str:
+    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
+    return f"bias makes up to {100 * share:.0f} % of the mean square error"
 
 
 _SAID: dict[str, Callable[[list[Finding], Findings], str]] = {
@@ -406,8 +391,6 @@ def _content(each: Finding) -> dict[str, Any]:
 
 # ---- The page of a campaign
 
-TWO_SIGMA = 0.9545  # coverage of a normal distribution
-
 
 def campaign_page(
     campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
@@ -420,19 +403,14 @@ def campaign_page(
         f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %, "
     )
-    share += f"{100 * TWO_SIGMA:.1f} % expected)"
+    share += f"{100 * NORMAL[2]:.1f} % expected)"
     worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
     bias = (
         f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
         if worst.scatter > 0.0
         else ""
     )
-    why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
-    broken = (
-        f"{campaign.broken} of {len(seeds)} runs broke down and are left out ({why})"
-        if campaign.broken
-        else ""
-    )
+    broken = broken_words(campaign) if campaign.broken else ""
     files = [("model", file.name, file.sha256) for file in scenario.files]
     command = [
         "flightid",
