@@ -466,7 +466,7 @@ class Campaign:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns
         the folder.
         """
-        from scenarios.studies.campaign_report import write_campaign
+        from scenarios.studies.folder import write_campaign
 
         return write_campaign(self.details, self._judgement, path_given(folder))
 

@@ -1,39 +1,28 @@
-"""A campaign in the terminal, on its page and in its folder, with the causes of wrong sigmas."""
+"""A campaign in tables and sentences: its parameters, their statistics, causes of wrong sigmas."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
     BY_ROW,
+    MISSING,
     PURE,
     Block,
     Cell,
     Column,
     Number,
-    Page,
     Prose,
     Table,
-    as_sentence,
-    capital,
-    now,
-    reproduction,
-    section,
+    known,
     table,
 )
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import figures, write_page
-from scenarios.report.quantities import console, shown_in
+from scenarios.report.quantities import console, number_text, shown_in
 from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.campaign import CampaignRuns, Spread
@@ -47,13 +36,7 @@ from scenarios.studies.campaign_causes import (
     Findings,
     Judgement,
 )
-from scenarios.studies.campaign_statistics import (
-    NORMAL,
-    statistics_blocks,
-    statistics_content,
-    statistics_csv,
-    two_digits,
-)
+from scenarios.studies.campaign_statistics import NORMAL, CampaignStatistics, Squares
 from scenarios.studies.campaign_trials import (
     FURTHER_PASSES,
     LEVELS,
@@ -64,7 +47,94 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
-from scenarios.studies.comparison import distance_text
+
+# ---- Statistics of a campaign in sentences and tables
+
+MEANINGS = {
+    "NEES": "squared error in units of the reported covariance, all parameters together",
+    "NIS": "squared innovation in units of its own",
+}
+
+
+def squares_sentence(squares: Squares) -> str:
+    """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
+    low, high = squares.interval
+    if squares.right:
+        verdict = "as it should be"
+    else:
+        verdict = "too large" if squares.mean > high else "too small"
+    return (
+        f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
+        f"{_near_one(squares.mean)}, {verdict} (correct sigmas give "
+        f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
+        "runs within their own 95 % interval"
+    )
+
+
+def _near_one(value: float) -> str:
+    """Return a number that should be about one with three decimals; a large number without them."""
+    return f"{value:.3f}" if value < 100.0 else number_text(value)
+
+
+NOTE = (
+    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; 1 "
+    "is the best possible. The bound includes the priors of the method. All intervals are at "
+    "95 %: those of ratios by chi-square, those of shares by Clopper and Pearson."
+)
+
+
+def two_digits(value: float) -> Cell:
+    """Return a table cell with two significant digits."""
+    return Number(value, shown=number_text(value, value))
+
+
+def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
+    """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
+    parameters = statistics.parameters
+    names = (Column("parameter"), [p.name for p in parameters])
+    shown = [(p, shown_in(p.unit, p.name)) for p in parameters]
+    ends = [p.efficiency_interval or (None, None) for p in parameters]
+    sizes = table(
+        "scatter against the reported sigma and the Cramer-Rao bound",
+        names,
+        (
+            Column("bias ± σ", BY_ROW, printed="bias"),
+            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
+        ),
+        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in parameters]),
+        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in parameters]),
+        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in parameters]),
+        (
+            Column("bound", BY_ROW),
+            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
+        ),
+        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in parameters]),
+        (Column("from", PURE), [known(low, 3) for low, _ in ends]),
+        (Column("to", PURE), [known(high, 3) for _, high in ends]),
+        units=[s.unit for _, s in shown],
+    )
+    shares: list[tuple[Column, list[Cell]]] = []
+    for n in (1, 2, 3):
+        covered = [p.coverage[n - 1] for p in parameters]
+        parts = {
+            f"within {n} σ": [within.share for within in covered],
+            "from": [within.interval[0] for within in covered],
+            "to": [within.interval[1] for within in covered],
+        }
+        for heading, values in parts.items():
+            column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
+            shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
+    coverage = table(
+        "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
+        "95.4, 99.7 %)",
+        names,
+        *shares,
+    )
+    squares = [
+        Prose(squares_sentence(s)) for s in (statistics.nees, statistics.nis) if s is not None
+    ]
+    return [sizes, coverage, Prose(NOTE, "note"), *squares]
+
 
 # ---- Why sigmas are wrong, in tables and words
 
@@ -389,75 +459,7 @@ def _content(each: Finding) -> dict[str, Any]:
     }
 
 
-# ---- The page of a campaign
-
-
-def campaign_page(
-    campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
-) -> Page:
-    """Return the page of a campaign with the figures ``drawn``."""
-    scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
-    low, high = pooled.interval
-    wrong = judgement.findings.found
-    share = (
-        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
-        f"interval {100 * low:.1f} to {100 * high:.1f} %, "
-    )
-    share += f"{100 * NORMAL[2]:.1f} % expected)"
-    worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
-    bias = (
-        f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
-        if worst.scatter > 0.0
-        else ""
-    )
-    broken = broken_words(campaign) if campaign.broken else ""
-    files = [("model", file.name, file.sha256) for file in scenario.files]
-    command = [
-        "flightid",
-        "campaign",
-        scenario.name,
-        "--runs",
-        str(len(seeds)),
-        "--seed",
-        str(campaign.root),
-        "--method",
-        campaign.estimation.name,
-    ]
-    return Page(
-        title=f"{capital(scenario.title)}: {len(seeds)} runs",
-        kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
-        verdict="sigmas hold"
-        if not wrong
-        else f"{len(wrong)} of {len(campaign.names)} sigmas wrong",
-        tone="good" if not wrong else "fair",
-        sentence=as_sentence(share),
-        summary=tuple(as_sentence(line) for line in (bias,) if line),
-        warnings=tuple(
-            as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
-        ),
-        sections=(
-            *section("Figures", *figures(drawn)),
-            *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
-            *section(
-                "Whether the sigmas are right",
-                *findings_blocks(judgement.findings),
-                *statistics_blocks(judgement.statistics),
-            ),
-            *section(
-                "How it was made",
-                Prose(
-                    f"Flight and model: {distance_text(scenario.distance)}. Each run has its own "
-                    "seed, with which flightid run repeats it."
-                ),
-            ),
-        ),
-        reproduction=reproduction(
-            command,
-            f"The seeds of all runs follow from seed {campaign.root}; estimates.csv lists them.",
-            files,
-        ),
-        created=now(),
-    )
+# ---- A campaign in the terminal, and its table of parameters
 
 
 SIZES_NOTE = (
@@ -503,9 +505,6 @@ def campaign_title(campaign: CampaignRuns) -> str:
     )
 
 
-# ---- A Monte-Carlo campaign printed and written
-
-
 def print_campaign(
     campaign: CampaignRuns,
     out: Console | None = None,
@@ -543,67 +542,3 @@ def _shown(s: Spread) -> Spread:
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)
-
-
-def write_campaign(
-    campaign: CampaignRuns, judgement: Judgement, out: Path, *, figures: Formats = USUAL
-) -> Path:
-    """Write data files, figures and the page into ``out``, all or nothing; return ``out``."""
-    with study_folder(out, "campaign.json") as scratch:
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ["seed", *(column for name in campaign.names for column in (name, f"std_{name}"))]
-        )
-        sound = campaign.seeds[campaign.kept].tolist()
-        for seed, value, std in zip(
-            sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True
-        ):
-            writer.writerow(
-                [seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)]
-            )
-        write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
-        write_text(scratch / "estimates.csv", text.getvalue())
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-            from scenarios.studies.folder import campaign_figures
-
-            drawn = draw_for_page(
-                campaign_figures(campaign, judgement.statistics), scratch, figures
-            )
-        write_page(scratch, campaign_page(campaign, judgement, drawn))
-        content = {
-            "schema": "flightid/campaign/1",
-            "scenario": campaign.scenario.name,
-            "method": campaign.estimation.name,
-            "seed": campaign.root,
-            "runs": len(campaign.seeds),
-            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
-            "broken": campaign.broken,
-            **({"failures": dict(campaign.failures)} if campaign.failures else {}),
-            "parameters": {s.name: _spread(s) for s in campaign.spreads},
-            "pooled": {
-                "within_one_sigma": campaign.pooled.within_one,
-                "within_two_sigma": campaign.pooled.within_two,
-                "interval": list(campaign.pooled.interval),
-            },
-            "statistics": statistics_content(judgement.statistics),
-            **findings_content(judgement.findings),
-            "versions": versions(),
-        }
-        write_json(scratch / "campaign.json", content)
-    return out
-
-
-def _spread(s: Spread) -> dict[str, Any]:
-    return {
-        "unit": s.unit,
-        "reference": s.reference,
-        "bias": s.bias,
-        "scatter": s.scatter,
-        "reported_std": s.reported,
-        "within_one_sigma": s.within_one,
-        "within_two_sigma": s.within_two,
-        "interval": list(s.interval),
-    }
