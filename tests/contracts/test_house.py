@@ -25,8 +25,6 @@ LONG: dict[str, str] = {}
 LONG_FILES: frozenset[str] = frozenset(
     {
         "ident/banks/equation_kernels.py",
-        "ident/compatibility/fault_sets.py",
-        "ident/compatibility/six_degrees/kinematics.py",
         "ident/frequency_domain/online.py",
         "ident/maneuver_detection/search.py",
         "ident/process_noise/innovations_model.py",
@@ -35,7 +33,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/api/records.py",
         "scenarios/identification/assessment.py",
         "scenarios/identification/identify.py",
-        "scenarios/studies/estimating.py",
         "scenarios/trials/planted/study.py",
         "scenarios/watching/study.py",
         "sim/declaration/user_equations.py",

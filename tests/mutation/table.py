@@ -53,7 +53,7 @@ ONCE_UNNOTICED = (
         ("replace(request.plan, hold=hold)", "request.plan"),
     ),
     *changes(
-        "scenarios/studies/estimating.py",
+        "scenarios/studies/declaration.py",
         FLYING,
         ("if all(plan.kind in SMOOTH", "if any(plan.kind in SMOOTH"),
         ("if all(plan.kind in SMOOTH", "if not all(plan.kind in SMOOTH"),

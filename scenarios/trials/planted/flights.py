@@ -19,8 +19,8 @@ from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_text
-from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import maneuvers_by_input, resting, with_common_hold
+from scenarios.studies.declaration import ManeuverPlan, maneuvers_by_input, with_common_hold
+from scenarios.studies.estimating import resting
 from scenarios.studies.reading import (
     maneuver_plans,
     model_files,

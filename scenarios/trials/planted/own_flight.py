@@ -18,8 +18,7 @@ from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
 from scenarios.identification.model_checks import PULSES_BETWEEN_DOUBLETS, Motion, doublet_motion
 from scenarios.preparation.declared_model import RESOLVED_STEP_SHARE, root_sizes, step_of
-from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import KINDS, maneuver_of
+from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
 from scenarios.studies.schema import positive, si
 from scenarios.trials.planted.declaration import find_term
 from scenarios.trials.planted.flights import off
