@@ -30,7 +30,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
-        "scenarios/api/records.py",
         "scenarios/identification/assessment.py",
         "scenarios/identification/identify.py",
         "scenarios/trials/planted/study.py",
