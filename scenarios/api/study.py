@@ -35,7 +35,7 @@ from scenarios.api.shown import (
 from scenarios.api.tables import names_of, told_in_python
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
-from scenarios.identification.low_order import linearised
+from scenarios.identification.files import linearised
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt

@@ -135,8 +135,8 @@ def identify_records(
 ) -> None:
     """Identify records, write the study and the linearised model's ``matrices``, and print."""
     from scenarios.files.measured.columns import path_of
+    from scenarios.identification.files import refuse_place, state_space_of, write_state_space
     from scenarios.identification.identify import identify_files
-    from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
     from scenarios.identification.report import print_identification
 
     if matrices is not None:

@@ -149,11 +149,11 @@ def constrained(model: Model, constraints: Constraints) -> Model:
     return model.with_parameters(parameters.with_bounds(bounds)).with_ties(constraints.ties)
 
 
-def constraint_sentences(
-    constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
-) -> tuple[str, ...]:
+def constraint_sentences(constraints: Constraints, model: Model) -> tuple[str, ...]:
     """Return a sentence on the fixed, the tied and the bounded parameters, if there are any."""
     sentences = []
+    starts = {item.name: item.value for item in model.parameters}
+    units = {item.name: item.unit for item in model.parameters}
     if constraints.fixed:
         entries = [
             f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
