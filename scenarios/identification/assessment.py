@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -207,12 +208,8 @@ def profiled(
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
 
-    pieces = [
-        piece
-        for record_pieces in in_pieces(records, without_noise or system, settings, local)
-        for piece in record_pieces
-    ]
-    layout = lay_out(pieces, start_system, settings, local=local)
+    pieces = in_pieces(records, without_noise or system, settings, local)
+    layout = lay_out([*chain.from_iterable(pieces)], start_system, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
         from ident.process_noise.innovations_model import noise_started_at
@@ -239,9 +236,6 @@ def values_for_prediction(
     biases = {name: value for name, value in all_values.items() if name.startswith("bias_")}
     shared = {name: value for name, value in all_values.items() if name not in biases}
     return Trained((), system.output_names, shared, (biases,), settings)
-
-
-# ---- Isolated wrong samples of a measured record
 
 
 # ---- Free simulations of records with parameters as estimated

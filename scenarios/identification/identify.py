@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,18 +42,19 @@ from scenarios.identification.assessment import (
     tied_rows,
     values_for_prediction,
 )
+from scenarios.identification.cautions import (
+    cautions_of,
+    failed,
+    filter_error_proposed,
+    record_cautions,
+    sigma_cautions,
+    unusable_sigmas,
+)
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import (
     PATH,
-    cautions_of,
     chosen_band,
     delays_of,
-    disturbed_outputs,
-    failed,
-    in_rough_air,
-    made_by_inputs,
-    record_cautions,
-    sigma_cautions,
     with_weight_if_needed,
     without_theta,
 )
@@ -79,7 +81,6 @@ from scenarios.preparation.plan import (
     BY_HAND,
     Request,
     column_choices,
-    command_on_records,
     declared_phase,
     reading_options,
 )
@@ -98,7 +99,6 @@ from scenarios.preparation.recording import (
     with_outliers,
     without,
 )
-from scenarios.report.summary import NEXT, residual_phrase
 from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
@@ -174,20 +174,14 @@ def identify(
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     is_filter, is_simulated = method in FILTERS, method in SIMULATED
+    estimated = partial(estimated_by, method=method, settings=settings, options=options)
 
     def fit(candidate: Model) -> tuple[System, Estimate]:
-        return estimated_by(records, candidate, outputs, method, settings, options)
-
-    def fit_alone(single: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
-        own_outputs = _measured(model, [single])
-        own_model = bounded.with_biases([name for name in sensors if name in own_outputs])
-        return _best_alone(
-            single,
-            lambda read: estimated_by(read, own_model, own_outputs, method, settings, options)[1],
-        )
+        return estimated(records, candidate, outputs)
 
     bounded, system, estimate, at_bounds = fit_within_bounds(biased, fit, respected=not is_filter)
     tests = tests_of_records(estimate, records)
+    alone = partial(_best_alone, model=bounded, sensors=sensors, estimated=estimated)
     # Exact constants; their uncertainty widens the sigmas below.
     with_exact_constants = estimate
     start = _started_at(estimate, bounded, starts_are_priors=bool(vehicle.modes) or is_filter)
@@ -214,7 +208,7 @@ def identify(
         ),
         cautions=(
             *(failed(records, estimate, rows, vehicle.derivatives) if is_simulated else ()),
-            *(record_cautions(records, tests, fit_alone) if is_simulated else ()),
+            *(record_cautions(records, tests, alone) if is_simulated else ()),
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, with_exact_constants, compiled, tests, [PATH]),
             *considered_sentences(considered),
@@ -349,14 +343,20 @@ def _intervals(
 
 
 def _best_alone(
-    record: Record, fit: Callable[[Sequence[Record]], Estimate]
+    record: Record,
+    model: Model,
+    sensors: Sequence[str],
+    estimated: Callable[[Sequence[Record], Model, list[str]], tuple[System, Estimate]],
 ) -> tuple[Estimate, Sequence[ResidualTest]]:
     """Return the estimate from one record and its tests, with the hold that passes more tests.
 
-    Records that contradict each other may have been read with the wrong hold.
+    Records that contradict each other may have been read with the wrong hold. ``sensors``: outputs
+    that have a bias.
     """
+    outputs = _measured(model, [record])
+    biased = model.with_biases([name for name in sensors if name in outputs])
     readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
-    fits = [(fit(read), read) for read in readings]
+    fits = [(estimated(read, biased, outputs)[1], read) for read in readings]
     results = [(estimate, tests_of_records(estimate, read)) for estimate, read in fits]
     return max(results, key=lambda result: sum(test.passed for test in result[1]))
 
@@ -439,8 +439,8 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
             lambda hold, hold_options: identified(replace(request.plan, hold=hold), hold_options),
             options,
         )
-    found = replace(found, doubts=(*_unusable_sigmas(request, vehicle, found), *found.doubts))
-    proposed = _filter_error_proposed(request, vehicle, found)
+    found = replace(found, doubts=(*unusable_sigmas(request, vehicle, found), *found.doubts))
+    proposed = filter_error_proposed(request, vehicle, found)
     found = replace(
         found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed)
     )
@@ -522,68 +522,6 @@ def _identified(
     return replace(ready, measured=measured), replace(
         found, notes=(*notes, *missing_outputs, *found.notes), doubts=doubts, look=look
     )
-
-
-def _filter_error_proposed(
-    request: Request, vehicle: VehicleFile, found: IdentificationResult
-) -> tuple[str, ...]:
-    """Return a sentence that proposes filter error if the residuals look like process noise."""
-    disturbed = in_rough_air([found.record, *found.others], found.estimate, found.tests)
-    if not disturbed:
-        return ()
-    try:
-        forced(model_of_file(vehicle), [found.record])
-    except DeclarationError:
-        return ()
-    command = command_on_records(request, "identify", ["--method", "filter-error"])
-    listed = (
-        f"{', '.join(disturbed[:-1])} and {disturbed[-1]}" if len(disturbed) > 1 else disturbed[0]
-    )
-    return (
-        f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
-        "noise together with the parameters",
-    )
-
-
-def _unusable_sigmas(
-    request: Request, vehicle: VehicleFile, found: IdentificationResult
-) -> tuple[str, ...]:
-    """Return a warning that the sigmas are unusable if the residuals are more than noise.
-
-    It names the command for a diagnosis if ``diagnose`` takes the model. Empty for good residuals.
-    """
-    failed_in = residual_phrase([test for test in found.tests if not test.passed])
-    if not failed_in:
-        return ()
-    records = [found.record, *found.others]
-    whole = len(found.estimate.fitted) == len(records)
-    unless = ""
-    if whole and made_by_inputs(records, found.estimate):
-        kind = " and follow the inputs: the model lacks a part of the response"
-    elif disturbed_outputs(records, found.estimate, found.tests):
-        kind = (
-            "; in rough air a simulation cannot follow: judge by the one-step prediction errors of "
-            "--method filter-error"
-        )
-    elif whole and vehicle.model != "loes":
-        # Only the sigmas of the bank of delays are not corrected for coloured sensor noise.
-        unless = " unless the sensor noise itself is coloured, for which they are corrected"
-        kind = " but do not follow the inputs"
-    else:
-        kind = ""
-    second = "; a second record (--validate) would check the diagnosis"
-    if request.validate:
-        second = ""
-    elif len(request.records) > 1:
-        # A diagnosis holds out the last of several records; the command says which.
-        *fitted, last = request.records
-        request, second = replace(request, records=tuple(fitted), validate=(last,)), ""
-    follows = (
-        f"{second}{NEXT}{command_on_records(request, 'diagnose')}"
-        if vehicle.model != "loes"
-        else ""
-    )
-    return (f"do not use these sigmas{unless}: the residuals are {failed_in}{kind}{follows}",)
 
 
 def _without_outliers(

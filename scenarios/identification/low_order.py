@@ -28,7 +28,7 @@ from scenarios.identification.assessment import (
     record_fits,
     values_for_prediction,
 )
-from scenarios.identification.conditions import cautions_of
+from scenarios.identification.cautions import cautions_of
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.comparison import bank_content
 from scenarios.studies.estimating import FIT_STEP

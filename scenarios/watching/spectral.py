@@ -26,7 +26,7 @@ from ident.frequency_domain.online import (
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.conditions import contradicted
+from scenarios.identification.cautions import contradicted
 from scenarios.identification.low_order import derived_of
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, model_of_file
 from scenarios.preparation.measured_inputs import (

@@ -30,8 +30,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
-        "scenarios/identification/assessment.py",
-        "scenarios/identification/identify.py",
         "scenarios/trials/planted/study.py",
         "scenarios/watching/study.py",
         "sim/declaration/user_equations.py",

@@ -739,7 +739,7 @@ RECORDS = (
         ("if choice.delay:", "if choice.hold:"),
     ),
     *changes(
-        "scenarios/identification/conditions.py",
+        "scenarios/identification/cautions.py",
         ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
         ("return tuple(dict.fromkeys(failed))", "return tuple(failed)"),
     ),

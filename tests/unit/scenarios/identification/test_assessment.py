@@ -13,7 +13,7 @@ from ident.estimate import Outcome
 from scenarios.files.user_models import Constraints
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import IdentificationResult, Options, RecordFit
-from scenarios.identification.conditions import too_short
+from scenarios.identification.cautions import too_short
 from scenarios.identification.files import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
 from scenarios.identification.report import (
