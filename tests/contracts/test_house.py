@@ -32,7 +32,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/regression/equation_error.py",
         "scenarios/trials/planted/study.py",
         "scenarios/watching/study.py",
-        "sim/declaration/user_equations.py",
     }
 )
 # Packages whose further content is data.
