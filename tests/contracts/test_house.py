@@ -26,7 +26,6 @@ LONG_FILES: frozenset[str] = frozenset(
     {
         "ident/banks/equation_kernels.py",
         "ident/frequency_domain/online.py",
-        "ident/maneuver_detection/search.py",
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
