@@ -42,7 +42,7 @@ from scenarios.preparation.measured_inputs import (
 )
 from scenarios.preparation.plan import BY_HAND
 from scenarios.studies.comparison import estimate_content
-from scenarios.studies.published import Row
+from scenarios.studies.published import rows_of
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
@@ -300,7 +300,7 @@ def stream_warnings(session: SpectralSession) -> list[str]:
     sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
     if session.lag is None and (latest := last_estimate(session)) is not None:
         starts = {item.name: item.value for item in session.system.parameters}
-        if doubt := contradicted(rows_of_estimate(latest), starts):
+        if doubt := contradicted(rows_of(latest), starts):
             sentences.append(doubt)
     return sentences + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
@@ -353,12 +353,6 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
         noise,
         (),
     )
-
-
-def rows_of_estimate(latest: Estimate) -> tuple[Row, ...]:
-    """Return the parameters of an estimate as rows of a table."""
-    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
-    return tuple(Row(*one) for one in each)
 
 
 def undetermined(session: SpectralSession) -> list[str]:
@@ -422,7 +416,7 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "undetermined": unknown,
             "warnings": stream_warnings(session),
         }
-    rows = rows_of_estimate(latest)
+    rows = rows_of(latest)
     held = [
         item
         for item in session.system.parameters

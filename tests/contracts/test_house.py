@@ -29,7 +29,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
         "scenarios/trials/planted/study.py",
-        "scenarios/watching/study.py",
     }
 )
 # Packages whose further content is data.
