@@ -28,7 +28,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
-        "scenarios/trials/planted/study.py",
     }
 )
 # Packages whose further content is data.
