@@ -27,7 +27,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/frequency_domain/online.py",
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
-        "ident/regression/equation_error.py",
     }
 )
 # Packages whose further content is data.
