@@ -1,4 +1,4 @@
-"""State histories for equation error from a record alone, by local polynomials, and the residuals of
+"""State histories for equation error from a record alone, by local polynomials, and residuals of
 the equations of motion at these states.
 
 Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew,

@@ -14,16 +14,9 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import modal_estimate
-from ident.frequency_domain.online import (
-    OnlineEquations,
-    OnlineEstimate,
-    Sums,
-    advance,
-    begin,
-    estimate,
-    online_equations,
-)
+from ident.frequency_domain.online import OnlineEquations, Sums, advance, begin, online_equations
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
+from ident.frequency_domain.online_regression import OnlineEstimate, estimate
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.cautions import contradicted

@@ -24,9 +24,7 @@ LONG: dict[str, str] = {}
 # Files that are still longer; the list shrinks, and nothing is added to it.
 LONG_FILES: frozenset[str] = frozenset(
     {
-        "ident/frequency_domain/online.py",
         "ident/process_noise/innovations_model.py",
-        "ident/recording/inspection.py",
     }
 )
 # Packages whose further content is data.
