@@ -39,7 +39,6 @@ from scenarios.studies.campaign_report import (
     sizes_table,
     statistics_blocks,
 )
-from scenarios.studies.campaign_statistics import NORMAL
 from scenarios.studies.comparison import (
     choice_lines,
     distance_text,
@@ -62,6 +61,7 @@ from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+TWO_SIGMA = 0.9545  # coverage of a normal distribution
 COVERING_SIGMAS = 2.0  # an interval of so many sigmas should contain the truth
 
 
@@ -234,7 +234,7 @@ def campaign_page(
         f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %, "
     )
-    share += f"{100 * NORMAL[2]:.1f} % expected)"
+    share += f"{100 * TWO_SIGMA:.1f} % expected)"
     worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
     bias = (
         f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
