@@ -17,7 +17,7 @@ import numpy as np
 from sim.declaration.model import System
 from sim.declaration.user_equations import WatchedTime
 from sim.errors import ModelError
-from sim.maths import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP, rows_into
 from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
@@ -157,7 +157,5 @@ def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarr
     """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
-    result = np.empty((len(out), size, count), dtype=complex)
-    for i, value in enumerate(out):
-        result[i] = value
+    result = rows_into(np.empty((len(out), size, count), dtype=complex), out)
     return result[:, 0].real.copy(), result.imag / COMPLEX_STEP

@@ -24,13 +24,7 @@ from scenarios.files.vehicles import (
     vehicle_with_file,
 )
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
-from scenarios.identification.assessment import (
-    left_out,
-    pooled_fits,
-    record_fits,
-    with_outliers,
-    without,
-)
+from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
 from scenarios.plots import draw_into
@@ -40,6 +34,7 @@ from scenarios.preparation.filtering import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import not_recorded, refuse_unpredictable
 from scenarios.preparation.reading import Decided, PreparedData, prepare
+from scenarios.preparation.recording import left_out, with_outliers, without
 from scenarios.report.document import (
     Bullets,
     Cell,

@@ -1,9 +1,14 @@
-"""Errors that a user can correct: problem, place and remedy; times as their sentences name them."""
+"""Errors that a user can correct, those of users' functions included; times in sentences."""
 
 from __future__ import annotations
 
 import dis
+from collections.abc import Callable
+from difflib import get_close_matches
+from pathlib import Path
+from traceback import walk_tb
 from types import CodeType
+from typing import Any
 
 
 class FlightidError(Exception):
@@ -71,3 +76,103 @@ def instant(time: float, digits: int = 4) -> str:
 def time_span(begin: float, end: float, digits: int = 6) -> str:
     """Two times of a record (s) for a sentence, ``"0 to 12.5 s"``; ``digits`` as of ``instant``."""
     return f"{instant(begin, digits)} to {instant(end, digits)} s"
+
+
+# ---- Errors of users' functions
+
+NO_CHANGE = (
+    "make a new value, as in x = 2.0 * s.x instead of s.x *= 2.0 or x *= 2.0; signals that several "
+    "functions need are formed in flow"
+)
+
+
+class ChangedArgument(FlightidError):
+    """A user's function assigned to a signal that it was given."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"a function of a model or an effect assigns to the signal s.{name}", remedy=NO_CHANGE
+        )
+
+
+_DECLARATION = Path(__file__).parent / "declaration"  # of the functions that call those of a user
+NO_COMPLEX = (
+    "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths: what stands there must "
+    "take complex numbers and arrays"
+)
+
+
+def fault(
+    model: str, what: str, function: Callable[..., object], error: BaseException, s: Any, p: Any
+) -> FlightidError:
+    """Return one line on an error of a user's function: problem, function, file and line.
+
+    Requests to stop the program, such as Ctrl-C, are raised again.
+    """
+    if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
+        raise error
+    if isinstance(error, FlightidError) and not isinstance(error, ChangedArgument):
+        return error
+    where = place(model, what, function, error)
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    if _changes_argument(error):
+        return ModelError(
+            "it changes what it was given, s or p, in place", where=where, remedy=NO_CHANGE
+        )
+    if isinstance(error, AttributeError) and (error.obj is s or error.obj is p):
+        known = [name for name in dir(error.obj) if not name.startswith("_")]
+        near = get_close_matches(str(error.name), known, n=1)
+        remedy = (
+            f"did you mean {near[0]!r}?"
+            if near
+            else f"declare it, or use one of {', '.join(known)}"
+        )
+        return ModelError(
+            f"there is no {'signal s' if error.obj is s else 'parameter p'}.{error.name}",
+            where=where,
+            remedy=remedy,
+        )
+    if isinstance(error, KeyError):
+        return ModelError(
+            f"{what} gives no {error}", where=where, remedy=f"return a mapping with {error} in it"
+        )
+    if isinstance(error, TypeError | ValueError):
+        return ModelError(text, where=where, remedy=NO_COMPLEX)
+    if isinstance(error, ArithmeticError):
+        return ModelError(
+            text, where=where, remedy="give starts and `initial` values at which it is a number"
+        )
+    return ModelError(text, where=where, remedy="mend that line")
+
+
+def _changes_argument(error: BaseException) -> bool:
+    """Return whether an error comes of an assignment to a signal or parameter, to an element of
+    one, or to a read-only array.
+    """
+    text = str(error)
+    return (
+        isinstance(error, ChangedArgument)
+        or (isinstance(error, ValueError) and "read-only" in text)
+        or (isinstance(error, AttributeError) and text.startswith(("can't set", "can't delete")))
+        or (isinstance(error, TypeError) and "does not support item" in text)
+    )
+
+
+def written_in(model: str, what: str, function: Callable[..., object]) -> str:
+    """``model roll, rates (my_model.py, line 12)``: where the function itself begins."""
+    code = getattr(function, "__code__", None)
+    return f"model {model}, {what}" + (
+        f" ({code.co_filename}, line {code.co_firstlineno})" if code is not None else ""
+    )
+
+
+def place(model: str, what: str, function: Callable[..., object], error: BaseException) -> str:
+    """``model roll, rates (my_model.py, line 12)``: the line of the user's file through which the
+    error came last.
+    """
+    files = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
+    own = getattr(getattr(function, "__code__", None), "co_filename", None)
+    lines = [(file, line) for file, line in files if file == own] or [
+        (file, line) for file, line in files if Path(file).parent != _DECLARATION
+    ]
+    return f"model {model}, {what}" + (f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else "")

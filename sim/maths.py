@@ -190,10 +190,15 @@ def jacobian_in_one_call(
     points = np.repeat(np.asarray(x, dtype=complex)[:, None], n, axis=1)
     points.imag[np.arange(n), np.arange(n)] = COMPLEX_STEP
     out = function(list(points))
-    columns = np.empty((len(out), n), dtype=complex)
-    for i, value in enumerate(out):
-        columns[i] = value
+    columns = rows_into(np.empty((len(out), n), dtype=complex), out)
     return np.asarray(columns.imag / COMPLEX_STEP)
+
+
+def rows_into(out: np.ndarray, values: Sequence[Any]) -> np.ndarray:
+    """Return ``out`` with each value broadcast to one of its rows."""
+    for i, value in enumerate(values):
+        out[i] = value
+    return out
 
 
 def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:

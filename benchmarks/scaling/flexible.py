@@ -82,7 +82,7 @@ def fitted(record: Record, model: Model) -> Callable[[], Any]:
 
 def flown(record: Record, model: Model) -> Callable[[], Any]:
     """A simulation with the noise of the sensors, an elevator that moves as the record's."""
-    from scenarios.studies.estimating import maneuvers_by_input
+    from scenarios.studies.declaration import maneuvers_by_input
     from sim.truth.flight import fly
 
     plans = load_scenario("flexible-ac1-full-order").flight.maneuvers

@@ -377,9 +377,11 @@ def run_delay_bank(
     bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    bank_result = _refine_delay(
-        engine, record, system, settings, name, grid, float(grid[best]), between, None
-    )
+
+    def refined(start: float, about: np.ndarray | None) -> _RefinedDelay:
+        return _refine_delay(engine, record, system, settings, name, grid, start, between, about)
+
+    bank_result = refined(float(grid[best]), None)
     for _ in range(widenings):
         contradicted_parameters = contradicted(system, bank_result.parameters)
         if not contradicted_parameters:
@@ -390,42 +392,28 @@ def run_delay_bank(
             max(bank_result.delay - half, float(grid[0])),
             min(bank_result.delay + half, float(grid[-1])),
         )
-        bank_result = _refine_delay(
-            engine,
-            record,
-            system,
-            settings,
-            name,
-            grid,
-            bank_result.delay,
-            between,
-            bank_result.about,
-        )
+        bank_result = refined(bank_result.delay, bank_result.about)
     held = replace(system, parameters=system.parameters.with_values({name: bank_result.delay}))
-    estimate = engine.alone(
-        record, held, settings, None if bank_result.about is None else bank_result.about[:, :, 0]
-    )
+    nearest = None if bank_result.about is None else bank_result.about[:, :, 0]
+    estimate = engine.alone(record, held, settings, nearest)
     contradicted_parameters = contradicted(system, estimate.as_dict())
     if contradicted_parameters and estimate.outcome is Outcome.CONVERGED:
         text = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in contradicted_parameters)
-        estimate = replace(
-            estimate,
-            message=(
-                f"but far from the start, in sigmas of its prior: {text}; start again from this "
-                "result"
-            ),
+        message = (
+            f"but far from the start, in sigmas of its prior: {text}; start again from this result"
         )
+        estimate = replace(estimate, message=message)
     if bank_result.std > 0 and estimate.outcome is Outcome.CONVERGED:
         estimate = _with_delay(
             estimate, name, system.parameters[name].unit, bank_result, len(system.states)
         )
-    mean, nearest = (
-        float(weights @ grid),
-        None if bank_result.about is None else bank_result.about[:, :, 0],
-    )
-    judged = (grid, bank.log_likelihood, weights, bank, float(grid[best]), mean)
     return DelayBank(
-        *judged,
+        grid,
+        bank.log_likelihood,
+        weights,
+        bank,
+        float(grid[best]),
+        float(weights @ grid),
         bank_result.delay,
         bank_result.std,
         bank_result.std == 0.0,

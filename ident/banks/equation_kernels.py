@@ -21,7 +21,7 @@ from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Taylor
 from ident.filters.problem import FilterProblem, with_free
 from sim.declaration.model import System
-from sim.maths import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP, rows_into
 from sim.propagation import Drive, rk4_step
 
 # ---- Inputs and results of a pass of a bank of filters
@@ -99,17 +99,10 @@ class BankTrace:
 def empty_trace(problem: FilterProblem, B: int) -> BankTrace:
     """Return a trace to be filled by ``run_pass``."""
     n, n_x, (m, N) = len(problem.names), len(problem.system.states), problem.valid.shape
-    rows, whole = (N, B, m, n), np.zeros((N, B, n, n))
+    shapes = (N, n, B), (N, B, n, n), (N, B, n_x, n), (N, B, m, n), (N, B, m, n)
     S = np.array(np.broadcast_to(np.eye(m), (N, B, m, m)))
-    return BankTrace(
-        np.zeros((N, n, B)),
-        whole,
-        np.zeros((N, B, n_x, n)),
-        np.zeros(rows),
-        np.zeros(rows),
-        S,
-        np.zeros((N, B, m)),
-    )
+    mean, covariance, moved, H, HP = map(np.zeros, shapes)
+    return BankTrace(mean, covariance, moved, H, HP, S, np.zeros((N, B, m)))
 
 
 class PassStretch(NamedTuple):
@@ -145,10 +138,8 @@ class March(Protocol):
 
 
 def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March:
-    """Prepare a pass; the prediction is `ident.filters.ekf`'s, the update takes all channels of a
-    sample that are there at once.
-    """
-    n, n_x, m = len(problem.names), len(problem.system.states), problem.valid.shape[0]
+    """Prepare a pass; the update takes all channels of a sample that are there at once."""
+    n, m = len(problem.names), problem.valid.shape[0]
     nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
     samples = problem.grid.sample.tolist()
     predict = _prediction(problem, settings, runs, nudge)
@@ -162,23 +153,16 @@ def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankR
         about: np.ndarray | None,
         trace: BankTrace | None,
     ) -> PassStretch:
-        B, count = x.shape[1], last - first
-        out = PassStretch(
-            np.empty((count, B, n)), np.empty((count, B, n, n)), np.empty((count, B, m, 1 + m))
-        )
+        K, B = last - first, x.shape[1]
+        out = PassStretch(np.empty((K, B, n)), np.empty((K, B, n, n)), np.empty((K, B, m, 1 + m)))
         for k in range(first, last):
             point = None if about is None or not k else about[:, k - 1].copy()
             for s in range(samples[k - 1], samples[k]) if k else ():
                 x, P, D = predict(s, x, P, point)
                 if trace is not None:
-                    trace.moved[k] = (
-                        D
-                        if s == samples[k - 1]
-                        else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
-                    )
-            x, P, out.innovation[k - first] = update(
-                k, x, P, None if about is None else about[:, k], trace
-            )
+                    _chain(trace.moved[k], D, first=s == samples[k - 1])
+            here = None if about is None else about[:, k]
+            x, P, out.innovation[k - first] = update(k, x, P, here, trace)
             out.mean[k - first], out.covariance[k - first] = x.T, P
         return out
 
@@ -210,14 +194,10 @@ def _prediction(
         start, parameters = [at[:n_x]], with_free(runs.p, problem.free, list(at[n_x:]))
 
         def rates(t: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any]) -> list[Any]:
-            # All states as one row. At the start of the step the Jacobian's call has the rates
-            # already.
+            # All states as one row; at the start of the step, the Jacobian's call has them already.
             if x is start:
                 return [values]
-            out = np.empty_like(values)
-            for i, rate in enumerate(system.f(t, list(x[0]), u, p)):
-                out[i] = rate
-            return [out]
+            return [rows_into(np.empty_like(values), system.f(t, list(x[0]), u, p))]
 
         (moved,) = settings.step(rates, t, start, stages, parameters, dt)
         after = x.copy()
@@ -259,12 +239,8 @@ def _update(
         if missing.size:
             leave_out(first, missing)
         if trace is not None:
-            trace.H[k], trace.HP[k], trace.y[k], trace.S[k] = (
-                H,
-                first[:, :, :n],
-                first[:, :, n],
-                first[:, :, n + 1 :],
-            )
+            trace.H[k], trace.HP[k] = H, first[:, :, :n]
+            trace.y[k], trace.S[k] = first[:, :, n], first[:, :, n + 1 :]
             trace.H[k, :, missing] = 0.0
         innovation = first[:, :, n:].copy()
         variance = decorrelated(first)
@@ -297,6 +273,11 @@ def moved_covariance(
         own = np.arange(n_x, n)
         out[:, own, own] += walk * dt
     return out
+
+
+def _chain(moved: np.ndarray, D: np.ndarray, *, first: bool) -> None:
+    """Continue the transition ``moved (B, n_x, n)`` of a sample, less the identity, over a step."""
+    moved[:] = D if first else moved + D + D[:, :, : D.shape[1]] @ moved
 
 
 def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
@@ -332,13 +313,10 @@ def values_and_jacobians(
     ``nudge (n, n, 1)`` is the complex step on the diagonal, one column of the Jacobian each.
     """
     n, B = x.shape
-    out = function(list(x[:, None, :] + nudge))
-    result = np.empty((len(out), n, B), dtype=complex)
-    for i, value in enumerate(out):
-        result[i] = value
-    return result[:, 0].real.copy(), np.multiply(
-        result.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
-    )
+    values = function(list(x[:, None, :] + nudge))
+    result = rows_into(np.empty((len(values), n, B), dtype=complex), values)
+    slopes = np.multiply(result.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C")
+    return result[:, 0].real.copy(), slopes
 
 
 # ---- A block of a pass for bilinear equations with held inputs
@@ -389,32 +367,20 @@ def tables_of(
     n_x = len(system.states)
     if np.any(density[n_x:]):
         return None
-    result = system_tables(system, p)
-    if result is None:
+    if (result := system_tables(system, p)) is None:
         return None
     driven, order = np.flatnonzero(density), np.arange(_SERIES.terms)
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the
     # series.
     share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
-    return Tables(
-        result[0].n,
-        n_x,
-        *result,
-        tuple(driven.tolist()),
-        share,
-        np.diag(np.asarray(variance, dtype=float)),
-    )
+    R = np.diag(np.asarray(variance, dtype=float))
+    return Tables(result[0].n, n_x, *result, tuple(driven.tolist()), share, R)
 
 
 def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> Tables | None:
-    """Return the tables of a pass, None where the equations, the integrator, the transition or the
-    inputs have none.
-    """
-    if (
-        settings.step is not rk4_step
-        or settings.transition != _SERIES
-        or not constant_within_steps(runs.drive)
-    ):
+    """Return the tables of a pass; None if equations, integrator, transition or inputs forbid."""
+    as_series = settings.step is rk4_step and settings.transition == _SERIES
+    if not as_series or not constant_within_steps(runs.drive):
         return None
     return tables_of(problem.system, runs.p, problem.density, problem.variance)
 
@@ -422,20 +388,14 @@ def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns)
 def march_of_table(
     problem: FilterProblem, settings: FilterSettings, runs: BankRuns
 ) -> March | None:
-    """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask
-    for `ident.banks.equation_kernels`.
-    """
-    tables = tables_for(problem, settings, runs)
-    if tables is None:
+    """Prepare a pass by ``tables_for``; None without tables."""
+    if (tables := tables_for(problem, settings, runs)) is None:
         return None
     samples, dt = problem.grid.sample.tolist(), problem.grid.steps.tolist()
     steps = [range(0), *(range(first, last) for first, last in pairwise(samples))]
     u = _by_run(runs.drive.stages[0], len(dt))
-    feed = (
-        _by_run([row[problem.grid.sample] for row in runs.drive.begin], len(samples))
-        if tables.h.feeds_through
-        else None
-    )
+    at_samples = [row[problem.grid.sample] for row in runs.drive.begin]
+    feed = _by_run(at_samples, len(samples)) if tables.h.feeds_through else None
     z = runs.z.transpose(1, 2, 0)[:, :, :, None]
     missing = [None if column.all() else np.flatnonzero(~column) for column in problem.valid.T]
 
@@ -449,14 +409,8 @@ def march_of_table(
     ) -> PassStretch:
         at = slice(first, last)
         legs = Legs(steps[at], dt, u, None if feed is None else feed[at], z[at], missing[at])
-        return filter_stretch(
-            tables,
-            legs,
-            x,
-            P,
-            None if about is None else (about, first),
-            None if trace is None else (trace, first),
-        )
+        point = None if about is None else (about, first)
+        return filter_stretch(tables, legs, x, P, point, None if trace is None else (trace, first))
 
     return march
 
@@ -490,8 +444,7 @@ def filter_stretch(
         for s in steps:
             D = predict(s)
             if trace is not None:
-                so_far = trace[0].moved[trace[1] + k]
-                so_far[:] = D if s == steps[0] else so_far + D + D[:, :, : tables.n_x] @ so_far
+                _chain(trace[0].moved[trace[1] + k], D, first=s == steps[0])
         if about is not None:
             point[:] = about[0][:, about[1] + k].T
         update(k, out, trace)
@@ -640,8 +593,6 @@ def _table_update(
 
 
 def _by_run(rows: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Return the rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or
-    ``(count, 1, rows)``.
-    """
-    parts = np.broadcast_arrays(*(np.asarray(row).reshape(count, -1) for row in rows))
-    return np.stack(parts, axis=2)
+    """Return rows ``(count,)`` or ``(count, B)`` as ``(count, 1, rows)``, ``(count, B, rows)``."""
+    parts = (np.asarray(row).reshape(count, -1) for row in rows)
+    return np.stack(np.broadcast_arrays(*parts), axis=2)

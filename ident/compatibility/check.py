@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
-from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
+from ident.compatibility.fault_sets import FaultSearch, search
 from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
 from ident.compatibility.instruments import instruments_of, shortened, weigher
-from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
+from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
     measured_channels,
@@ -20,7 +21,7 @@ from ident.compatibility.signals import (
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.kinematics import LEVEL, misled_by_bank
+from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -29,7 +30,9 @@ from ident.compatibility.trials import (
     Reconstruction,
     SensorEstimate,
     bias_estimates,
+    clocks,
     estimate_of,
+    reference_sentence,
     tried,
     with_more_faults,
 )
@@ -305,3 +308,96 @@ def _refuse(record: Record) -> None:
                 where=f"{record.name}, channel airspeed",
                 remedy="cut the record there with --from and --to",
             )
+
+
+# ---- Records without a bank angle
+
+_RATES = ("p", "r")
+
+
+def misled_by_bank(
+    records: Sequence[Record], airspeed: float | None, gravity: float
+) -> tuple[str, ...]:
+    """Return a sentence on each record without a bank angle in which the wings were not level, so
+    that the relations of alpha and theta are wrong.
+
+    An approximate bank angle is the integral of p about its median, or that of a coordinated turn
+    from r. A record is named if this bank changes the integrals of the rates of theta and alpha,
+    after removal of a constant and a trend, by more than the smallest finding of a bias.
+
+    ``airspeed`` in m/s, where none is recorded; ``gravity`` in m/s2.
+    """
+    sentences = []
+    for record in records:
+        rates = [
+            name
+            for name in _RATES
+            if name in record.output_names and np.count_nonzero(record[name].valid) > 1
+        ]
+        if "phi" in record.output_names or "q" not in record.output_names or not rates:
+            continue
+        phi = _bank(record, rates, airspeed, gravity)
+        largest = max(
+            np.std(_detrended_integral(record.time, error))
+            for error in _wrong_rates(record, rates, phi, airspeed, gravity)
+        )
+        if largest > SensorFault("alpha", BIAS).smallest_finding:
+            bank, verb = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
+            sentences.append(
+                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {verb} "
+                f"that the wings were up to {bank:.0f} deg from level: "
+                "nothing is told of alpha, q, theta and the loads, whose relations need it"
+            )
+    return tuple(sentences)
+
+
+def _bank(
+    record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
+) -> np.ndarray:
+    """Return an approximate bank angle ``(N,)``, rad."""
+    turn = np.zeros(len(record))
+    speed = _speed(record, airspeed)
+    if "r" in rates and speed is not None:
+        turn = np.arctan(_filled(record, "r") * speed / gravity)
+    if "p" not in rates:
+        return turn
+    p = _filled(record, "p")
+    rolled = cumulative_trapezoid(p - np.median(p), record.time, initial=0.0)
+    return np.asarray(rolled - np.median(rolled) + np.median(turn))
+
+
+def _wrong_rates(
+    record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
+) -> tuple[np.ndarray, ...]:
+    """Return the errors ``(N,)`` of the rate of theta and, with an airspeed, of alpha where the
+    wings are taken as level.
+    """
+    speed = _speed(record, airspeed)
+    q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
+    if "r" in rates:
+        r = _filled(record, "r")
+    else:  # a coordinated turn
+        r = np.tan(phi) * (gravity / speed if speed is not None else 0.0)
+    pitch = q * (np.cos(phi) - 1.0) - r * np.sin(phi)
+    return (pitch,) if speed is None else (pitch, gravity / speed * (np.cos(phi) - 1.0))
+
+
+def _speed(record: Record, airspeed: float | None) -> float | None:
+    """Return the mean airspeed of a record, m/s, or the given one; None without any."""
+    if "airspeed" in record.output_names:
+        return float(
+            np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan))
+        )
+    return airspeed
+
+
+def _filled(record: Record, name: str) -> np.ndarray:
+    """Return a channel ``(N,)`` with its gaps bridged by straight lines."""
+    channel = record[name]
+    return np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])
+
+
+def _detrended_integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the integral ``(N,)`` of a rate, less a straight line fitted to it."""
+    whole = cumulative_trapezoid(rate, time, initial=0.0)
+    return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))

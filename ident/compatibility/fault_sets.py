@@ -6,7 +6,7 @@ The kinematics determine differences of delays only, so that one channel must be
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +14,14 @@ import numpy as np
 from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
 from ident.compatibility.instruments import instrumented, weigher
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,
     CompatibilitySettings,
     FaultQuantity,
     FaultTrial,
     SensorFinding,
+    clocks,
+    leaves_a_reference,
     one_step,
     replicates,
     tried,
@@ -32,8 +33,6 @@ _BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults adde
 TIE_LOG_LIKELIHOOD = 0.5  # fits with a smaller difference of log likelihood count as equal
 _BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
 _MOST_EXCHANGES = 3  # most exchanges of one fault of a set for a better one
-# channels that change fast enough to show a delay of a fraction of a second; airspeed does not
-_TIMED = ("alpha", "q", "nz", "theta")
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,50 +253,6 @@ def _with_early_load(
         for fault in load_faults
     ]
     return [candidate for candidate in sets if candidate.determined and candidate.fit.sizes[-1] < 0]
-
-
-def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Return the channels of which at least one must have no delay: a time reference.
-
-    Without recorded controls the load is none of them. A gust changes it before the flight path, so
-    that alpha and q would seem late.
-    """
-    return tuple(
-        name
-        for name in _TIMED
-        if name in signals[0].channels and (name != "nz" or instrumented(signals))
-    )
-
-
-def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Return the time references that these faults delay."""
-    return {
-        fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
-    }
-
-
-def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Return whether these faults leave one of the channels ``timed`` without a delay. Delays of
-    all of them are not determined, only their differences.
-    """
-    # An accelerometer ahead of the centre of gravity has the same effect as a lag of q.
-    delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
-    return not timed or not set(timed) <= delayed
-
-
-def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Return a sentence that names the channels in ``timed`` to which the delays of these faults
-    refer; empty where none of them is delayed.
-    """
-    delayed = delayed_channels(faults)
-    on_time = [name for name in timed if name not in delayed]
-    if not delayed or not on_time:
-        return ""
-    if len(on_time) == 1:
-        first = f"times count from {on_time[0]}, the channel that is least late"
-    else:
-        first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
-    return f"{first}: a delay common to all channels cannot be detected from kinematics"
 
 
 # ---- Faults that an accepted one may be confused with
@@ -584,16 +539,7 @@ def _searched(
     findings = []
     for group in groups:
         names = [trial.fault.name for trial in group]
-        shares = probabilities(
-            [
-                (
-                    t.fault,
-                    FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))),
-                    losses.get(t.fault, 0.0),
-                )
-                for t in group
-            ]
-        )
+        shares = probabilities([(t.fault, t.quantity, losses.get(t.fault, 0.0)) for t in group])
         for t in group:
             if grouped[t.fault] is t:
                 others = tuple(name for name in names if name != t.fault.name)
@@ -636,8 +582,8 @@ def _finding(
     return SensorFinding(
         fault.channel,
         fault.kind,
-        trial.size + fault.offset,
-        math.sqrt(max(trial.variance, 0.0)),
+        trial.quantity.value,
+        trial.quantity.std,
         fault.unit,
         trial.gain,
         stands,

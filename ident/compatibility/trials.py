@@ -1,9 +1,11 @@
-"""Result of a check of the kinematics, and the trial of one fault in addition to others."""
+"""Result of a check of the kinematics, the trial of one fault in addition to others, and time
+references.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +22,8 @@ from ident.compatibility.fitting import (
     whitened,
 )
 from ident.compatibility.instruments import instrumented, weigher
-from ident.compatibility.kinematics import BIAS, SensorFault, linearised, unknowns_of
+from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault, linearised, unknowns_of
+from ident.compatibility.signals import KinematicSignals
 from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 
@@ -226,6 +229,11 @@ class FaultTrial:
         """Whether the standard deviation is below a plausible size."""
         return 0.0 < self.variance < self.fault.plausible**2
 
+    @property
+    def quantity(self) -> FaultQuantity:
+        """The size that the sensor has, where it is not zero without a fault, and its sigma."""
+        return FaultQuantity(self.size + self.fault.offset, math.sqrt(max(self.variance, 0.0)))
+
 
 def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
     """Return the trial of each fault in addition to those of ``base``. It is linearised; a fault
@@ -286,7 +294,7 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
         fault.kind,
         fault.unit,
         FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(other_variance, 0.0))),
-        FaultQuantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
+        trial.quantity,
         difference if trial.determined else 0.0,
         trial.gain,
         trial.p_value,
@@ -435,3 +443,53 @@ def _with_step(
         tuple(jacobians),
         tuple(outputs),
     )
+
+
+# ---- Time references: channels without a delay
+
+# channels that change fast enough to show a delay of a fraction of a second; airspeed does not
+_TIMED = ("alpha", "q", "nz", "theta")
+
+
+def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
+    """Return the channels of which at least one must have no delay: a time reference.
+
+    Without recorded controls the load is none of them. A gust changes it before the flight path, so
+    that alpha and q would seem late.
+    """
+    return tuple(
+        name
+        for name in _TIMED
+        if name in signals[0].channels and (name != "nz" or instrumented(signals))
+    )
+
+
+def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
+    """Return the time references that these faults delay."""
+    return {
+        fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
+    }
+
+
+def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
+    """Return whether these faults leave one of the channels ``timed`` without a delay. Delays of
+    all of them are not determined, only their differences.
+    """
+    # An accelerometer ahead of the centre of gravity has the same effect as a lag of q.
+    delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
+    return not timed or not set(timed) <= delayed
+
+
+def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
+    """Return a sentence that names the channels in ``timed`` to which the delays of these faults
+    refer; empty where none of them is delayed.
+    """
+    delayed = delayed_channels(faults)
+    on_time = [name for name in timed if name not in delayed]
+    if not delayed or not on_time:
+        return ""
+    if len(on_time) == 1:
+        first = f"times count from {on_time[0]}, the channel that is least late"
+    else:
+        first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
+    return f"{first}: a delay common to all channels cannot be detected from kinematics"

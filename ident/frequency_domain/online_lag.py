@@ -18,14 +18,13 @@ import numpy as np
 
 from ident.frequency_domain.online import (
     OnlineEquations,
-    OnlineEstimate,
     Points,
     Sums,
     advance,
     begin,
-    estimate,
     online_equations,
 )
+from ident.frequency_domain.online_regression import OnlineEstimate, estimate
 from sim.declaration.model import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"

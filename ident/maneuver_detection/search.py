@@ -14,7 +14,7 @@ neighbours, the variance is multiplied by (1 + rho) / (1 - rho).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,33 +43,14 @@ from ident.maneuver_detection.signals import (
 # Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded
 # is left out.
 EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "pitch": (
-        "q",
-        {
-            "Cm_alpha": "alpha",
-            "Cm_q": "q",
-            "Cm_de": "elevator",
-        },
-    ),
+    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator"}),
     "roll": (
         "p",
-        {
-            "Cl_beta": "beta",
-            "Cl_p": "p",
-            "Cl_r": "r",
-            "Cl_da": "aileron",
-            "Cl_dr": "rudder",
-        },
+        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder"},
     ),
     "yaw": (
         "r",
-        {
-            "Cn_beta": "beta",
-            "Cn_p": "p",
-            "Cn_r": "r",
-            "Cn_da": "aileron",
-            "Cn_dr": "rudder",
-        },
+        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder"},
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
@@ -91,13 +72,8 @@ LARGEST_T_VALUE = 1000.0  # records without noise have no other limit
 
 
 def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
-    """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is
-    not recorded.
-
-    Parameters
-    ----------
-    start, end : s, of the maneuver.
-    axis : one of the keys of ``EQUATIONS``.
+    """Derivative -> absolute t value from the rows about a maneuver from ``start`` to ``end``, s,
+    of an axis of ``EQUATIONS``; empty where what is needed is not recorded.
     """
     output, regressors = EQUATIONS[axis]
     rows = stretch.rows(start - TIME_BEFORE_INPUT, end + TIME_AFTER_INPUT)
@@ -107,20 +83,14 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
     for control, dimensional in DIMENSIONAL.get(axis, {}).items():
         if control in signals:
             regressors = dimensional
-    block = max(
-        1,
-        round(
-            min(AVERAGING_TIME, (end - start + TIME_BEFORE_INPUT + TIME_AFTER_INPUT) / 60.0)
-            / stretch.step
-        ),
-    )
+    length = end - start + TIME_BEFORE_INPUT + TIME_AFTER_INPUT
+    block = max(1, round(min(AVERAGING_TIME, length / 60.0) / stretch.step))
     averaged = {
-        name: _averaged(signals[channel][rows], block)
+        name: values
         for name, channel in regressors.items()
         if channel in signals
-    }
-    averaged = {
-        name: values for name, values in averaged.items() if values.size and np.ptp(values) > 0.0
+        and (values := _averaged(signals[channel][rows], block)).size
+        and np.ptp(values) > 0.0
     }
     measured = _averaged(signals[output][rows], block)
     if measured.size < FEWEST_AVERAGES_PER_PARAMETER * (len(averaged) + 1) or not averaged:
@@ -164,8 +134,7 @@ PULL_UP_LOAD = 0.25  # g about that of the bank, which a pull-up exceeds
 PULL_UP_TIME = 1.2  # s, for which half of it lasts
 MOTION_AVERAGING_TIME = 0.5  # s, over which motion is averaged
 SHORTEST_TRIM = 10.0  # s, of the shortest trim point
-# Spread of 1 s averages within SHORTEST_TRIM that a trim point may have; of the airspeed as a
-# share.
+# Largest spread of 1 s averages within SHORTEST_TRIM in a trim point; of the airspeed as a share
 TRIM_SPREAD = {
     "airspeed": 0.025,
     "height": 8.0,
@@ -179,36 +148,29 @@ def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
     """Parts in which the bank is held."""
     if "phi" not in stretch.outputs:
         return []
-    bank = uniform_filter1d(
-        stretch.outputs["phi"], stretch.samples(MOTION_AVERAGING_TIME), mode="nearest"
-    )
+    averaged = stretch.samples(MOTION_AVERAGING_TIME)
+    bank = uniform_filter1d(stretch.outputs["phi"], averaged, mode="nearest")
     out = []
     for lobe in lobes_of(bank, LEAST_TURN_BANK, join=False):
-        inside = bank[lobe.first : lobe.last]
-        middle = float(np.median(inside))
-        if (
-            np.count_nonzero(np.abs(inside - middle) < 0.2 * abs(middle)) * stretch.step
-            < HELD_BANK_TIME
-        ):
+        middle = float(np.median(bank[lobe.first : lobe.last]))
+        held = np.abs(bank - middle) < 0.2 * abs(middle)
+        if np.count_nonzero(held[lobe.first : lobe.last]) * stretch.step < HELD_BANK_TIME:
             continue
         first, last = _to_level(
             bank * math.copysign(1.0, middle), lobe, TURN_EDGE_SHARE * abs(middle)
         )
-        if (
-            np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step
-            > LEAST_HELD_SHARE * (last - first) * stretch.step
-        ):
-            out.append(
-                DetectedManeuver(
-                    float(stretch.time[first]),
-                    float(stretch.time[last]),
-                    "roll",
-                    "turn",
-                    "phi",
-                    abs(middle),
-                )
-            )
+        held_time = np.count_nonzero(held[first:last]) * stretch.step
+        if held_time > LEAST_HELD_SHARE * (last - first) * stretch.step:
+            out.append(_detected(stretch, Shape("turn", first, last, abs(middle)), "roll", "phi"))
     return out
+
+
+def _detected(stretch: EvenSegment, shape: Shape, axis: str, channel: str = "") -> DetectedManeuver:
+    """Return the maneuver with the shape of an input, of a bank angle or of a quiet part."""
+    start, end = (
+        float(stretch.time[min(k, stretch.time.size - 1)]) for k in (shape.first, shape.last)
+    )
+    return DetectedManeuver(start, end, axis, shape.kind, channel, shape.amplitude)
 
 
 def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
@@ -231,9 +193,8 @@ def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
     steady = 1.0
     if "phi" in stretch.outputs:
         steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
-    excess = uniform_filter1d(
-        stretch.outputs["nz"] - steady, stretch.samples(MOTION_AVERAGING_TIME), mode="nearest"
-    )
+    averaged = stretch.samples(MOTION_AVERAGING_TIME)
+    excess = uniform_filter1d(stretch.outputs["nz"] - steady, averaged, mode="nearest")
     excess = excess - trim_of(stretch, excess)
     out = []
     for lobe in lobes_of(excess, PULL_UP_LOAD, join=False):
@@ -254,15 +215,11 @@ def trim_points(
     """
     size = stretch.samples(SHORTEST_TRIM)
     steady = quiet.copy()
-    recorded = [
-        (name, stretch.outputs[name], spread)
-        for name, spread in TRIM_SPREAD.items()
-        if name in stretch.outputs
-    ]
-    for name, values, spread in [
-        *recorded,
-        *((name, stretch.inputs[name], spread) for name, spread in controls.items()),
-    ]:
+    spreads: dict[str, float | np.ndarray] = {
+        name: spread for name, spread in TRIM_SPREAD.items() if name in stretch.outputs
+    }
+    for name, spread in (*spreads.items(), *controls.items()):
+        values = (stretch.inputs if name in controls else stretch.outputs)[name]
         smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
         allowed = spread * np.abs(smooth) if name == "airspeed" else spread
         around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(
@@ -270,9 +227,8 @@ def trim_points(
         )
         steady &= around <= allowed
     # Each steady sample is the middle of a steady window; between two of them it stays steady.
-    edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     out: list[DetectedManeuver] = []
-    for first, last in edges:
+    for first, last in _runs(steady):
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
             low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
@@ -281,25 +237,22 @@ def trim_points(
         if (high - low) * stretch.step >= SHORTEST_TRIM:
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
-            out.append(
-                DetectedManeuver(
-                    float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0
-                )
-            )
+            out.append(_detected(stretch, Shape("trim", low, high - 1, 0.0), ALL_AXES))
     return out
+
+
+def _runs(mask: np.ndarray) -> np.ndarray:
+    """Return the first sample of each run of True, and the one after the last, ``(K, 2)``."""
+    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
 
 
 def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
     """Return the mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
-    names: Sequence[tuple[str, str]] = (
-        ("airspeed", "airspeed"),
-        ("altitude", "height"),
-        ("height", "height"),
-    )
+    conditions = {"airspeed": "airspeed", "altitude": "height", "height": "height"}
     return {
         condition: float(np.mean(stretch.outputs[name][rows]))
-        for name, condition in names
+        for name, condition in conditions.items()
         if name in stretch.outputs
     }
 
@@ -312,25 +265,19 @@ QUIET_TIME = 1.5  # s below ACTIVE_EDGE_RATIO that part two active parts
 REST_MARGIN = 2.0  # s of rest with which an active part is looked at
 FEWEST_PULSES_IN_WEAK_OSCILLATION = 2  # pulses within a weak oscillation from which it is accepted
 LEAST_WEAK_STRENGTH = 3.0  # smallest strength of such an oscillation
-# smallest share of an oscillation's energy that a pattern of levels explains
-EXPLAINED_ENERGY_SHARE = 0.5
-# s about a pattern of levels in which there is no smaller one: neither began at rest
-REST_AROUND_PATTERN = 1.5
+EXPLAINED_ENERGY_SHARE = 0.5  # smallest share of an oscillation's energy that levels explain
+REST_AROUND_PATTERN = 1.5  # s about a pattern of levels in which there is no smaller one
 RECOVERY_TIME = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
-# sharpness, from which on an input that changes the load factor is no pull-up
-LARGEST_PULL_UP_SHARPNESS = 0.45
-# s about the beginning and the end of a turn in which roll and yaw inputs belong to it
-TURN_EDGE_TIME = 8.0
-DAMPED_RATES = {
-    "yaw": "r"
-}  # rate that a damper feeds back, where taking it off was measured to help
+LARGEST_PULL_UP_SHARPNESS = 0.45  # of an input that changes the load factor by a pull-up
+TURN_EDGE_TIME = 8.0  # s about both ends of a turn in which roll and yaw inputs belong to it
+# rate that a damper feeds back, where taking it off was measured to help
+DAMPED_RATES = {"yaw": "r"}
 LEAST_DAMPER_SHARE = 0.3  # share of a control's motion at rest that its damper must explain
 # Ratio of the rises of two controls above their rest levels, from which on the smaller follows the
 # larger. Of 40 simulated flights it changes nothing; without it three reactions of ATTAS and of a
 # quadrotor are called doublets and pulses.
 LEADING_RISE_RATIO = 2.0
-# of a control's range, that its averages over 1 s may change in the time of a trim point; or twice
-# ACTIVE_RATIO
+# of a control's range, that its 1 s averages may change in a trim point; or twice ACTIVE_RATIO
 TRIM_CONTROL_SHARE = 0.1
 ALL_AXES = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
@@ -345,6 +292,7 @@ ACCEPTANCE_LIMITS: Mapping[str, tuple[float, float, float, float]] = {
     "multisine": (5.0, 0.0, 0.0, 0.0),
     "pull-up": (9.0, 0.0, 0.0, 0.0),
 }
+_ALL_ROWS = slice(None)
 OSCILLATIONS = ("sweep", "multisine")
 ALTERNATING = ("doublet", "3-2-1-1", "multistep", *OSCILLATIONS)
 
@@ -409,9 +357,8 @@ def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
 
 
 def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
-    stretch = replace(
-        stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs}
-    )
+    inputs = {name: without_feedback(stretch, name) for name in stretch.inputs}
+    stretch = replace(stretch, inputs=inputs)
     activities = {name: activity_of(stretch, values) for name, values in stretch.inputs.items()}
     candidates = [
         each
@@ -422,7 +369,10 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     candidates = with_pulls(stretch, activities, candidates)
     candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
-    maneuvers = [*(_maneuver(stretch, each) for each in candidates), *turning]
+    maneuvers = [
+        *(_detected(stretch, each.shape, each.axis, each.channel) for each in candidates),
+        *turning,
+    ]
     # A slow ramp of a control is no deviation from the running trim, and no trim point either.
     steady = {
         name: np.maximum(
@@ -443,20 +393,9 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     ]
 
 
-def _maneuver(stretch: EvenSegment, each: ManeuverCandidate) -> DetectedManeuver:
-    start, end = (
-        float(stretch.time[min(k, stretch.time.size - 1)])
-        for k in (each.shape.first, each.shape.last)
-    )
-    return DetectedManeuver(
-        start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude
-    )
-
-
-def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
-    """Energy over rest level, zero where both are; of some rows, else of all."""
-    some = slice(None) if rows is None else rows
-    energy, rest = activity.energy[some], activity.rest[some]
+def _ratio(activity: Activity, rows: slice = _ALL_ROWS) -> np.ndarray:
+    """Energy over rest level of some rows, zero where both are."""
+    energy, rest = activity.energy[rows], activity.rest[rows]
     return np.divide(energy, rest, out=np.zeros_like(energy), where=rest > 0.0)
 
 
@@ -473,17 +412,11 @@ def _quiet(
 
 
 def accepted(each: ManeuverCandidate) -> bool:
-    """Return whether a candidate is stronger, flatter and sharper than what a pilot does between
-    maneuvers.
-    """
-    strength, flatness, edge, sharpness = ACCEPTANCE_LIMITS[each.shape.kind]
+    """Return whether a candidate exceeds what a pilot does between maneuvers."""
     shape = each.shape
-    return (
-        each.strength >= strength
-        and shape.flatness >= flatness
-        and shape.edge >= edge
-        and shape.sharpness >= sharpness
-    )
+    values = (each.strength, shape.flatness, shape.edge, shape.sharpness)
+    limits = ACCEPTANCE_LIMITS[shape.kind]
+    return all(value >= limit for value, limit in zip(values, limits, strict=True))
 
 
 def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[ManeuverCandidate]:
@@ -493,13 +426,11 @@ def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[M
     if not np.any(activity.rest > 0.0):
         return []
     values = stretch.inputs[name]
-    result = [
+    patterns = (
         _candidate(name, shape, activity)
         for shape in step_shapes(stretch, values, values - activity.deviation)
-    ]
-    result = _from_rest(
-        [each for each in result if accepted(each)], stretch.samples(REST_AROUND_PATTERN)
     )
+    result = _from_rest(filter(accepted, patterns), stretch.samples(REST_AROUND_PATTERN))
     ratio, margin = _ratio(activity), stretch.samples(REST_MARGIN)
     for first, last in active_parts(ratio, stretch.samples(QUIET_TIME)):
         low, high = max(0, first - margin), min(ratio.size, last + margin)
@@ -531,7 +462,7 @@ def _energy(activity: Activity, shape: Shape) -> float:
     return float(np.sum(activity.deviation[shape.first : shape.last] ** 2))
 
 
-def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
+def _from_rest(candidates: Iterable[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
     """Return the candidates, largest first, without those within ``rest`` samples of a larger one
     of their control.
     """
@@ -540,11 +471,7 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
         candidates,
         key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
     ):
-        if not any(
-            each.shape.first < other.shape.last + rest
-            and other.shape.first < each.shape.last + rest
-            for other in chosen
-        ):
+        if not any(each.shape.overlaps(other.shape, rest) for other in chosen):
             chosen.append(each)
     return chosen
 
@@ -553,11 +480,8 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
     """Runs above ``ACTIVE_EDGE_RATIO`` that reach ``ACTIVE_RATIO``; those with fewer than ``quiet``
     samples between them are one.
     """
-    edges = np.flatnonzero(
-        np.diff((ratio > ACTIVE_EDGE_RATIO).astype(np.int8), prepend=0, append=0)
-    )
     out: list[tuple[int, int]] = []
-    for first, last in edges.reshape(-1, 2):
+    for first, last in _runs(ratio > ACTIVE_EDGE_RATIO):
         if out and first - out[-1][1] < quiet:
             out[-1] = (out[-1][0], int(last))
         else:
@@ -606,13 +530,12 @@ def with_pulls(
         ):
             continue
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
-        strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))
         candidates = [
             c
             for c in candidates
             if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery
         ]
-        pull = ManeuverCandidate(control, Shape("pull-up", *lobe, amplitude), strength)
+        pull = _candidate(control, Shape("pull-up", *lobe, amplitude), activity)
         candidates += [pull] if accepted(pull) else []
     return candidates
 
@@ -643,15 +566,11 @@ def without_reactions(
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
-        others = [
-            other
-            for other in chosen
-            if other.channel != each.channel
-            and other.shape.first < each.shape.last
-            and each.shape.first < other.shape.last
-        ]
-        if all(_independent(activities, each, other) for other in others) and not _follows(
-            activities, each
+        others = (other for other in chosen if other.channel != each.channel)
+        if not _follows(activities, each) and all(
+            _independent(activities, each, other)
+            for other in others
+            if other.shape.overlaps(each.shape)
         ):
             chosen.append(each)
     return chosen

@@ -77,18 +77,8 @@ class DetectedManeuver:
     excitation: Mapping[str, float] = field(default_factory=dict)
 
 
-KINDS = (
-    "trim",
-    "step",
-    "pulse",
-    "doublet",
-    "3-2-1-1",
-    "multistep",
-    "sweep",
-    "multisine",
-    "pull-up",
-    "turn",
-)
+_INPUT_KINDS = ("step", "pulse", "doublet", "3-2-1-1", "multistep", "sweep", "multisine")
+KINDS = ("trim", *_INPUT_KINDS, "pull-up", "turn")
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,6 +291,10 @@ class Shape:
     edge: float = 0.0
     sharpness: float = 1.0
 
+    def overlaps(self, other: Shape, gap: int = 0) -> bool:
+        """Return whether two shapes have fewer than ``gap`` samples between them."""
+        return self.first < other.last + gap and other.first < self.last + gap
+
 
 def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
     """Runs of a signal beyond ``switch``, in order; ``join`` merges neighbours of one sign."""
@@ -342,7 +336,7 @@ def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> l
     every = [*result.values(), *_paused(values - trim, list(result.values()))]
     out: list[Shape] = []
     for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
-        if not any(shape.first < other.last and other.first < shape.last for other in out):
+        if not any(shape.overlaps(other) for other in out):
             out.append(shape)
     return [*out, *_lasting(control, at, out)]
 

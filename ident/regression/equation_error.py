@@ -18,13 +18,21 @@ Soderstrom and Stoica, Instrumental Variable Methods for System Identification, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
-from ident.regression.state_histories import StateData, state_data, windows
+from ident.regression.state_histories import (
+    EquationResiduals,
+    RegressionLayout,
+    StateData,
+    equation_variances,
+    regression_layout,
+    residuals_at,
+    state_data,
+    windows,
+)
 from ident.statistics.intervals import (
     UNDETERMINED,
     add_normal_equations,
@@ -35,8 +43,6 @@ from ident.statistics.intervals import (
 from ident.statistics.minimise import unresolved
 from ident.statistics.residual_spectrum import RecordScores, corrected_covariance, sandwich
 from sim.declaration.model import System
-from sim.errors import ModelError
-from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
@@ -74,49 +80,6 @@ class RegressionSettings:
     instruments: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Residuals of e equations at N samples of one record.
-
-    Attributes
-    ----------
-    residual : ``(e, N)``, zero where it is not valid.
-    valid : ``(e, N)``.
-    jacobian : ``(e, N, c)`` derivatives of the right-hand sides with respect to the c unknowns.
-    fitted : ``(m, N)`` outputs at the smoothed states.
-    """
-
-    residual: np.ndarray
-    valid: np.ndarray
-    jacobian: np.ndarray
-    fitted: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """The unknowns: shared parameters, then the biases of each record.
-
-    Attributes
-    ----------
-    shared : names of the shared parameters.
-    local : names of the biases of each record.
-    data : measured and smoothed states of each record.
-    order : positions of ``shared`` and ``local`` among all parameters.
-    """
-
-    system: System
-    shared: tuple[str, ...]
-    local: tuple[str, ...]
-    records: tuple[Record, ...]
-    data: tuple[list[StateData], ...]
-    order: list[int] = field(default_factory=list)
-
-    def columns(self, r: int) -> np.ndarray:
-        """Return the positions in theta of the shared unknowns and of those of record ``r``."""
-        shared, local = len(self.shared), len(self.local)
-        return np.concatenate([np.arange(shared), shared + r * local + np.arange(local)])
-
-
 def run_equation_error(
     records: Sequence[Record], system: System, settings: RegressionSettings | None = None
 ) -> Estimate:
@@ -142,7 +105,7 @@ def run_equation_error(
         free.
     """
     settings = settings or RegressionSettings()
-    layout = _layout(records, system)
+    layout = regression_layout(records, system)
     theta, parts, outcome, iterations = _least_squares(layout, settings)
     if parts is None:
         return _failed_estimate(layout, theta)
@@ -151,7 +114,7 @@ def run_equation_error(
     return _with_instruments(layout, theta, parts, outcome, iterations, settings)
 
 
-def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bounds(layout: RegressionLayout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return starting values and lower and upper bounds of all unknowns, ``(n,)`` each."""
     parameters, count = layout.system.parameters, len(layout.records)
     items = [parameters[name] for name in layout.shared] + [
@@ -163,14 +126,14 @@ def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _least_squares(
-    layout: _Layout, settings: RegressionSettings, start: np.ndarray | None = None
-) -> tuple[np.ndarray, list[_Equations] | None, Outcome, int]:
+    layout: RegressionLayout, settings: RegressionSettings, start: np.ndarray | None = None
+) -> tuple[np.ndarray, list[EquationResiduals] | None, Outcome, int]:
     """Return the unknowns ``(n,)`` of least squares, the residuals of each record, the outcome and
     the number of steps; the residuals are None where they are not finite at the start.
     """
     declared, low, high = _bounds(layout)
     theta = declared if start is None else start
-    parts = _evaluate(layout, theta)
+    parts = residuals_at(layout, theta)
     if parts is None:
         return theta, None, Outcome.DIVERGED, 0
     outcome, iterations = Outcome.MAX_ITERATIONS, 0
@@ -198,180 +161,17 @@ def _least_squares(
     return theta, parts, outcome, iterations
 
 
-def _layout(records: Sequence[Record], system: System) -> _Layout:
-    """Return the unknowns and states of a fit."""
-    if system.sensor_stages:
-        raise ModelError(
-            f"effect {system.sensor_stages[0]} keeps a memory on the sensor path",
-            where="equation error",
-            remedy="use output-error",
-        )
-    recorded = {name for record in records for name in record.output_names}
-    free = [
-        name
-        for name in system.parameters.free_names
-        if not name.startswith("bias_") or name.removeprefix("bias_") in recorded
-    ]
-    shared = tuple(name for name in free if not name.startswith("bias_"))
-    local = tuple(name for name in free if name.startswith("bias_"))
-    if not shared:
-        raise ModelError(
-            "no parameter is free",
-            where=f"model with {', '.join(system.parameters.names)}",
-            remedy="release at least one",
-        )
-    order = [system.parameters.index(name) for name in (*shared, *local)]
-    return _Layout(
-        system,
-        shared,
-        local,
-        tuple(records),
-        tuple(state_data(record, system) for record in records),
-        order,
-    )
-
-
-def _evaluate(
-    layout: _Layout,
-    theta: np.ndarray,
-    histories: Sequence[Sequence[np.ndarray]] | None = None,
-    *,
-    slopes: bool = True,
-) -> list[_Equations] | None:
-    """Return the residuals of all records; None where they are not finite.
-
-    ``histories`` are states of each record, without sensor biases, in place of the smoothed ones.
-    Without ``slopes`` the Jacobians are zero.
-    """
-    with np.errstate(all="ignore"):
-        parts = [
-            _equations(
-                layout,
-                r,
-                theta[layout.columns(r)],
-                None if histories is None else histories[r],
-                slopes=slopes,
-            )
-            for r in range(len(layout.records))
-        ]
-    finite = all(
-        np.all(np.abs(part.residual) < LARGEST_NUMBER)
-        and np.all(np.abs(part.jacobian) < LARGEST_NUMBER)
-        for part in parts
-    )
-    return parts if finite else None
-
-
-def _equations(
-    layout: _Layout,
-    r: int,
-    theta_r: np.ndarray,
-    history: Sequence[np.ndarray] | None = None,
-    *,
-    slopes: bool = True,
-) -> _Equations:
-    """Return the residuals of record ``r`` at its unknowns ``theta_r (c,)``, with derivatives by
-    complex steps.
-    """
-    system, record, data = layout.system, layout.records[r], layout.data[r]
-    c = len(theta_r) if slopes else 1
-    p: list[Any] = list(system.parameters.values())
-    for column, index in enumerate(layout.order):
-        p[index] = theta_r[column]
-        if slopes:
-            p[index] = p[index] + 1j * COMPLEX_STEP * (np.arange(c) == column)
-    time = record.time
-    u_begin, u_end = ([_deep(row) for row in stage] for stage in _inputs(record, system, p))
-    x: list[Any]
-    if history is None:
-        x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
-    else:
-        x = [
-            _deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias]))
-            for row, state in zip(history, data, strict=True)
-        ]
-    n = len(time)
-    before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
-    after = system.f(time[1:, None], [row[1:] for row in x], u_end, p)
-    increments_of_states = [
-        np.broadcast_to(0.5 * np.diff(time)[:, None] * (a + b), (n - 1, c))
-        for a, b in zip(before, after, strict=True)
-    ]
-    z, measured = record.output_array(system.output_names)
-    y = [np.broadcast_to(row, (n, c)) for row in system.h(time[:, None], x, u_begin, p)]
-
-    residual, valid, jacobian = [], [], []
-    for state, increments in zip(data, increments_of_states, strict=True):
-        if not state.rate_state:
-            fit = state.slopes
-            slope = np.sum(fit.slope * fit.gather(state.raw), axis=1)
-            mean = _averaged(fit.slope, fit.first, increments)
-            residual.append(slope - mean.real[:, 0])
-            jacobian.append(mean.imag / COMPLEX_STEP)
-            valid.append(fit.usable)
-    for i, name in enumerate(system.output_names):
-        if name not in system.state_names:
-            residual.append(z[i] - y[i].real[:, 0])
-            jacobian.append(y[i].imag / COMPLEX_STEP)
-            valid.append(measured[i])
-    fitted = np.array([row.real[:, 0] for row in y])
-    mask = np.array(valid)
-    return _Equations(
-        np.where(mask, np.array(residual), 0.0),
-        mask,
-        np.where(mask[:, :, None], np.array(jacobian), 0.0),
-        fitted,
-    )
-
-
-def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Return the inputs at the vehicle just after each sample ``(N, ...)``, and just before the
-    next one ``(N - 1, ...)``.
-    """
-    grid = make_grid(record.time, float(np.diff(record.time).max()))
-    drive = drive_from_record(
-        system, p, record.input_array(system.input_names), record.time, record.hold, grid
-    )
-    # A gap has nodes of its own between the samples.
-    return [row[grid.sample] for row in drive.begin], [
-        row[grid.sample[1:] - 1] for row in drive.end
-    ]
-
-
-def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
-    """Return the slopes ``(N, c)`` of a signal with the ``increments (N - 1, c)`` between samples.
-    The window of each sample begins at ``first (N,)`` and has the weights ``slope (N, W)``.
-    """
-    from scipy.sparse import csr_array
-
-    kernel = -np.cumsum(slope, axis=1)[:, :-1]
-    rows, width = kernel.shape
-    columns = (first[:, None] + np.arange(width)).ravel()
-    begin = np.arange(rows + 1) * width
-    weights = csr_array((kernel.ravel(), columns, begin), shape=(rows, len(increments)))
-    return np.asarray(weights @ increments)
-
-
-def _variances(parts: list[_Equations]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean square residual ``(e,)`` of each equation over all records, and the number of
-    valid residuals ``(e,)``.
-    """
-    counts = sum(part.valid.sum(axis=1) for part in parts)
-    squares = sum((part.residual**2).sum(axis=1) for part in parts)
-    return np.maximum(squares / np.maximum(counts, 1), 1e-60), np.asarray(counts)
-
-
-def _cost(parts: list[_Equations]) -> float:
+def _cost(parts: list[EquationResiduals]) -> float:
     """Return minus the log likelihood of the residuals, without constants."""
-    variance, counts = _variances(parts)
+    variance, counts = equation_variances(parts)
     return 0.5 * float(counts @ np.log(variance))
 
 
 def _normal_equations(
-    layout: _Layout, parts: list[_Equations], n: int
+    layout: RegressionLayout, parts: list[EquationResiduals], n: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the information ``(n, n)`` and gradient ``(n,)`` of least squares."""
-    variance, _ = _variances(parts)
+    variance, _ = equation_variances(parts)
     information, gradient = np.zeros((n, n)), np.zeros(n)
     for r, part in enumerate(parts):
         weight = np.broadcast_to(1.0 / variance[:, None], part.residual.shape)
@@ -382,22 +182,22 @@ def _normal_equations(
 
 
 def _descend(
-    layout: _Layout,
+    layout: RegressionLayout,
     theta: np.ndarray,
     step: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    parts: list[_Equations],
-) -> tuple[np.ndarray, list[_Equations], float]:
+    parts: list[EquationResiduals],
+) -> tuple[np.ndarray, list[EquationResiduals], float]:
     """Return the point after a step that is halved until the cost does not rise, its residuals, and
     the share of the step; the share is 0 where the cost always rises.
     """
-    cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
+    cost, share, resolved = _cost(parts), 1.0, unresolved(float(equation_variances(parts)[1].sum()))
     for _ in range(_MOST_HALVINGS):
         trial = np.clip(theta + share * step, low, high)
-        trial_parts = _evaluate(layout, trial, slopes=False)
+        trial_parts = residuals_at(layout, trial, slopes=False)
         if trial_parts is not None and _cost(trial_parts) <= cost + resolved:
-            new_parts = _evaluate(layout, trial)
+            new_parts = residuals_at(layout, trial)
             if new_parts is not None:
                 return trial, new_parts, share
         share *= 0.5
@@ -405,9 +205,9 @@ def _descend(
 
 
 def _least_squares_estimate(
-    layout: _Layout,
+    layout: RegressionLayout,
     theta: np.ndarray,
-    parts: list[_Equations],
+    parts: list[EquationResiduals],
     outcome: Outcome,
     iterations: int,
     settings: RegressionSettings,
@@ -415,7 +215,7 @@ def _least_squares_estimate(
     """Return the estimate of least squares."""
     system, n = layout.system, len(layout.shared)
     information, _ = _normal_equations(layout, parts, len(theta))
-    variance, counts = _variances(parts)
+    variance, counts = equation_variances(parts)
     covariance, determined = inverse_information(information, theta)
     if not determined:
         outcome = Outcome.NOT_IDENTIFIABLE
@@ -447,9 +247,9 @@ def _least_squares_estimate(
 
 
 def _with_instruments(
-    layout: _Layout,
+    layout: RegressionLayout,
     theta: np.ndarray,
-    parts: list[_Equations],
+    parts: list[EquationResiduals],
     outcome: Outcome,
     iterations: int,
     settings: RegressionSettings,
@@ -466,7 +266,7 @@ def _with_instruments(
         squares = _least_squares_estimate(layout, theta, parts, outcome, iterations, settings)
         return _without_bias(layout, theta, squares, settings) if converged else squares
     theta, covariance, outcome, further_iterations = instrumental
-    last_parts = _evaluate(layout, theta)
+    last_parts = residuals_at(layout, theta)
     if last_parts is None:
         return squares
     n = len(layout.shared)
@@ -482,7 +282,7 @@ def _with_instruments(
 
 
 def _instrumental(
-    layout: _Layout, theta: np.ndarray, settings: RegressionSettings
+    layout: RegressionLayout, theta: np.ndarray, settings: RegressionSettings
 ) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
     """Return the unknowns, covariance, outcome and number of steps with instrumental variables;
     None where no simulation gives instruments.
@@ -531,18 +331,18 @@ class _NormalProblem:
 
 
 def _normal_problem(
-    layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
+    layout: RegressionLayout, theta: np.ndarray, simulated: list[list[np.ndarray]]
 ) -> _NormalProblem | None:
     """Return the equations with instrumental variables at ``theta``; None where they are not finite
     or singular. ``simulated`` are the states of each record that give the instruments.
     """
-    measured = _evaluate(
+    measured = residuals_at(
         layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
     )
-    instruments = _evaluate(layout, theta, simulated)
+    instruments = residuals_at(layout, theta, simulated)
     if measured is None or instruments is None:
         return None
-    variance, _ = _variances(measured)
+    variance, _ = equation_variances(measured)
     cross, gradient, scores = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
     for r, (regressors, instrument) in enumerate(zip(measured, instruments, strict=True)):
         columns, weights = layout.columns(r), instrument.jacobian / variance[:, None, None]
@@ -562,11 +362,11 @@ def _normal_problem(
 
 
 def _with_best_windows(
-    layout: _Layout,
+    layout: RegressionLayout,
     theta: np.ndarray,
     simulated: list[list[np.ndarray]],
     settings: RegressionSettings,
-) -> _Layout:
+) -> RegressionLayout:
     """Return the layout with slopes over windows of the width that makes the covariance of the
     shared parameters least, by its determinant.
 
@@ -605,7 +405,7 @@ def _narrower(record: Record, state: StateData, share: float) -> StateData:
     return replace(state, slopes=windows(record.time, state.valid, narrower, 1))
 
 
-def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
+def _measured(layout: RegressionLayout, r: int, theta: np.ndarray) -> list[np.ndarray]:
     """Return the measured states of record ``r`` without sensor biases, and the smoothed ones where
     samples are missing.
     """
@@ -617,14 +417,14 @@ def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
     return states
 
 
-def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
+def _parameters(layout: RegressionLayout, r: int, theta: np.ndarray) -> np.ndarray:
     """Return all parameters of record ``r``."""
     p = layout.system.parameters.values()
     p[layout.order] = theta[layout.columns(r)]
     return p
 
 
-def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
+def _simulated(layout: RegressionLayout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
     """Return the simulated states of all records, from their first smoothed states; None where one
     differs from its record by more than ``RUNAWAY_SCATTERS``.
     """
@@ -657,7 +457,7 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
 
 
 def _without_bias(
-    layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
+    layout: RegressionLayout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
 ) -> Estimate:
     """Return the estimate of least squares without the bias from noise in the regressors. The bias
     is added to the sigmas.
@@ -711,7 +511,7 @@ def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
     return replace(record, outputs=tuple(channels))
 
 
-def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
+def _noise_std(layout: RegressionLayout, parts: list[EquationResiduals]) -> np.ndarray:
     """Return the rms difference ``(m,)`` of each output from its fitted values; 1 where it is not
     recorded.
     """
@@ -723,7 +523,7 @@ def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
     return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), 1.0)
 
 
-def _failed_estimate(layout: _Layout, theta: np.ndarray) -> Estimate:
+def _failed_estimate(layout: RegressionLayout, theta: np.ndarray) -> Estimate:
     """Return the estimate of a fit whose residuals are not finite at the start."""
     n, system = len(layout.shared), layout.system
     units = tuple(system.parameters[name].unit for name in layout.shared)
@@ -742,9 +542,3 @@ def _failed_estimate(layout: _Layout, theta: np.ndarray) -> Estimate:
         ones,
         blank,
     )
-
-
-def _deep(row: Any) -> np.ndarray:
-    """Return a row ``(N,)`` as ``(N, 1)``; a row ``(N, c)`` is unchanged."""
-    row = np.asarray(row)
-    return row[:, None] if row.ndim == 1 else row

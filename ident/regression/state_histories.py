@@ -1,4 +1,5 @@
-"""State histories for equation error from a record alone, by local polynomials.
+"""State histories for equation error from a record alone, by local polynomials, and residuals of
+the equations of motion at these states.
 
 Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew,
 so that sampling may be uneven and samples may be missing. At the ends of a record the window is
@@ -11,14 +12,16 @@ of a known one (velocity of an altitude) is that one's slope. Nothing is simulat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ident.estimate import LARGEST_NUMBER
 from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths import complex_step_jacobian
+from sim.maths import COMPLEX_STEP, complex_step_jacobian
+from sim.propagation import drive_from_record, make_grid
 from sim.record import Record
 
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
@@ -297,3 +300,218 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
 def _generic_point(start: np.ndarray, shift: float) -> np.ndarray:
     """Return a point of the states away from special values, such as zero, one and equal states."""
     return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))
+
+
+# ---- Residuals of the equations of motion at these states
+
+
+@dataclass(frozen=True, eq=False)
+class EquationResiduals:
+    """Residuals of e equations at N samples of one record.
+
+    Attributes
+    ----------
+    residual : ``(e, N)``, zero where it is not valid.
+    valid : ``(e, N)``.
+    jacobian : ``(e, N, c)`` derivatives of the right-hand sides with respect to the c unknowns.
+    fitted : ``(m, N)`` outputs at the smoothed states.
+    """
+
+    residual: np.ndarray
+    valid: np.ndarray
+    jacobian: np.ndarray
+    fitted: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionLayout:
+    """The unknowns: shared parameters, then the biases of each record.
+
+    Attributes
+    ----------
+    shared : names of the shared parameters.
+    local : names of the biases of each record.
+    data : measured and smoothed states of each record.
+    order : positions of ``shared`` and ``local`` among all parameters.
+    """
+
+    system: System
+    shared: tuple[str, ...]
+    local: tuple[str, ...]
+    records: tuple[Record, ...]
+    data: tuple[list[StateData], ...]
+    order: list[int] = field(default_factory=list)
+
+    def columns(self, r: int) -> np.ndarray:
+        """Return the positions in theta of the shared unknowns and of those of record ``r``."""
+        shared, local = len(self.shared), len(self.local)
+        return np.concatenate([np.arange(shared), shared + r * local + np.arange(local)])
+
+
+def regression_layout(records: Sequence[Record], system: System) -> RegressionLayout:
+    """Return the unknowns and states of a fit."""
+    if system.sensor_stages:
+        raise ModelError(
+            f"effect {system.sensor_stages[0]} keeps a memory on the sensor path",
+            where="equation error",
+            remedy="use output-error",
+        )
+    recorded = {name for record in records for name in record.output_names}
+    free = [
+        name
+        for name in system.parameters.free_names
+        if not name.startswith("bias_") or name.removeprefix("bias_") in recorded
+    ]
+    shared = tuple(name for name in free if not name.startswith("bias_"))
+    local = tuple(name for name in free if name.startswith("bias_"))
+    if not shared:
+        raise ModelError(
+            "no parameter is free",
+            where=f"model with {', '.join(system.parameters.names)}",
+            remedy="release at least one",
+        )
+    order = [system.parameters.index(name) for name in (*shared, *local)]
+    return RegressionLayout(
+        system,
+        shared,
+        local,
+        tuple(records),
+        tuple(state_data(record, system) for record in records),
+        order,
+    )
+
+
+def residuals_at(
+    layout: RegressionLayout,
+    theta: np.ndarray,
+    histories: Sequence[Sequence[np.ndarray]] | None = None,
+    *,
+    slopes: bool = True,
+) -> list[EquationResiduals] | None:
+    """Return the residuals of all records; None where they are not finite.
+
+    ``histories`` are states of each record, without sensor biases, in place of the smoothed ones.
+    Without ``slopes`` the Jacobians are zero.
+    """
+    with np.errstate(all="ignore"):
+        parts = [
+            _record_residuals(
+                layout,
+                r,
+                theta[layout.columns(r)],
+                None if histories is None else histories[r],
+                slopes=slopes,
+            )
+            for r in range(len(layout.records))
+        ]
+    finite = all(
+        np.all(np.abs(part.residual) < LARGEST_NUMBER)
+        and np.all(np.abs(part.jacobian) < LARGEST_NUMBER)
+        for part in parts
+    )
+    return parts if finite else None
+
+
+def _record_residuals(
+    layout: RegressionLayout,
+    r: int,
+    theta_r: np.ndarray,
+    history: Sequence[np.ndarray] | None = None,
+    *,
+    slopes: bool = True,
+) -> EquationResiduals:
+    """Return the residuals of record ``r`` at its unknowns ``theta_r (c,)``, with derivatives by
+    complex steps.
+    """
+    system, record, data = layout.system, layout.records[r], layout.data[r]
+    c = len(theta_r) if slopes else 1
+    p: list[Any] = list(system.parameters.values())
+    for column, index in enumerate(layout.order):
+        p[index] = theta_r[column]
+        if slopes:
+            p[index] = p[index] + 1j * COMPLEX_STEP * (np.arange(c) == column)
+    time = record.time
+    u_begin, u_end = ([_deep(row) for row in stage] for stage in _inputs(record, system, p))
+    x: list[Any]
+    if history is None:
+        x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
+    else:
+        x = [
+            _deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias]))
+            for row, state in zip(history, data, strict=True)
+        ]
+    n = len(time)
+    before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
+    after = system.f(time[1:, None], [row[1:] for row in x], u_end, p)
+    increments_of_states = [
+        np.broadcast_to(0.5 * np.diff(time)[:, None] * (a + b), (n - 1, c))
+        for a, b in zip(before, after, strict=True)
+    ]
+    z, measured = record.output_array(system.output_names)
+    y = [np.broadcast_to(row, (n, c)) for row in system.h(time[:, None], x, u_begin, p)]
+
+    residual, valid, jacobian = [], [], []
+    for state, increments in zip(data, increments_of_states, strict=True):
+        if not state.rate_state:
+            fit = state.slopes
+            slope = np.sum(fit.slope * fit.gather(state.raw), axis=1)
+            mean = _averaged(fit.slope, fit.first, increments)
+            residual.append(slope - mean.real[:, 0])
+            jacobian.append(mean.imag / COMPLEX_STEP)
+            valid.append(fit.usable)
+    for i, name in enumerate(system.output_names):
+        if name not in system.state_names:
+            residual.append(z[i] - y[i].real[:, 0])
+            jacobian.append(y[i].imag / COMPLEX_STEP)
+            valid.append(measured[i])
+    fitted = np.array([row.real[:, 0] for row in y])
+    mask = np.array(valid)
+    return EquationResiduals(
+        np.where(mask, np.array(residual), 0.0),
+        mask,
+        np.where(mask[:, :, None], np.array(jacobian), 0.0),
+        fitted,
+    )
+
+
+def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Return the inputs at the vehicle just after each sample ``(N, ...)``, and just before the
+    next one ``(N - 1, ...)``.
+    """
+    grid = make_grid(record.time, float(np.diff(record.time).max()))
+    drive = drive_from_record(
+        system, p, record.input_array(system.input_names), record.time, record.hold, grid
+    )
+    # A gap has nodes of its own between the samples.
+    return [row[grid.sample] for row in drive.begin], [
+        row[grid.sample[1:] - 1] for row in drive.end
+    ]
+
+
+def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
+    """Return the slopes ``(N, c)`` of a signal with the ``increments (N - 1, c)`` between samples.
+    The window of each sample begins at ``first (N,)`` and has the weights ``slope (N, W)``.
+    """
+    from scipy.sparse import csr_array
+
+    kernel = -np.cumsum(slope, axis=1)[:, :-1]
+    rows, width = kernel.shape
+    columns = (first[:, None] + np.arange(width)).ravel()
+    begin = np.arange(rows + 1) * width
+    weights = csr_array((kernel.ravel(), columns, begin), shape=(rows, len(increments)))
+    return np.asarray(weights @ increments)
+
+
+def equation_variances(parts: list[EquationResiduals]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean square residual ``(e,)`` of each equation over all records, and the number of
+    valid residuals ``(e,)``.
+    """
+    counts = sum(part.valid.sum(axis=1) for part in parts)
+    squares = sum((part.residual**2).sum(axis=1) for part in parts)
+    return np.maximum(squares / np.maximum(counts, 1), 1e-60), np.asarray(counts)
+
+
+def _deep(row: Any) -> np.ndarray:
+    """Return a row ``(N,)`` as ``(N, 1)``; a row ``(N, c)`` is unchanged."""
+    row = np.asarray(row)
+    return row[:, None] if row.ndim == 1 else row

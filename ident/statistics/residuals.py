@@ -132,6 +132,16 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
     )
 
 
+def tests_of_records(estimate: Estimate, records: Sequence[Record]) -> tuple[ResidualTest, ...]:
+    """Return all tests of an estimate on its records, whose residuals follow each other."""
+    measured = [record.output_array(estimate.output_names) for record in records]
+    valid = np.concatenate([mask for _, mask in measured], axis=1)
+    residuals = np.concatenate(
+        [z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1
+    )
+    return residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
+
+
 def residual_tests(
     estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
 ) -> tuple[ResidualTest, ...]:

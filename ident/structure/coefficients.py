@@ -221,7 +221,7 @@ def histories_of(
     *,
     held: bool = False,
 ) -> Histories:
-    """Return the coefficients of a maneuver from its channels.
+    """Return the coefficients of a maneuver from its channels, moments about the reference point.
 
     Parameters
     ----------
@@ -229,36 +229,19 @@ def histories_of(
     time : ``(N,)``, s, with equal steps.
     channels : each of ``NEEDED_CHANNELS`` -> ``(N,)`` finite values in m/s, rad, rad/s or m/s2.
         Accelerations are without weight.
-    airframe : see `Airframe`.
     surfaces : further signal of terms -> ``(N,)``.
     thrust : N.
     bandwidth : of the angular accelerations, Hz.
     held : surfaces and thrust are constant until the next sample; otherwise they are linear between
         samples.
 
-    Returns
-    -------
-    Histories with moments about the reference point.
-
     Raises
     ------
     RecordError : where a channel is missing, or the record is too short for the bandwidth.
     """
-    for channel in NEEDED_CHANNELS:
-        if channel not in channels:
-            raise RecordError(
-                f"it has no {channel}, without which there are no coefficients",
-                where=name,
-                remedy="record it, or map its column with --channels",
-            )
     step = float(np.median(np.diff(time)))
     half = half_width(1.0 / step, bandwidth, len(time) // 4)
-    if len(time) < 8 * half + 1:
-        raise RecordError(
-            f"{len(time)} samples are too few for slopes with a bandwidth of {bandwidth:g} Hz",
-            where=name,
-            remedy="give a longer record or a larger --bandwidth",
-        )
+    _refuse_incomplete(name, channels, len(time), half, bandwidth)
     smooth = _smooth(channels, half)
     jumps = _acceleration_jumps(channels, smooth, surfaces, step) if held else {}
     s = _at_centre_of_gravity(smooth, airframe, step, jumps)
@@ -314,6 +297,25 @@ def histories_of(
         signal_noise,
         by_alpha,
     )
+
+
+def _refuse_incomplete(
+    name: str, channels: Mapping[str, np.ndarray], count: int, half: int, bandwidth: float
+) -> None:
+    """Raise RecordError where a channel is missing, or ``count`` samples are too few."""
+    for channel in NEEDED_CHANNELS:
+        if channel not in channels:
+            raise RecordError(
+                f"it has no {channel}, without which there are no coefficients",
+                where=name,
+                remedy="record it, or map its column with --channels",
+            )
+    if count < 8 * half + 1:
+        raise RecordError(
+            f"{count} samples are too few for slopes with a bandwidth of {bandwidth:g} Hz",
+            where=name,
+            remedy="give a longer record or a larger --bandwidth",
+        )
 
 
 def _on_intervals(

@@ -171,10 +171,10 @@ def smoother(estimate: Estimate) -> SmoothedHistory:
 def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estimate:
     from ident.whole_record.layout import FitSettings
     from scenarios.identification.assessment import DEFAULT_OPTIONS
-    from scenarios.identification.identify import FIT_STEP
     from scenarios.identification.methods import FILTERS, estimated_by
     from scenarios.preparation.declared_model import outputs_with_bias, step_for
     from scenarios.preparation.plausibility import refuse_too_few
+    from scenarios.studies.estimating import FIT_STEP
 
     if not isinstance(model, Model | str | PathLike):
         what = f"a {type(model).__name__} is no model"

@@ -230,7 +230,7 @@ class Identification:
         """Return the identified model as matrices about its point of reference, with units and
         delays. Raises InputError if there is no such point.
         """
-        from scenarios.identification.low_order import state_space_of
+        from scenarios.identification.files import state_space_of
 
         return state_space_of(self.details.found)
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from scenarios.api.records import Recorded
 from scenarios.api.shown import file_given
 from sim.errors import DeclarationError
 
@@ -67,6 +66,24 @@ class Responding(Protocol):
 
     @property
     def details(self) -> ResponseEstimates: ...
+
+
+class Recorded(Protocol):
+    """Channels in SI by name, their units, and which of them are inputs."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def hold(self) -> str: ...
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def units(self) -> dict[str, str]: ...
+    @property
+    def input_names(self) -> tuple[str, ...]: ...
+    @property
+    def output_names(self) -> tuple[str, ...]: ...
+    def __getitem__(self, name: str, /) -> np.ndarray: ...
 
 
 def maneuvers(found: Found) -> Figure:

@@ -4,10 +4,12 @@ python-control.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,19 +22,20 @@ from scenarios.api.records import (
     Units,
     columns_of,
     columns_of_record,
+    digest_of,
     file_of_columns,
     named_inputs,
     opened_source,
     refuse_misread,
-    refuse_misspelt,
     refuse_unreadable,
 )
 from scenarios.api.tables import in_python
-from scenarios.files.declarations import TIME
+from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
+from scenarios.files.sources import InputFile
 from sim import record as sim_record
-from sim.errors import RecordError, time_span
+from sim.errors import RecordError, instant, time_span
 from sim.record import Hold
 
 if TYPE_CHECKING:
@@ -156,7 +159,6 @@ class Record:
 
         Raises InputError if there is no such row.
         """
-        from scenarios.api.records import rows_of_file
 
         with in_python():
             return replace(self, file=rows_of_file(self.file, start, stop))
@@ -252,9 +254,18 @@ class Record:
         """Return a DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
         ``attrs``.
         """
-        from scenarios.api.records import to_pandas
+        import pandas
 
-        return to_pandas(self)
+        frame = pandas.DataFrame(
+            {name: self[name] for name in self.names}, index=pandas.Index(self.time, name=TIME)
+        )
+        frame.attrs = {**self._attributes, "units": {TIME: "s", **self.units}}
+        return frame
+
+    @property
+    def _attributes(self) -> dict[str, Any]:
+        stated_hold = {"hold": self.hold} if self.file.sidecar.says_hold else {}
+        return {"name": self.name, **stated_hold, "inputs": list(self.input_names)}
 
     @staticmethod
     def from_pandas(frame: pandas.DataFrame, **told: Any) -> Record:
@@ -265,9 +276,14 @@ class Record:
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
-        from scenarios.api.records import to_xarray
-
-        return to_xarray(self)
+        try:
+            import xarray
+        except ImportError:
+            raise ImportError(
+                "to_xarray needs xarray, which is not installed: python -m pip install xarray"
+            ) from None
+        data = {name: (TIME, self[name], {"units": self.units[name]}) for name in self.names}
+        return xarray.Dataset(data, {TIME: (TIME, self.time, {"units": "s"})}, self._attributes)
 
     @staticmethod
     def from_xarray(dataset: xarray.Dataset, **told: Any) -> Record:
@@ -278,9 +294,24 @@ class Record:
 
     def to_control(self) -> control.TimeResponseData:
         """python-control's response with named inputs and outputs, SI."""
-        from scenarios.api.records import to_control
+        import control
 
-        return to_control(self)
+        inputs, outputs = self.input_names, self.output_names
+        if not outputs:
+            raise RecordError(
+                "it has inputs alone",
+                where=self.name,
+                remedy="name fewer of its channels as inputs",
+            )
+        return control.TimeResponseData(
+            self.time,
+            np.array([self[name] for name in outputs]),
+            inputs=np.array([self[name] for name in inputs]) if inputs else None,
+            output_labels=list(outputs),
+            input_labels=list(inputs) if inputs else None,
+            issiso=False,
+            title=self.name,
+        )
 
     @staticmethod
     def from_control(response: control.TimeResponseData, **told: Any) -> Record:
@@ -341,3 +372,51 @@ def record_of(record: sim_record.Record) -> Record:
     """Return a record of the library as one of users, in SI."""
     columns, units = columns_of_record(record)
     return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)
+
+
+def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
+    """Return the rows of a record file between two times, s, under a name that tells them; row
+    numbers stay those of the file.
+
+    Raises RecordError if there is no such row.
+    """
+    time, rows = window_of(file, start, stop)
+    ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
+    span = f"{instant(ends[0], 6)}-{instant(ends[1], 6)} s"
+    label = f"{file.identity.name}[{span}]"
+    old = file.table
+    ragged = {
+        position - rows.start: cells
+        for position, cells in old.ragged.items()
+        if rows.start <= position < rows.stop
+    }
+    table = replace(
+        old,
+        file=label,
+        columns=tuple(column[rows] for column in old.columns),
+        rows=old.rows[rows],
+        ragged=ragged,
+    )
+    return replace(
+        file,
+        path=Path(label),
+        table=table,
+        identity=InputFile(label, digest_of(table)),
+        in_memory=True,
+    )
+
+
+def refuse_misspelt(channels: Any, where: str) -> None:
+    """Raise RecordError for a channel that is a known one with a letter too few, too many or out of
+    place. Any other name may be a channel of a model of one's own.
+    """
+    for name in channels if isinstance(channels, Mapping) else ():
+        if not isinstance(name, str) or name in CHANNEL_UNITS or not name.isalpha():
+            continue
+        near = difflib.get_close_matches(name, CHANNEL_UNITS, n=1, cutoff=0.8)
+        if near and (abs(len(near[0]) - len(name)) == 1 or sorted(near[0]) == sorted(name)):
+            raise RecordError(
+                f"there is no channel {name!r}",
+                where=f"{where}, channels",
+                remedy=f"did you mean {near[0]!r}?",
+            )

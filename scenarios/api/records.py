@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,42 +26,16 @@ from scenarios.files.formats.parquet import frame_header
 from scenarios.files.measured.columns import RecordFile, Sidecar, read_record_file, suffix_unit
 from scenarios.files.measured.columns import SourceColumn as Found
 from scenarios.files.measured.grid import clock_place
-from scenarios.files.records import column_of, raw_column, read_record, window_of
+from scenarios.files.records import column_of, raw_column, read_record
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import plan_of
-from sim.errors import DeclarationError, RecordError, instant
+from sim.errors import DeclarationError, RecordError
 from sim.record import Hold, Record
-from sim.record import Record as SimRecord
 
 if TYPE_CHECKING:
     import control
     import pandas
     import xarray
-
-
-# ---- Contents of a record, for conversion and plots
-
-
-class Recorded(Protocol):
-    """Channels in SI by name, their units, and which of them are inputs."""
-
-    @property
-    def file(self) -> RecordFile: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def hold(self) -> str: ...
-    @property
-    def time(self) -> np.ndarray: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def units(self) -> dict[str, str]: ...
-    @property
-    def input_names(self) -> tuple[str, ...]: ...
-    @property
-    def output_names(self) -> tuple[str, ...]: ...
-    def __getitem__(self, name: str, /) -> np.ndarray: ...
 
 
 # ---- The channels of a record file without a model that asks for them
@@ -292,7 +264,7 @@ def file_of_columns(
         Path(label),
         table,
         sidecar,
-        InputFile(label, _digest(table)),
+        InputFile(label, digest_of(table)),
         {},
         in_memory=True,
     )
@@ -341,66 +313,6 @@ def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, 
     return columns, {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
 
 
-def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
-    """Return the rows of a record file between two times, s, under a name that tells them; row
-    numbers stay those of the file.
-
-    Raises RecordError if there is no such row.
-    """
-    time, rows = window_of(file, start, stop)
-    ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
-    span = f"{instant(ends[0], 6)}-{instant(ends[1], 6)} s"
-    label = f"{file.identity.name}[{span}]"
-    old = file.table
-    ragged = {
-        position - rows.start: cells
-        for position, cells in old.ragged.items()
-        if rows.start <= position < rows.stop
-    }
-    table = replace(
-        old,
-        file=label,
-        columns=tuple(column[rows] for column in old.columns),
-        rows=old.rows[rows],
-        ragged=ragged,
-    )
-    return replace(
-        file,
-        path=Path(label),
-        table=table,
-        identity=InputFile(label, _digest(table)),
-        in_memory=True,
-    )
-
-
-def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
-    """Record files of which those in memory bear names of their own: ``record``, ``record 2``
-    ...
-    """
-    taken: set[str] = {file.path.name for file in files if not file.in_memory}
-    out = []
-    for file in files:
-        name = file.path.name
-        if file.in_memory:
-            name = next(
-                each
-                for n in itertools.count(1)
-                if (each := name if n == 1 else f"{name} {n}") not in taken
-            )
-            taken.add(name)
-        out.append(file if name == file.path.name else _renamed(file, name))
-    return out
-
-
-def _renamed(file: RecordFile, name: str) -> RecordFile:
-    return replace(
-        file,
-        path=Path(name),
-        table=replace(file.table, file=name),
-        identity=replace(file.identity, name=name),
-    )
-
-
 def _has_time(names: Sequence[str]) -> bool:
     return any(split_header(name)[0] == TIME or name.startswith(f"{TIME}_") for name in names)
 
@@ -443,7 +355,7 @@ def _plain(values: Any) -> np.ndarray:
     return np.asarray(values)
 
 
-def _digest(table: CellTable) -> str:
+def digest_of(table: CellTable) -> str:
     """SHA-256 of header and cells."""
     digest = hashlib.sha256("\x1f".join(table.header).encode())
     for column in table.columns:
@@ -452,7 +364,7 @@ def _digest(table: CellTable) -> str:
     return digest.hexdigest()
 
 
-# ---- Records to and from the containers of other packages, each imported when it is asked for
+# ---- Records from the containers of other packages
 
 
 @dataclass(frozen=True)
@@ -478,7 +390,7 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
     """
     if isinstance(source, str | PathLike):
         return Path(source), ContainerFacts()
-    if isinstance(source, SimRecord):
+    if isinstance(source, Record):
         columns, units = columns_of_record(source)
         return columns, ContainerFacts(units, source.name, source.hold.value, source.input_names)
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
@@ -517,59 +429,6 @@ def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
         name if isinstance(name, str) else None,
         hold if hold in ("previous", "linear") else None,
         tuple(map(str, inputs)) if isinstance(inputs, tuple | list) else None,
-    )
-
-
-def _attributes(record: Recorded) -> dict[str, Any]:
-    stated_hold = {"hold": record.hold} if record.file.sidecar.says_hold else {}
-    return {"name": record.name, **stated_hold, "inputs": list(record.input_names)}
-
-
-def to_pandas(record: Recorded) -> pandas.DataFrame:
-    """Return the channels in SI over the index ``time``, s."""
-    import pandas
-
-    frame = pandas.DataFrame(
-        {name: record[name] for name in record.names}, index=pandas.Index(record.time, name=TIME)
-    )
-    frame.attrs = {**_attributes(record), "units": {TIME: "s", **record.units}}
-    return frame
-
-
-def to_xarray(record: Recorded) -> xarray.Dataset:
-    """Return the channels in SI over the coordinate ``time``, units as attributes. Raises
-    ImportError if xarray is not installed.
-    """
-    try:
-        import xarray
-    except ImportError:
-        raise ImportError(
-            "to_xarray needs xarray, which is not installed: python -m pip install xarray"
-        ) from None
-    data = {name: (TIME, record[name], {"units": record.units[name]}) for name in record.names}
-    return xarray.Dataset(data, {TIME: (TIME, record.time, {"units": "s"})}, _attributes(record))
-
-
-def to_control(record: Recorded) -> control.TimeResponseData:
-    """Return the record as python-control's response: outputs ``(m, N)`` and inputs with labels;
-    NaN if a sample is missing.
-    """
-    import control
-
-    inputs, outputs = record.input_names, record.output_names
-    if not outputs:
-        raise RecordError(
-            "it has inputs alone", where=record.name, remedy="name fewer of its channels as inputs"
-        )
-    rows = np.array([record[name] for name in inputs]) if inputs else None
-    return control.TimeResponseData(
-        record.time,
-        np.array([record[name] for name in outputs]),
-        inputs=rows,
-        output_labels=list(outputs),
-        input_labels=list(inputs) if inputs else None,
-        issiso=False,
-        title=record.name,
     )
 
 
@@ -683,22 +542,6 @@ def _computed(file: RecordFile) -> RecordFile:
         channel_units=known,
     )
     return replace(derived, choices=dict(choices or {}))
-
-
-def refuse_misspelt(channels: Any, where: str) -> None:
-    """Raise RecordError for a channel that is a known one with a letter too few, too many or out of
-    place. Any other name may be a channel of a model of one's own.
-    """
-    for name in channels if isinstance(channels, Mapping) else ():
-        if not isinstance(name, str) or name in CHANNEL_UNITS or not name.isalpha():
-            continue
-        near = difflib.get_close_matches(name, CHANNEL_UNITS, n=1, cutoff=0.8)
-        if near and (abs(len(near[0]) - len(name)) == 1 or sorted(near[0]) == sorted(name)):
-            raise RecordError(
-                f"there is no channel {name!r}",
-                where=f"{where}, channels",
-                remedy=f"did you mean {near[0]!r}?",
-            )
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, SupportsFloat
 from scenarios.api import tables
 from scenarios.api.record import Record as ApiRecord
 from scenarios.api.record import record_of
-from scenarios.api.records import Choices, choices_of, numbered_apart, opened_source
+from scenarios.api.records import Choices, choices_of, opened_source
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
 from scenarios.files.measured.columns import RecordFile, refuse_twice
@@ -388,3 +389,34 @@ def _vehicle(text: str) -> Vehicle:
 
 
 _FLYING = {"trace": _flights_trace, "jsbsim": _jsbsim}
+
+
+# ---- Names of record files in memory
+
+
+def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
+    """Record files of which those in memory bear names of their own: ``record``, ``record 2``
+    ...
+    """
+    taken: set[str] = {file.path.name for file in files if not file.in_memory}
+    out = []
+    for file in files:
+        name = file.path.name
+        if file.in_memory:
+            name = next(
+                each
+                for n in itertools.count(1)
+                if (each := name if n == 1 else f"{name} {n}") not in taken
+            )
+            taken.add(name)
+        out.append(file if name == file.path.name else _renamed(file, name))
+    return out
+
+
+def _renamed(file: RecordFile, name: str) -> RecordFile:
+    return replace(
+        file,
+        path=Path(name),
+        table=replace(file.table, file=name),
+        identity=replace(file.identity, name=name),
+    )

@@ -35,7 +35,7 @@ from scenarios.api.shown import (
 from scenarios.api.tables import names_of, told_in_python
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
-from scenarios.identification.low_order import linearised
+from scenarios.identification.files import linearised
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
@@ -466,7 +466,7 @@ class Campaign:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns
         the folder.
         """
-        from scenarios.studies.campaign_report import write_campaign
+        from scenarios.studies.folder import write_campaign
 
         return write_campaign(self.details, self._judgement, path_given(folder))
 

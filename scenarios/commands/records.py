@@ -12,7 +12,7 @@ from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
-from scenarios.identification.conditions import LIFT_OUTPUTS, NO_LIFT
+from scenarios.identification.cautions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
@@ -135,8 +135,8 @@ def identify_records(
 ) -> None:
     """Identify records, write the study and the linearised model's ``matrices``, and print."""
     from scenarios.files.measured.columns import path_of
+    from scenarios.identification.files import refuse_place, state_space_of, write_state_space
     from scenarios.identification.identify import identify_files
-    from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
     from scenarios.identification.report import print_identification
 
     if matrices is not None:

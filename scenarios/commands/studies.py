@@ -19,8 +19,9 @@ from scenarios.report.terminal import progress_bar
 from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
-from scenarios.studies.campaign_report import print_campaign, write_campaign
+from scenarios.studies.campaign_report import print_campaign
 from scenarios.studies.declaration import Scenario
+from scenarios.studies.folder import write_campaign
 from scenarios.tasks.study import Execution, stopped
 from sim.errors import DeclarationError, FlightidError
 

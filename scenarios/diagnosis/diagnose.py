@@ -40,14 +40,18 @@ from scenarios.diagnosis.opening import (
     opened_files,
     own_effects,
     posed_for,
-    said_of,
     settings_of,
     vehicle_path_of,
 )
 from scenarios.files.declarations import STICK
 from scenarios.files.measured.columns import all_simulated, refuse_twice
 from scenarios.files.sources import InputFile, Source
-from scenarios.files.user_models import OwnModel, is_of_aircraft, moves_about_rest
+from scenarios.files.user_models import (
+    OwnModel,
+    constraint_sentences,
+    is_of_aircraft,
+    moves_about_rest,
+)
 from scenarios.files.vehicles import (
     VehicleFile,
     files_read_unnamed,
@@ -477,7 +481,7 @@ class _Study:
             (
                 *self._read_beside(),
                 *posed.notes,
-                *said_of(opened.vehicle.constraints, posed.model),
+                *constraint_sentences(opened.vehicle.constraints, posed.model),
                 *pressed,
             ),
             posed.doubts,

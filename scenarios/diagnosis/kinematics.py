@@ -449,7 +449,7 @@ def _level(
     records: list[Record], settings: CompatibilitySettings, asked: Relations
 ) -> tuple[list[Record], list[str]]:
     """Return the records with nearly level wings, and remarks on the others."""
-    from ident.compatibility.six_degrees.kinematics import misled_by_bank
+    from ident.compatibility.check import misled_by_bank
 
     if BANK in asked.channels:
         return records, []

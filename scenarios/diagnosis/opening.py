@@ -26,7 +26,6 @@ from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import (
     Constraints,
     channel_units,
-    constraint_sentences,
     inputs_at_rest,
     is_model_file,
     is_own,
@@ -251,16 +250,6 @@ def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
     return (
         f"effort: {effort}; the search used all its fits, and the residual is not explained: "
         f"{further}"
-    )
-
-
-def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
-    """Return sentences on fixed, tied and bounded parameters."""
-    items = model.parameters
-    return constraint_sentences(
-        constraints,
-        {item.name: item.value for item in items},
-        {item.name: item.unit for item in items},
     )
 
 

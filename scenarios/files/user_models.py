@@ -104,15 +104,14 @@ def with_place(
 
     A start from ``[fixed]`` or ``[tied]`` was moved to ``[derivatives]``; the error names that key.
     """
-    for table, names in (
-        ("fixed", constraints.fixed),
-        ("tied", [tie.name for tie in constraints.ties]),
-    ):
-        for name in names:
-            if error.where == f"{path}, key {STARTS}.{name}":
-                return DeclarationError(
-                    error.what, where=f"{path}, key {table}.{name}", remedy=error.remedy
-                )
+    tables = dict.fromkeys(constraints.fixed, "fixed") | {
+        tie.name: "tied" for tie in constraints.ties
+    }
+    for name, table in tables.items():
+        if error.where == f"{path}, key {STARTS}.{name}":
+            return DeclarationError(
+                error.what, where=f"{path}, key {table}.{name}", remedy=error.remedy
+            )
     return error
 
 
@@ -120,11 +119,10 @@ def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: s
     """Raise DeclarationError if all of the ``starts`` are fixed or tied to fixed parameters."""
     held = {*constraints.fixed, *(tie.name for tie in constraints.ties)}
     if held and held.issuperset(starts):
-        remedy = "leave one parameter free at least"
         raise DeclarationError(
             "every parameter is fixed or tied: nothing is left to estimate",
             where=str(path),
-            remedy=remedy,
+            remedy="leave one parameter free at least",
         )
 
 
@@ -151,11 +149,11 @@ def constrained(model: Model, constraints: Constraints) -> Model:
     return model.with_parameters(parameters.with_bounds(bounds)).with_ties(constraints.ties)
 
 
-def constraint_sentences(
-    constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
-) -> tuple[str, ...]:
+def constraint_sentences(constraints: Constraints, model: Model) -> tuple[str, ...]:
     """Return a sentence on the fixed, the tied and the bounded parameters, if there are any."""
     sentences = []
+    starts = {item.name: item.value for item in model.parameters}
+    units = {item.name: item.unit for item in model.parameters}
     if constraints.fixed:
         entries = [
             f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
@@ -188,10 +186,10 @@ def _fixed(
     start.
     """
     if isinstance(table, list):
+        where = f"{path}, key fixed"
         for name in table:
-            _refuse_unknown(name, units, f"{path}, key fixed")
+            _refuse_unknown(name, units, where)
             if name not in starts:
-                where = f"{path}, key fixed"
                 raise DeclarationError(
                     f"{name} has no value to be fixed at",
                     where=where,
@@ -242,24 +240,14 @@ def _ties(
                     remedy=f"give {source} under [{STARTS}]",
                 )
     for tie in ties:
-        starts[tie.name] = float(
-            tie.of(
-                lambda source: _number(
-                    starts[source], units[source], f"{path}, key {STARTS}.{source}"
-                )
-            )
-        )
+        starts[tie.name] = float(tie.of(lambda source: _start(source, starts, units, path)))
     return tuple(ties)
 
 
 def _tie(name: str, entry: Any, units: Mapping[str, str], where: str) -> Tie:
     terms, constant = [], 0.0
     for term in entry if isinstance(entry, list) else [entry]:
-        if (
-            not isinstance(term, dict)
-            or not term
-            or not set(term) <= {"parameter", "factor", "constant"}
-        ):
+        if not isinstance(term, dict) or not set() < {*term} <= {"parameter", "factor", "constant"}:
             raise DeclarationError("this is no tie", where=where, remedy=_TIE)
         if "constant" in term:
             constant += _number(term["constant"], units[name], where)
@@ -314,12 +302,7 @@ def _bounds(
                 where=where,
                 remedy="give the lower bound first; [fixed] holds a parameter",
             )
-        start = (
-            _number(starts[name], units[name], f"{path}, key {STARTS}.{name}")
-            if name in starts
-            else None
-        )
-        if start is not None and not low <= start <= high:
+        if name in starts and not low <= (start := _start(name, starts, units, path)) <= high:
             raise DeclarationError(
                 f"the start {start:g} lies outside [{low:g}, {high:g}]",
                 where=where,
@@ -352,6 +335,12 @@ def _refuse_second_entry(name: str, starts: ChainMap[str, Any], where: str) -> N
         )
 
 
+def _start(
+    name: str, starts: Mapping[str, Any], units: Mapping[str, str], path: str | Path
+) -> float:
+    return _number(starts[name], units[name], f"{path}, key {STARTS}.{name}")
+
+
 def _number(value: object, unit: str, where: str) -> float:
     from scenarios.files.schemas import number_in
 
@@ -363,7 +352,7 @@ def _number(value: object, unit: str, where: str) -> float:
 SUFFIX = ".py"
 AIRCRAFT_SUFFIX = ".toml"  # a vehicle file of the model ``aircraft`` declares equations, too
 # Keys of every vehicle file. A constant with such a name could not be given there.
-_RESERVED_KEYS = ("name", "derivatives", "fixed", "bounds", "tied", "uncertainty")
+_RESERVED_KEYS = ("name", STARTS, *TABLES, "uncertainty")
 SHORT_PERIOD = ("alpha", "q", "nz")  # outputs that the kinematics of pitching relate
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
@@ -405,13 +394,10 @@ def is_of_aircraft(model: Model) -> bool:
     """
     if not is_own(model):
         return True
-    output_units = {signal.name: signal.unit for signal in model.equations.outputs}
-    has_airspeed = (
-        "airspeed" in model.parameters
-        and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
-    )
-    return has_airspeed and all(
-        output_units.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD
+    units = {signal.name: signal.unit for signal in model.equations.outputs}
+    airspeed = [item.unit for item in model.parameters if item.name == "airspeed"]
+    return airspeed == [CHANNEL_UNITS["airspeed"]] and all(
+        units.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD
     )
 
 
@@ -437,10 +423,8 @@ def unit_in(model: Model, name: str) -> str:
     the model does not have.
     """
     equations = model.equations
-    for signal in (*equations.outputs, *equations.inputs, *equations.states):
-        if signal.name == name:
-            return signal.unit
-    return model.parameters[name].unit if name in model.parameters else "1"
+    signals = (*equations.outputs, *equations.inputs, *equations.states, *model.parameters)
+    return next((item.unit for item in signals if item.name == name), "1")
 
 
 def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
@@ -514,14 +498,11 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
     A parameter counts as used if the equations read it at the start of the model, or if the file
     has an attribute of its name: an equation may read it in a branch not taken at the start.
     """
-    inputs = dict(
-        zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True)
-    )
     signals = {
         TIME: 0.0,
         **{item.name: item.value for item in model.initial},
-        **inputs,
-        **{port.name: 0.0 for port in equations.ports},
+        **{signal.name: 0.0 for signal in (*equations.inputs, *equations.ports)},
+        **equations.resting_inputs,
     }
     read_at_start = parameters_read(
         equations, Starts(signals, {item.name: item.value for item in model.parameters})
@@ -530,13 +511,12 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
     attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:
         if name not in read_at_start and name not in attributes:
-            lines = [
-                node.lineno
+            places = (
+                f", line {node.lineno}"
                 for node in nodes
                 if isinstance(node, ast.Constant) and node.value == name
-            ]
-            line = f", line {lines[0]}" if lines else ""
-            where = f"{source.path}{line}: model {model.name}, parameters, {name}"
+            )
+            where = f"{source.path}{next(places, '')}: model {model.name}, parameters, {name}"
             raise DeclarationError(
                 "it is in no equation", where=where, remedy="use it, or leave it out"
             )
@@ -555,8 +535,6 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     DeclarationError : the file is not TOML; an unknown key; a value of the wrong kind or unit, or
         beyond its bounds. The message has file, key and remedy in one line.
     """
-    from scenarios.files.schemas import number_in
-
     path, content = source.path, toml_of(source)
     content.pop("uncertainty", None)  # another reader takes it, once the constants are known
     free = [item for item in own.model.parameters if item.free]
@@ -566,20 +544,15 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
         path,
         {item.name: item.value for item in free},
     )
-    name, starts = content.pop("name", path.stem), content.pop("derivatives", {})
+    name, starts = content.pop("name", path.stem), content.pop(STARTS, {})
     if not isinstance(name, str) or not name:
         raise DeclarationError(
             f"{name!r} is no name", where=f"{path}, key name", remedy='write name = "..."'
         )
-    if not isinstance(starts, dict):
-        raise DeclarationError(
-            "this is no table",
-            where=f"{path}, key derivatives",
-            remedy="write [derivatives], and below it the starts",
-        )
+    _table(starts, STARTS, path, "write [derivatives], and below it the starts")
     parameters = {item.name: item for item in own.model.parameters}
     values = {}
-    for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
+    for table, is_free, keys in ((content, False, ""), (starts, True, f"{STARTS}.")):
         names = [item.name for item in parameters.values() if item.free is is_free]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
@@ -589,7 +562,7 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
                     where=where,
                     remedy=_remedy(key, names, free=is_free, misplaced=key in parameters),
                 )
-            values[key] = number_in(value, parameters[key].unit, where)
+            values[key] = _number(value, parameters[key].unit, where)
     try:
         model = own.model.with_values(values)
     except ModelError as error:
@@ -607,13 +580,8 @@ def channel_units(model: Model) -> Mapping[str, str]:
     """
     if not is_own(model):
         return CHANNEL_UNITS
-    return {
-        TIME: "s",
-        **{
-            signal.name: signal.unit
-            for signal in (*model.equations.inputs, *model.equations.outputs)
-        },
-    }
+    signals = (*model.equations.inputs, *model.equations.outputs)
+    return {TIME: "s", **{signal.name: signal.unit for signal in signals}}
 
 
 def _remedy(key: str, allowed: list[str], *, free: bool, misplaced: bool) -> str:

@@ -1,20 +1,19 @@
-"""Result of an identification and its assessment: parameters at bounds, intervals, outliers,
-simulations, and the change with the other hold of the inputs.
+"""Result of an identification and its assessment: parameters at bounds, intervals, simulations, and
+the change with the other hold of the inputs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import Characteristics
-from ident.recording.series import Certainty, FindingQuantity, Kind, RecordFinding, shown
 from ident.statistics.intervals import ProfileInterval, variance_along
-from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ErrorFigures, ResidualTest, error_figures
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.gauss_newton import fit_whole_records
@@ -27,12 +26,16 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
 from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
-from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
+from scenarios.preparation.recording import (
+    NOTHING_SEEN,
+    RecordCheck,
+    repeated_without_outliers,
+)
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
-from sim.errors import DeclarationError, instant
-from sim.record import Channel, Hold, Record
+from sim.errors import DeclarationError
+from sim.record import Hold, Record
 
 # ---- Parameters that end at a bound, and parameters that follow others
 
@@ -107,17 +110,13 @@ def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
 
 def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
     """Return the parameters that an estimate has at their bounds."""
-    at_bounds = []
-    for name, value in estimate.as_dict().items():
-        if name not in model.parameters or not np.isfinite(value):
-            continue
-        item = model.parameters[name]
-        side = side_at(value, item.bounds)
-        if side:
-            at_bounds.append(
-                AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side)
-            )
-    return at_bounds
+    return [
+        AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side)
+        for name, value in estimate.as_dict().items()
+        if name in model.parameters and np.isfinite(value)
+        for item in (model.parameters[name],)
+        if (side := side_at(value, item.bounds))
+    ]
 
 
 # ---- Profile-likelihood intervals of an identification
@@ -193,33 +192,24 @@ def profiled(
     names = tuple(name for name in names if name in known)
     n = [estimate.names.index(name) for name in estimate.names if name in known]
     covariance = estimate.covariance[:, n][n]
+    # Priors are about the starts of the file: only a fit without priors may start elsewhere.
+    start_system = (
+        system
+        if settings.use_priors
+        else replace(system, parameters=system.parameters.with_values(known))
+    )
     if estimate.method == "frequency-domain":
         from ident.frequency_domain import output_error as frequency
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
-        # Priors are about the starts of the file: only a fit without priors may start elsewhere.
-        start_system = (
-            system
-            if settings.use_priors
-            else replace(system, parameters=system.parameters.with_values(known))
-        )
         found, _ = frequency_fit(
             records, start_system, FrequencySettings(band, settings.use_priors), delays=delays
         )
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
 
-    pieces = [
-        piece
-        for record_pieces in in_pieces(records, without_noise or system, settings, local)
-        for piece in record_pieces
-    ]
-    start_system = (
-        system
-        if settings.use_priors
-        else replace(system, parameters=system.parameters.with_values(known))
-    )
-    layout = lay_out(pieces, start_system, settings, local=local)
+    pieces = in_pieces(records, without_noise or system, settings, local)
+    layout = lay_out([*chain.from_iterable(pieces)], start_system, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
         from ident.process_noise.innovations_model import noise_started_at
@@ -246,120 +236,6 @@ def values_for_prediction(
     biases = {name: value for name, value in all_values.items() if name.startswith("bias_")}
     shared = {name: value for name, value in all_values.items() if name not in biases}
     return Trained((), system.output_names, shared, (biases,), settings)
-
-
-# ---- Isolated wrong samples of a measured record
-
-MOST_NAMED_TIMES = 3  # times that a sentence names
-
-
-def isolated_outliers(
-    outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
-) -> list[dict[str, np.ndarray]]:
-    """Find isolated outliers from the residuals of simulations.
-
-    Parameters
-    ----------
-    outputs : outputs that are simulated.
-    simulated : simulated outputs of each record, shape ``(m, N)``.
-    records : the records with all their samples.
-
-    Returns
-    -------
-    Masks of each record by channel, shape ``(N,)``, True at an outlier; none for other channels.
-    """
-    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
-    if len(simulated) != len(records):
-        return masks
-    for row, name in enumerate(outputs if simulated else ()):
-        with_output = [k for k, record in enumerate(records) if name in record.output_names]
-        if not with_output:
-            continue
-        valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in with_output]
-        residuals = [
-            np.where(valid_row, records[k][name].values - simulated[k][row], 0.0)
-            for k, valid_row in zip(with_output, valid, strict=True)
-        ]
-        wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in with_output])
-        for k, mask in zip(with_output, wrong, strict=True):
-            if np.any(mask):
-                masks[k][name] = mask
-    return masks
-
-
-def same_points(
-    masks: Sequence[dict[str, np.ndarray]], other_masks: Sequence[dict[str, np.ndarray]]
-) -> bool:
-    """Return whether two lists of masks mark the same samples."""
-    return all(
-        a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
-        for a, b in zip(masks, other_masks, strict=True)
-    )
-
-
-def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
-    """Return masks of the samples that a record has ``before`` and no longer ``after``.
-
-    By channel, shape ``(N,)``; only channels with such samples.
-    """
-    masks = {channel.name: before[channel.name].valid & ~channel.valid for channel in after.outputs}
-    return {name: mask for name, mask in masks.items() if np.any(mask)}
-
-
-def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """Return a record whose samples at the masks, ``(N,)`` by channel, are missing."""
-    if not masks:
-        return record
-
-    def masked(channel: Channel) -> Channel:
-        mask = masks.get(channel.name)
-        if mask is None:
-            return channel
-        values = np.where(mask, np.nan, channel.with_gaps())
-        return Channel.of(channel.name, channel.unit, values)
-
-    return replace(record, outputs=tuple(map(masked, record.outputs)))
-
-
-def with_outliers(
-    look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
-) -> RecordCheck:
-    """Return the record check with the outliers of the records added."""
-    findings = [
-        _wild_points(record, name, mask)
-        for record, masks_of_record in zip(records, masks, strict=True)
-        for name, mask in masks_of_record.items()
-    ]
-    return replace(look, seen=(*look.seen, *findings))
-
-
-def _wild_points(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
-    """Return the finding on the outliers of a channel, which are set aside."""
-    times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
-    places = ", ".join(f"{instant(time)} s" for time in times[:MOST_NAMED_TIMES]) + (
-        " and so on" if count > MOST_NAMED_TIMES else ""
-    )
-    channel = record[name]
-    distance = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
-    sentence = (
-        f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from "
-        f"the fit ({places})"
-    )
-    sentence += (
-        f", up to {shown(float(np.max(distance)), channel.unit)} from the middle of the channel"
-    )
-    numbers = {"samples": FindingQuantity(float(count), "1")}
-    finding = RecordFinding(
-        name,
-        Kind.WILD_POINTS,
-        Certainty.COSTS_INFORMATION,
-        sentence,
-        "",
-        tuple((t, t) for t in times),
-        numbers,
-        mask,
-    )
-    return HandledFinding(record.name, finding, "set aside", count)
 
 
 # ---- Free simulations of records with parameters as estimated
@@ -422,28 +298,25 @@ def record_fits(
         return [simulated(record, system, values, settings, local) for record in records]
 
     fitted_rows = [*known, *run(fitted[len(known) :])]
-    masks: list[dict[str, np.ndarray]] = [{} for _ in held_out]
-    predicted, kept = run(held_out), list(held_out)
-    for _ in range(0 if trusted or not held_out else 2):
-        finite = [
+
+    def finite(
+        predicted: Sequence[np.ndarray | None],
+    ) -> tuple[tuple[str, ...], list[np.ndarray]]:
+        return system.output_names, [
             np.full((len(system.outputs), len(record)), np.nan) if rows is None else rows
             for record, rows in zip(held_out, predicted, strict=True)
         ]
-        new_masks = isolated_outliers(system.output_names, finite, held_out)
-        if same_points(new_masks, masks):
-            break
-        masks = new_masks
-        kept = [without(record, mask) for record, mask in zip(held_out, masks, strict=True)]
-        predicted = run(kept)
-    return (
-        *(
-            _assessed(record, system, rows, held_out=False)
-            for record, rows in zip(fitted, fitted_rows, strict=True)
-        ),
-        *(
-            _assessed(record, system, rows, held_out=True)
-            for record, rows in zip(kept, predicted, strict=True)
-        ),
+
+    predicted, kept, _ = repeated_without_outliers(
+        run, finite, held_out, 0 if trusted or not held_out else 2
+    )
+    return tuple(
+        _assessed(record, system, rows, held_out=is_held_out)
+        for records, simulations, is_held_out in (
+            (fitted, fitted_rows, False),
+            (kept, predicted, True),
+        )
+        for record, rows in zip(records, simulations, strict=True)
     )
 
 
@@ -467,32 +340,27 @@ def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
         return replace(parts[0], record=record)
     if any(part.figures is None for part in parts):
         return replace(parts[0], record=record, simulated=np.full_like(rows, np.nan), figures=None)
-    outputs = parts[0].outputs
-    channels = tuple(name for name in outputs if name in record.output_names)
-    masks = np.array([record[name].valid for name in channels])
-    figures = error_figures(
-        [rows[[outputs.index(name) for name in channels]]], [record], [masks], channels
-    )
-    return RecordFit(record, outputs, rows, figures, parts[0].held_out)
+    return _with_figures(record, parts[0].outputs, rows, held_out=parts[0].held_out)
 
 
 def _assessed(
     record: Record, system: System, rows: np.ndarray | None, *, held_out: bool
 ) -> RecordFit:
     """Return a simulation, ``(m, N)`` or None, with its error figures."""
-    channels = tuple(name for name in system.output_names if name in record.output_names)
     if rows is None:
         blank = np.full((len(system.outputs), len(record)), np.nan)
         return RecordFit(record, system.output_names, blank, None, held_out)
-    at = [system.output_names.index(name) for name in channels]
+    return _with_figures(record, system.output_names, rows, held_out=held_out)
+
+
+def _with_figures(
+    record: Record, outputs: tuple[str, ...], rows: np.ndarray, *, held_out: bool
+) -> RecordFit:
+    channels = tuple(name for name in outputs if name in record.output_names)
     masks = np.array([record[name].valid for name in channels])
-    return RecordFit(
-        record,
-        system.output_names,
-        rows,
-        error_figures([rows[at]], [record], [masks], channels),
-        held_out,
-    )
+    at = [outputs.index(name) for name in channels]
+    figures = error_figures([rows[at]], [record], [masks], channels)
+    return RecordFit(record, outputs, rows, figures, held_out)
 
 
 def simulated(

@@ -1,8 +1,12 @@
-"""Write the study folder of an identification: inputs, responses, figures, and the JSON last."""
+"""Files of an identification: its study folder, and its model as matrices, linearised about a
+point.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import io
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -11,11 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.flying_qualities.levels import FlightPhase, mode_levels
+from ident.flying_qualities.modes import LONGITUDINAL_STATES, StateSpace, level_flight, state_space
 from scenarios.files.measured.columns import all_simulated, identities, sidecar_path
 from scenarios.files.sources import InputFile, resolved, versions
+from scenarios.files.user_models import inputs_at_rest
 from scenarios.files.writing import (
     RESPONSE,
     study_folder,
+    write_content,
     write_json,
     write_record,
     write_responses,
@@ -27,7 +34,6 @@ from scenarios.identification.assessment import (
     reading_content,
 )
 from scenarios.identification.identify import Identified
-from scenarios.identification.low_order import linearised
 from scenarios.identification.model_checks import considered_content
 from scenarios.identification.report import (
     constraints_content,
@@ -44,7 +50,8 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.summary import levels_content
 from scenarios.studies.comparison import estimate_content
-from sim.errors import FlightidError
+from sim.declaration.model import Model, System
+from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
 if TYPE_CHECKING:
@@ -372,3 +379,157 @@ def _model_file(found: IdentificationResult) -> dict[str, str]:
     """Name and hash of a user's own model file."""
     file = found.vehicle.own_file
     return {"model": file.name, "model_sha256": file.sha256} if file is not None else {}
+
+
+# ---- Identified models as matrices, linearised about a point, and their files
+
+STATE_SPACE_SCHEMA = "flightid/state-space/1"
+VELOCITY_SAMPLES = 11  # samples whose slope is the velocity of a falling body
+
+
+def state_space_of(found: IdentificationResult) -> StateSpace:
+    """Return the identified model as ``linearised``."""
+    assert found.system is not None
+    return linearised(found.system, found.estimate.as_dict(), found.record, found.vehicle.own)
+
+
+def linearised(
+    system: System, values: Mapping[str, float], record: Record, own: Model | None = None
+) -> StateSpace:
+    """Return a model linearised about a point of reference.
+
+    The point is level flight for equations of totals, rest for perturbations, the middle of the
+    record for a falling body, and declared by a user's ``own`` model. Raises DeclarationError if
+    there is none.
+    """
+    names = set(system.state_names)
+    if names.issuperset(LONGITUDINAL_STATES):
+        p = system.parameters.with_values(
+            {name: value for name, value in values.items() if name in system.parameters}
+        ).values()
+        level = level_flight(system, p)
+        if level is None:
+            what = "the identified model has no level flight at its reference airspeed"
+            raise DeclarationError(
+                what, where="--state-space", remedy="fit a record that tells elevator and lift"
+            )
+        return state_space(system, values, *level)
+    if own is not None:
+        return state_space(system, values, own.initial.values().tolist(), inputs_at_rest(own))
+    if "altitude" in names:
+        return state_space(system, values, [_middle(record)[name] for name in system.state_names])
+    return state_space(system, values)
+
+
+def _middle(record: Record) -> dict[str, float]:
+    """Altitude and velocity of a falling body in the middle of its record, by a straight line
+    through its neighbours.
+    """
+    channel = record["altitude"]
+    t, h = record.time[channel.valid], channel.values[channel.valid]
+    first = max(0, (len(t) - VELOCITY_SAMPLES) // 2)
+    near = slice(first, first + VELOCITY_SAMPLES)
+    at = float(t[near].mean())
+    velocity, altitude = np.polyfit(t[near] - at, h[near], 1)
+    return {"altitude": float(altitude), "velocity": float(velocity)}
+
+
+def state_space_content(space: StateSpace) -> dict[str, Any]:
+    """Return the content of the JSON file: matrices as rows, signals with units, the point, roots
+    of A.
+    """
+    roots = space.eigenvalues
+    return {
+        "schema": STATE_SPACE_SCHEMA,
+        **{name: getattr(space, name).tolist() for name in "ABCD"},
+        **{
+            kind: [{"name": s.name, "unit": s.unit} for s in getattr(space, kind)]
+            for kind in ("states", "inputs", "outputs")
+        },
+        "about": {name: getattr(space, name).tolist() for name in ("x0", "u0", "y0", "rates")},
+        "delays": dict(space.delays),
+        "left_out": list(space.left_out),
+        "eigenvalues": [[float(root.real), float(root.imag)] for root in roots],
+    }
+
+
+def _json(space: StateSpace) -> bytes:
+    return (json.dumps(state_space_content(space), indent=2, allow_nan=False) + "\n").encode()
+
+
+def _arrays(space: StateSpace) -> dict[str, Any]:
+    """Return the matrices, names and units as arrays; rows of names as the columns and rows of the
+    matrices.
+    """
+    signals = {
+        f"{kind}_{what}": np.array([getattr(s, what[:-1]) for s in getattr(space, kind)], dtype=str)
+        for kind in ("states", "inputs", "outputs")
+        for what in ("names", "units")
+    }
+    delays = np.array([space.delays.get(s.name, 0.0) for s in space.inputs])
+    return {
+        **{name: getattr(space, name) for name in (*"ABCD", "x0", "u0", "y0", "rates")},
+        **signals,
+        "delays": delays,
+    }
+
+
+def _npz(space: StateSpace) -> bytes:
+    to = io.BytesIO()
+    np.savez(to, **_arrays(space))
+    return to.getvalue()
+
+
+def _mat(space: StateSpace) -> bytes:
+    from scipy.io import savemat
+
+    cells = {
+        name: value.astype(object) if value.dtype.kind == "U" else value
+        for name, value in _arrays(space).items()
+    }
+    to = io.BytesIO()
+    savemat(to, cells, oned_as="column")
+    return to.getvalue()
+
+
+FORMATS: Mapping[str, Callable[[StateSpace], bytes]] = MappingProxyType(
+    {".json": _json, ".mat": _mat, ".npz": _npz}
+)
+
+
+def refuse_place(path: Path, kept: Iterable[Path] = ()) -> None:
+    """Raise DeclarationError for an ending that no format has, for a folder, and for one of the
+    files ``kept`` or what stands beside a record.
+    """
+    where = f"--state-space, {path}"
+    if path.suffix.lower() not in FORMATS:
+        what = f"{path.suffix or 'no'} ending"
+        raise DeclarationError(
+            what, where=where, remedy=f"name a file that ends in {', '.join(FORMATS)}"
+        )
+    if path.is_dir():
+        raise DeclarationError("this is a folder", where=where, remedy="name a file")
+    if resolved(path) in {
+        resolved(each) for given in kept for each in (given, sidecar_path(given))
+    }:
+        raise DeclarationError(
+            "the matrices would take the place of a record or of the study",
+            where=where,
+            remedy="name another file",
+        )
+
+
+def write_state_space(space: StateSpace, path: Path) -> None:
+    """Write the matrices in the format of the file's ending; a JSON file is text, the others are
+    arrays by name.
+    """
+    refuse_place(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_content(path, FORMATS[path.suffix.lower()](space))
+    except OSError as error:
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(path),
+            remedy="name a file that you may write",
+        ) from None

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +12,10 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import ProfileInterval
-from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.statistics.residuals import ResidualTest, tests_of_records
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import CHANNEL_UNITS, closest
-from scenarios.files.measured.columns import RecordFile, path_of, read_with_validation, refuse_twice
+from scenarios.files.measured.columns import RecordFile, read_with_validation, refuse_twice
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
 from scenarios.files.vehicles import (
@@ -35,31 +34,27 @@ from scenarios.identification.assessment import (
     OtherReading,
     RecordFit,
     fit_within_bounds,
-    isolated_outliers,
-    left_out,
     opposite,
     other_reading,
     pooled_fits,
     profiled,
     record_fits,
-    same_points,
     tied_rows,
     values_for_prediction,
-    with_outliers,
-    without,
+)
+from scenarios.identification.cautions import (
+    cautions_of,
+    failed,
+    filter_error_proposed,
+    record_cautions,
+    sigma_cautions,
+    unusable_sigmas,
 )
 from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import (
     PATH,
-    cautions_of,
     chosen_band,
     delays_of,
-    disturbed_outputs,
-    failed,
-    in_rough_air,
-    made_by_inputs,
-    record_cautions,
-    sigma_cautions,
     with_weight_if_needed,
     without_theta,
 )
@@ -98,7 +93,13 @@ from scenarios.preparation.plausibility import (
     refuse_unrelated_records,
 )
 from scenarios.preparation.reading import prepare, refuse_unfit_records
-from scenarios.report.summary import NEXT, residual_phrase
+from scenarios.preparation.recording import (
+    left_out,
+    repeated_without_outliers,
+    with_outliers,
+    without,
+)
+from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System, Tie
@@ -119,7 +120,6 @@ if TYPE_CHECKING:
 
 # Methods that fit a free simulation.
 SIMULATED = ("output-error", FREQUENCY)
-FIT_STEP = 0.01  # s, longest integration step
 PHUGOID_STATES = (SPEED, ATTITUDE)  # left out of the modes of the short period
 
 
@@ -161,8 +161,9 @@ def identify(
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
-        _refuse_uncertainty(vehicle)
-        return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
+        from scenarios.identification.low_order import identify_low_order
+
+        return identify_low_order(record, vehicle, held_out, options.engine, trusted=trusted)
     model = model or model_of_file(vehicle)
     model, records, held_out, weight_note = _declared(model, records, held_out, vehicle, method)
     outputs = _measured(model, records)
@@ -173,20 +174,14 @@ def identify(
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     is_filter, is_simulated = method in FILTERS, method in SIMULATED
+    estimated = partial(estimated_by, method=method, settings=settings, options=options)
 
     def fit(candidate: Model) -> tuple[System, Estimate]:
-        return estimated_by(records, candidate, outputs, method, settings, options)
-
-    def fit_alone(single: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
-        own_outputs = _measured(model, [single])
-        own_model = bounded.with_biases([name for name in sensors if name in own_outputs])
-        return _best_alone(
-            single,
-            lambda read: estimated_by(read, own_model, own_outputs, method, settings, options)[1],
-        )
+        return estimated(records, candidate, outputs)
 
     bounded, system, estimate, at_bounds = fit_within_bounds(biased, fit, respected=not is_filter)
-    tests = _tests(records, estimate)
+    tests = tests_of_records(estimate, records)
+    alone = partial(_best_alone, model=bounded, sensors=sensors, estimated=estimated)
     # Exact constants; their uncertainty widens the sigmas below.
     with_exact_constants = estimate
     start = _started_at(estimate, bounded, starts_are_priors=bool(vehicle.modes) or is_filter)
@@ -207,10 +202,13 @@ def identify(
         _fixed(biased, model.ties),
         tests,
         tuple(others),
-        notes=(*filter(None, (weight_note, estimate.message)), *_constraints(vehicle, model)),
+        notes=(
+            *filter(None, (weight_note, estimate.message)),
+            *constraint_sentences(vehicle.constraints, model),
+        ),
         cautions=(
             *(failed(records, estimate, rows, vehicle.derivatives) if is_simulated else ()),
-            *(record_cautions(records, tests, fit_alone) if is_simulated else ()),
+            *(record_cautions(records, tests, alone) if is_simulated else ()),
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, with_exact_constants, compiled, tests, [PATH]),
             *considered_sentences(considered),
@@ -251,15 +249,6 @@ def _started_at(estimate: Estimate, model: Model, *, starts_are_priors: bool) ->
         return model
     values = estimate.as_dict().items()
     return model.with_values({name: value for name, value in values if name in model.parameters})
-
-
-def _refuse_uncertainty(vehicle: VehicleFile) -> None:
-    if vehicle.uncertainty:
-        raise DeclarationError(
-            "the filter of the low-order system takes constants as exact",
-            where="[uncertainty]",
-            remedy="use --method output-error, or leave the table out",
-        )
 
 
 def _declared(
@@ -305,41 +294,6 @@ def _derived(
     return derived
 
 
-def _low_order(
-    record: Record,
-    vehicle: VehicleFile,
-    held_out: Sequence[Record],
-    engine: str | None,
-    *,
-    trusted: bool,
-) -> IdentificationResult:
-    """Return the estimate of the low-order system by its filter, and its prediction."""
-    from scenarios.identification.low_order import identify_loes
-
-    found = identify_loes(record, vehicle, engine)
-    model, settings = model_of_file(vehicle), FitSettings(FIT_STEP)
-    outputs = [
-        signal.name for signal in model.equations.outputs if signal.name in record.output_names
-    ]
-    system = compile_model(model.with_biases(outputs), outputs)
-    values = {
-        **found.estimate.as_dict(),
-        **{name: value for name, (value, _) in found.fixed.items()},
-    }
-    fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
-    modes = characteristics(compile_model(model), found.estimate)
-    cautions = cautions_of(vehicle, found.estimate, found.rows)
-    trained = values_for_prediction(system, values, settings)
-    return replace(
-        found,
-        cautions=cautions,
-        fits=fits,
-        modes=modes,
-        system=compile_model(model),
-        trained=trained,
-    )
-
-
 def _fits(
     records: Sequence[Record],
     held_out: Sequence[Record],
@@ -357,14 +311,6 @@ def _fits(
     )
     return record_fits(
         records, held_out, system, estimate.as_dict(), settings, [PATH], simulated, trusted=trusted
-    )
-
-
-def _constraints(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
-    """Return sentences on the constraints of the vehicle file."""
-    units = {item.name: item.unit for item in model.parameters}
-    return constraint_sentences(
-        vehicle.constraints, {item.name: item.value for item in model.parameters}, units
     )
 
 
@@ -397,30 +343,22 @@ def _intervals(
 
 
 def _best_alone(
-    record: Record, fit: Callable[[Sequence[Record]], Estimate]
+    record: Record,
+    model: Model,
+    sensors: Sequence[str],
+    estimated: Callable[[Sequence[Record], Model, list[str]], tuple[System, Estimate]],
 ) -> tuple[Estimate, Sequence[ResidualTest]]:
     """Return the estimate from one record and its tests, with the hold that passes more tests.
 
-    Records that contradict each other may have been read with the wrong hold.
+    Records that contradict each other may have been read with the wrong hold. ``sensors``: outputs
+    that have a bias.
     """
-    readings = [[record]]
-    if record.inputs:
-        readings.append(with_hold([record], opposite(record.hold)))
-    results = []
-    for read in readings:
-        estimate = fit(read)
-        results.append((estimate, _tests(read, estimate)))
+    outputs = _measured(model, [record])
+    biased = model.with_biases([name for name in sensors if name in outputs])
+    readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
+    fits = [(estimated(read, biased, outputs)[1], read) for read in readings]
+    results = [(estimate, tests_of_records(estimate, read)) for estimate, read in fits]
     return max(results, key=lambda result: sum(test.passed for test in result[1]))
-
-
-def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
-    """Return the tests of the residuals; the residuals of all records follow each other."""
-    measured = [record.output_array(estimate.output_names) for record in records]
-    valid = np.concatenate([mask for _, mask in measured], axis=1)
-    residuals = np.concatenate(
-        [z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1
-    )
-    return residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
 
 
 # ---- Identification on files
@@ -501,8 +439,8 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
             lambda hold, hold_options: identified(replace(request.plan, hold=hold), hold_options),
             options,
         )
-    found = replace(found, doubts=(*_unusable_sigmas(request, vehicle, found), *found.doubts))
-    proposed = _filter_error_proposed(request, vehicle, found)
+    found = replace(found, doubts=(*unusable_sigmas(request, vehicle, found), *found.doubts))
+    proposed = filter_error_proposed(request, vehicle, found)
     found = replace(
         found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed)
     )
@@ -525,12 +463,14 @@ def _identified(
     # The filter of the low-order system has its own equations at constant speed, and estimates
     # the trim.
     is_filter_of_low_order = vehicle.model == "loes" and method == "ekf"
-    flow, attitude = (
-        not is_filter_of_low_order and method != FREQUENCY,
-        uses_attitude(vehicle, method),
-    )
     ready = prepare(
-        files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude
+        files[0],
+        model_of_file(vehicle),
+        plan,
+        choices,
+        files[1],
+        flow=not is_filter_of_low_order and method != FREQUENCY,
+        attitude=uses_attitude(vehicle, method),
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
     # A record of three samples shows no control moving either: its length is the better message.
@@ -584,88 +524,6 @@ def _identified(
     )
 
 
-def _filter_error_proposed(
-    request: Request, vehicle: VehicleFile, found: IdentificationResult
-) -> tuple[str, ...]:
-    """Return a sentence that proposes filter error if the residuals look like process noise."""
-    disturbed = in_rough_air([found.record, *found.others], found.estimate, found.tests)
-    if not disturbed:
-        return ()
-    try:
-        forced(model_of_file(vehicle), [found.record])
-    except DeclarationError:
-        return ()
-    command = _command(request, "identify", ["--method", "filter-error"])
-    listed = (
-        f"{', '.join(disturbed[:-1])} and {disturbed[-1]}" if len(disturbed) > 1 else disturbed[0]
-    )
-    return (
-        f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such "
-        "noise together with the parameters",
-    )
-
-
-def _command(request: Request, command: str, further: Sequence[str] = ()) -> str:
-    """Return another command on the same records with the options of the request.
-
-    ``further``: options that are added.
-    """
-    paths = [path_of(record) for record in request.records]
-    words = [str(path) if path is not None else "RECORD" for path in paths]
-    model = request.model if isinstance(request.model, str) else "MODEL"
-    given = {"--model": model, "--vehicle": request.vehicle}
-    options = [
-        word
-        for option, value in given.items()
-        if isinstance(value, str | Path)
-        for word in (option, str(value))
-    ]
-    held_out = [path_of(record) for record in request.validate]
-    validate = [str(path) if path is not None else "RECORD" for path in held_out]
-    options += [
-        *(word for path in validate for word in ("--validate", path)),
-        *reading_options(request),
-    ]
-    return shlex.join(["flightid", command, *words, *options, *further])
-
-
-def _unusable_sigmas(
-    request: Request, vehicle: VehicleFile, found: IdentificationResult
-) -> tuple[str, ...]:
-    """Return a warning that the sigmas are unusable if the residuals are more than noise.
-
-    It names the command for a diagnosis if ``diagnose`` takes the model. Empty for good residuals.
-    """
-    failed_in = residual_phrase([test for test in found.tests if not test.passed])
-    if not failed_in:
-        return ()
-    records = [found.record, *found.others]
-    whole = len(found.estimate.fitted) == len(records)
-    unless = ""
-    if whole and made_by_inputs(records, found.estimate):
-        kind = " and follow the inputs: the model lacks a part of the response"
-    elif disturbed_outputs(records, found.estimate, found.tests):
-        kind = (
-            "; in rough air a simulation cannot follow: judge by the one-step prediction errors of "
-            "--method filter-error"
-        )
-    elif whole and vehicle.model != "loes":
-        # Only the sigmas of the bank of delays are not corrected for coloured sensor noise.
-        unless = " unless the sensor noise itself is coloured, for which they are corrected"
-        kind = " but do not follow the inputs"
-    else:
-        kind = ""
-    second = "; a second record (--validate) would check the diagnosis"
-    if request.validate:
-        second = ""
-    elif len(request.records) > 1:
-        # A diagnosis holds out the last of several records; the command says which.
-        *fitted, last = request.records
-        request, second = replace(request, records=tuple(fitted), validate=(last,)), ""
-    follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
-    return (f"do not use these sigmas{unless}: the residuals are {failed_in}{kind}{follows}",)
-
-
 def _without_outliers(
     fitted: Callable[[Sequence[Record]], IdentificationResult],
     records: Sequence[Record],
@@ -677,16 +535,12 @@ def _without_outliers(
     Wrong samples change the fit from which they are found. So they are looked for a second time, in
     the fit without them. ``trusted``: no sample is left out.
     """
-    found = fitted(records)
-    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
-    for _ in range(0 if trusted else 2):
+
+    def simulated(found: IdentificationResult) -> tuple[Sequence[str], list[np.ndarray]]:
         fits = [fit for fit in found.fits if not fit.held_out]
-        outputs = fits[0].outputs if fits else ()
-        new_masks = isolated_outliers(outputs, [fit.simulated for fit in fits], records)
-        if same_points(new_masks, masks):
-            break
-        masks = new_masks
-        found = fitted([without(record, mask) for record, mask in zip(records, masks, strict=True)])
+        return fits[0].outputs if fits else (), [fit.simulated for fit in fits]
+
+    found, _, masks = repeated_without_outliers(fitted, simulated, records, 0 if trusted else 2)
     return found, masks
 
 
@@ -720,14 +574,9 @@ def _with_other_hold(
         )
     reading = other_reading(used, found.rows, other.rows, gain)
     if reading is not None and reading.decided:
-        sentences = [
-            note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")
-        ]
-        return ready, replace(
-            found,
-            decided=reading,
-            notes=found.notes if sentences else (*found.notes, reading.decision),
-        )
+        said = any(note.startswith(f"inputs {WORDS[used]} between samples") for note in found.notes)
+        notes = found.notes if said else (*found.notes, reading.decision)
+        return ready, replace(found, decided=reading, notes=notes)
     return ready, replace(found, reading=reading)
 
 
@@ -736,12 +585,10 @@ def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
         return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
-    residuals: tuple[list[np.ndarray], list[np.ndarray]] = [], []
-    masks = []
-    for pair in pairs:
-        measured, valid = pair[0].record.output_array(pair[0].outputs)
-        mask = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
-        masks.append(mask)
-        for residuals_of_fit, fit in zip(residuals, pair, strict=True):
-            residuals_of_fit.append(np.where(mask, measured - fit.simulated, 0.0))
-    return log_likelihood_gain(*residuals, masks)
+    before, after, masks = [], [], []
+    for first, second in pairs:
+        measured, valid = first.record.output_array(first.outputs)
+        masks.append(valid & np.isfinite(first.simulated) & np.isfinite(second.simulated))
+        before.append(np.where(masks[-1], measured - first.simulated, 0.0))
+        after.append(np.where(masks[-1], measured - second.simulated, 0.0))
+    return log_likelihood_gain(before, after, masks)

@@ -4,19 +4,13 @@ delays.
 Choices that NASA TM-101722 made by hand follow rules here: R is estimated from the record, P0 is a
 quarter of the starting values, Q is that of the simulation's record, and perturbations are about
 the initial trim if there is one.
-
-Also: identified models as matrices, linearised about a point, and their files.
 """
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -24,21 +18,25 @@ from ident.banks.delays import BATCHED, ENGINES, DelayBank, against_filterpy, ru
 from ident.estimate import Estimate
 from ident.filters.problem import proportional_priors
 from ident.flying_qualities.levels import qualities
-from ident.flying_qualities.modes import LONGITUDINAL_STATES, StateSpace, level_flight, state_space
+from ident.flying_qualities.modes import characteristics
 from ident.statistics.noise_levels import noise_envelope
-from ident.statistics.residuals import residual_tests
-from scenarios.files.measured.columns import sidecar_path
-from scenarios.files.sources import resolved
-from scenarios.files.user_models import inputs_at_rest
+from ident.statistics.residuals import tests_of_records
+from ident.whole_record.layout import FitSettings
 from scenarios.files.vehicles import VehicleFile
-from scenarios.files.writing import write_content
-from scenarios.identification.assessment import IdentificationResult
+from scenarios.identification.assessment import (
+    IdentificationResult,
+    record_fits,
+    values_for_prediction,
+)
+from scenarios.identification.cautions import cautions_of
+from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.comparison import bank_content
+from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.published import rows_of
 from sim.closed_loop.airframe import load_x29
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System
-from sim.errors import DeclarationError, FlightidError, RecordError
+from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record
 from sim.vehicles.factory import loes_filter_model, model_from_constants
 
@@ -171,8 +169,7 @@ def identify_loes(
     )
     trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
     estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
-    z, valid = record.output_array(estimate.output_names)
-    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    tests = tests_of_records(estimate, [record])
     fixed = {
         item.name: (item.value, item.unit)
         for item in system.parameters
@@ -290,153 +287,37 @@ def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
     return mean, float(np.sqrt(weights @ (delays - mean) ** 2 + np.diff(delays).mean() ** 2 / 12.0))
 
 
-SCHEMA = "flightid/state-space/1"
-VELOCITY_SAMPLES = 11  # samples whose slope is the velocity of a falling body
-
-
-def state_space_of(found: IdentificationResult) -> StateSpace:
-    """Return the identified model as ``linearised``."""
-    assert found.system is not None
-    return linearised(found.system, found.estimate.as_dict(), found.record, found.vehicle.own)
-
-
-def linearised(
-    system: System, values: Mapping[str, float], record: Record, own: Model | None = None
-) -> StateSpace:
-    """Return a model linearised about a point of reference.
-
-    The point is level flight for equations of totals, rest for perturbations, the middle of the
-    record for a falling body, and declared by a user's ``own`` model. Raises DeclarationError if
-    there is none.
-    """
-    names = set(system.state_names)
-    if names.issuperset(LONGITUDINAL_STATES):
-        p = system.parameters.with_values(
-            {name: value for name, value in values.items() if name in system.parameters}
-        ).values()
-        level = level_flight(system, p)
-        if level is None:
-            what = "the identified model has no level flight at its reference airspeed"
-            raise DeclarationError(
-                what, where="--state-space", remedy="fit a record that tells elevator and lift"
-            )
-        return state_space(system, values, *level)
-    if own is not None:
-        return state_space(system, values, own.initial.values().tolist(), inputs_at_rest(own))
-    if "altitude" in names:
-        return state_space(system, values, [_middle(record)[name] for name in system.state_names])
-    return state_space(system, values)
-
-
-def _middle(record: Record) -> dict[str, float]:
-    """Altitude and velocity of a falling body in the middle of its record, by a straight line
-    through its neighbours.
-    """
-    channel = record["altitude"]
-    t, h = record.time[channel.valid], channel.values[channel.valid]
-    first = max(0, (len(t) - VELOCITY_SAMPLES) // 2)
-    near = slice(first, first + VELOCITY_SAMPLES)
-    at = float(t[near].mean())
-    velocity, altitude = np.polyfit(t[near] - at, h[near], 1)
-    return {"altitude": float(altitude), "velocity": float(velocity)}
-
-
-def state_space_content(space: StateSpace) -> dict[str, Any]:
-    """Return the content of the JSON file: matrices as rows, signals with units, the point, roots
-    of A.
-    """
-    roots = space.eigenvalues
-    return {
-        "schema": SCHEMA,
-        **{name: getattr(space, name).tolist() for name in "ABCD"},
-        **{
-            kind: [{"name": s.name, "unit": s.unit} for s in getattr(space, kind)]
-            for kind in ("states", "inputs", "outputs")
-        },
-        "about": {name: getattr(space, name).tolist() for name in ("x0", "u0", "y0", "rates")},
-        "delays": dict(space.delays),
-        "left_out": list(space.left_out),
-        "eigenvalues": [[float(root.real), float(root.imag)] for root in roots],
-    }
-
-
-def _json(space: StateSpace) -> bytes:
-    return (json.dumps(state_space_content(space), indent=2, allow_nan=False) + "\n").encode()
-
-
-def _arrays(space: StateSpace) -> dict[str, Any]:
-    """Return the matrices, names and units as arrays; rows of names as the columns and rows of the
-    matrices.
-    """
-    signals = {
-        f"{kind}_{what}": np.array([getattr(s, what[:-1]) for s in getattr(space, kind)], dtype=str)
-        for kind in ("states", "inputs", "outputs")
-        for what in ("names", "units")
-    }
-    delays = np.array([space.delays.get(s.name, 0.0) for s in space.inputs])
-    return {
-        **{name: getattr(space, name) for name in (*"ABCD", "x0", "u0", "y0", "rates")},
-        **signals,
-        "delays": delays,
-    }
-
-
-def _npz(space: StateSpace) -> bytes:
-    to = io.BytesIO()
-    np.savez(to, **_arrays(space))
-    return to.getvalue()
-
-
-def _mat(space: StateSpace) -> bytes:
-    from scipy.io import savemat
-
-    cells = {
-        name: value.astype(object) if value.dtype.kind == "U" else value
-        for name, value in _arrays(space).items()
-    }
-    to = io.BytesIO()
-    savemat(to, cells, oned_as="column")
-    return to.getvalue()
-
-
-FORMATS: Mapping[str, Callable[[StateSpace], bytes]] = MappingProxyType(
-    {".json": _json, ".mat": _mat, ".npz": _npz}
-)
-
-
-def refuse_place(path: Path, kept: Iterable[Path] = ()) -> None:
-    """Raise DeclarationError for an ending that no format has, for a folder, and for one of the
-    files ``kept`` or what stands beside a record.
-    """
-    where = f"--state-space, {path}"
-    if path.suffix.lower() not in FORMATS:
-        what = f"{path.suffix or 'no'} ending"
+def identify_low_order(
+    record: Record,
+    vehicle: VehicleFile,
+    held_out: Sequence[Record],
+    engine: str | None,
+    *,
+    trusted: bool,
+) -> IdentificationResult:
+    """Return the estimate of the low-order system by its filter, and its prediction."""
+    if vehicle.uncertainty:
         raise DeclarationError(
-            what, where=where, remedy=f"name a file that ends in {', '.join(FORMATS)}"
+            "the filter of the low-order system takes constants as exact",
+            where="[uncertainty]",
+            remedy="use --method output-error, or leave the table out",
         )
-    if path.is_dir():
-        raise DeclarationError("this is a folder", where=where, remedy="name a file")
-    if resolved(path) in {
-        resolved(each) for given in kept for each in (given, sidecar_path(given))
-    }:
-        raise DeclarationError(
-            "the matrices would take the place of a record or of the study",
-            where=where,
-            remedy="name another file",
-        )
-
-
-def write_state_space(space: StateSpace, path: Path) -> None:
-    """Write the matrices in the format of the file's ending; a JSON file is text, the others are
-    arrays by name.
-    """
-    refuse_place(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_content(path, FORMATS[path.suffix.lower()](space))
-    except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(path),
-            remedy="name a file that you may write",
-        ) from None
+    found = identify_loes(record, vehicle, engine)
+    model, settings = model_of_file(vehicle), FitSettings(FIT_STEP)
+    outputs = [
+        signal.name for signal in model.equations.outputs if signal.name in record.output_names
+    ]
+    system = compile_model(model.with_biases(outputs), outputs)
+    values = found.estimate.as_dict() | {name: value for name, (value, _) in found.fixed.items()}
+    fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
+    modes = characteristics(compile_model(model), found.estimate)
+    cautions = cautions_of(vehicle, found.estimate, found.rows)
+    trained = values_for_prediction(system, values, settings)
+    return replace(
+        found,
+        cautions=cautions,
+        fits=fits,
+        modes=modes,
+        system=compile_model(model),
+        trained=trained,
+    )

@@ -23,8 +23,9 @@ from scenarios.identification.assessment import (
     RecordFit,
     reading_table,
 )
+from scenarios.identification.cautions import advice, innovations_phrase
 from scenarios.identification.conditions import METHOD as FREQUENCY
-from scenarios.identification.conditions import PATH, advice, innovations_phrase
+from scenarios.identification.conditions import PATH
 from scenarios.identification.methods import uses_attitude
 from scenarios.identification.model_checks import considered_table
 from scenarios.kept import IDENTIFY, KeptModel, KeptReading

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import CHANNEL_UNITS
+from scenarios.files.measured.columns import path_of
 from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
@@ -480,3 +482,27 @@ def _refuse_other(parts: DeclaredParts, record: Path | RecordFile) -> None:
             where=parts.where,
             remedy="run flightid maneuvers on this record, or take sha256 out of the file",
         )
+
+
+def command_on_records(request: Request, command: str, further: Sequence[str] = ()) -> str:
+    """Return another command on the same records with the options of the request.
+
+    ``further``: options that are added.
+    """
+    paths = [path_of(record) for record in request.records]
+    words = [str(path) if path is not None else "RECORD" for path in paths]
+    model = request.model if isinstance(request.model, str) else "MODEL"
+    given = {"--model": model, "--vehicle": request.vehicle}
+    options = [
+        word
+        for option, value in given.items()
+        if isinstance(value, str | Path)
+        for word in (option, str(value))
+    ]
+    held_out = [path_of(record) for record in request.validate]
+    validate = [str(path) if path is not None else "RECORD" for path in held_out]
+    options += [
+        *(word for path in validate for word in ("--validate", path)),
+        *reading_options(request),
+    ]
+    return shlex.join(["flightid", command, *words, *options, *further])

@@ -1,16 +1,26 @@
-"""The record check of raw columns: refusals, warnings, and its findings in words and JSON."""
+"""The record check of raw columns: refusals, warnings, and its findings in words and JSON; isolated
+wrong samples set aside.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ident.recording.inspection import inspect
-from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
+from ident.recording.series import (
+    Certainty,
+    Expectations,
+    FindingQuantity,
+    Kind,
+    RecordFinding,
+    shown,
+)
+from ident.statistics.noise_levels import input_edges, isolated_wrong
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import Plan
 from scenarios.report.document import Column, Table
@@ -284,3 +294,141 @@ def _span(times: Sequence[tuple[float, float]]) -> list[str]:
         f"{instant(begin)} s" if begin == end else f"{time_span(begin, end, 4)}"
         for begin, end in times
     ]
+
+
+# ---- Isolated wrong samples of a measured record
+
+Result = TypeVar("Result")
+MOST_NAMED_TIMES = 3  # times that a sentence names
+
+
+def isolated_outliers(
+    outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
+) -> list[dict[str, np.ndarray]]:
+    """Find isolated outliers from the residuals of simulations.
+
+    Parameters
+    ----------
+    outputs : outputs that are simulated.
+    simulated : simulated outputs of each record, shape ``(m, N)``.
+    records : the records with all their samples.
+
+    Returns
+    -------
+    Masks of each record by channel, shape ``(N,)``, True at an outlier; none for other channels.
+    """
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
+    if len(simulated) != len(records):
+        return masks
+    for row, name in enumerate(outputs if simulated else ()):
+        with_output = [k for k, record in enumerate(records) if name in record.output_names]
+        if not with_output:
+            continue
+        valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in with_output]
+        residuals = [
+            np.where(valid_row, records[k][name].values - simulated[k][row], 0.0)
+            for k, valid_row in zip(with_output, valid, strict=True)
+        ]
+        wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in with_output])
+        for k, mask in zip(with_output, wrong, strict=True):
+            if np.any(mask):
+                masks[k][name] = mask
+    return masks
+
+
+def same_points(
+    masks: Sequence[dict[str, np.ndarray]], other_masks: Sequence[dict[str, np.ndarray]]
+) -> bool:
+    """Return whether two lists of masks mark the same samples."""
+    return all(
+        a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+        for a, b in zip(masks, other_masks, strict=True)
+    )
+
+
+def repeated_without_outliers(
+    run: Callable[[Sequence[Record]], Result],
+    simulations: Callable[[Result], tuple[Sequence[str], Sequence[np.ndarray]]],
+    records: Sequence[Record],
+    repetitions: int,
+) -> tuple[Result, Sequence[Record], list[dict[str, np.ndarray]]]:
+    """Run a fit again without isolated outliers, until their masks no longer change.
+
+    ``simulations`` returns the outputs of a result and their simulations, as `isolated_outliers`
+    takes them. Returns the last result, its records, and the masks by record and channel.
+    """
+    result, kept = run(records), records
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
+    for _ in range(repetitions):
+        new_masks = isolated_outliers(*simulations(result), records)
+        if same_points(new_masks, masks):
+            break
+        masks = new_masks
+        kept = [without(record, mask) for record, mask in zip(records, masks, strict=True)]
+        result = run(kept)
+    return result, kept, masks
+
+
+def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
+    """Return masks of the samples that a record has ``before`` and no longer ``after``.
+
+    By channel, shape ``(N,)``; only channels with such samples.
+    """
+    masks = {channel.name: before[channel.name].valid & ~channel.valid for channel in after.outputs}
+    return {name: mask for name, mask in masks.items() if np.any(mask)}
+
+
+def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
+    """Return a record whose samples at the masks, ``(N,)`` by channel, are missing."""
+    if not masks:
+        return record
+
+    def masked(channel: Channel) -> Channel:
+        mask = masks.get(channel.name)
+        if mask is None:
+            return channel
+        values = np.where(mask, np.nan, channel.with_gaps())
+        return Channel.of(channel.name, channel.unit, values)
+
+    return replace(record, outputs=tuple(map(masked, record.outputs)))
+
+
+def with_outliers(
+    look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
+) -> RecordCheck:
+    """Return the record check with the outliers of the records added."""
+    findings = [
+        _wild_points(record, name, mask)
+        for record, masks_of_record in zip(records, masks, strict=True)
+        for name, mask in masks_of_record.items()
+    ]
+    return replace(look, seen=(*look.seen, *findings))
+
+
+def _wild_points(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
+    """Return the finding on the outliers of a channel, which are set aside."""
+    times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
+    places = ", ".join(f"{instant(time)} s" for time in times[:MOST_NAMED_TIMES]) + (
+        " and so on" if count > MOST_NAMED_TIMES else ""
+    )
+    channel = record[name]
+    distance = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
+    sentence = (
+        f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from "
+        f"the fit ({places})"
+    )
+    sentence += (
+        f", up to {shown(float(np.max(distance)), channel.unit)} from the middle of the channel"
+    )
+    numbers = {"samples": FindingQuantity(float(count), "1")}
+    finding = RecordFinding(
+        name,
+        Kind.WILD_POINTS,
+        Certainty.COSTS_INFORMATION,
+        sentence,
+        "",
+        tuple((t, t) for t in times),
+        numbers,
+        mask,
+    )
+    return HandledFinding(record.name, finding, "set aside", count)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.frequency_response import EvenSignals
-from ident.recording.inspection import SMALL_ANGLES, large_angle
+from ident.recording.misread_columns import SMALL_ANGLES, large_angle
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, map_command, with_names

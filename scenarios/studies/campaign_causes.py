@@ -3,17 +3,26 @@
 A cause either predicts the size of the errors (prior, coloured noise), or its removal corrects the
 sigma (start, integration, noise levels, noise size). If no cause does, the model cannot represent
 the truth. The causes are found from the runs alone, not from the scenario's declared errors.
+
+Residuals are computed with the parameters fixed at the reference and with fine integration steps,
+so that they depend neither on start nor on step. S are the sensitivities in units of the noise, and
+P is the stated covariance. A misfit d shifts the estimates by P S' d. Noise of autocovariance R
+gives them the covariance P S' R S P.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.banks.bank import filter_batched, run_bank
+from ident.filters.ekf import FilterSettings, run_ekf
 from ident.statistics.intervals import SHARES_LEVEL, clopper_pearson
-from scenarios.studies.campaign import CampaignRuns
+from ident.statistics.residual_spectrum import autocovariance, filtered_product
+from scenarios.studies.campaign import CampaignRuns, EstimatorRuns
 from scenarios.studies.campaign_statistics import (
     NORMAL,
     Bound,
@@ -27,17 +36,15 @@ from scenarios.studies.campaign_statistics import (
 from scenarios.studies.campaign_trials import (
     START,
     Levels,
-    Residuals,
     Trial,
     Trials,
     closest,
     likely_levels,
-    predicted_by_colour,
-    predicted_by_prior,
     quiet_trial,
-    residuals_of,
 )
 from scenarios.studies.declaration import FILTERS
+from scenarios.studies.estimating import compiled, is_batched
+from sim.errors import FlightidError
 
 # ---- Parameters with wrong sigmas
 
@@ -83,6 +90,147 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
                 Wrong(at, each, factor, float(np.sqrt(np.mean(errors**2))), float(np.mean(errors)))
             )
     return tuple(out)
+
+
+# ---- Residuals at the reference values, and errors predicted from them and from the prior
+
+RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # runs that are used: in a batch, one by one
+HELD_PRIOR_SHARE = 1e-6  # prior sigma over value of a parameter, by which a filter holds it
+STEPS_PER_SAMPLE = 4  # integration steps between samples
+COLOURED_SIGMAS, LEAST_COLOUR = 5.0, 0.05  # a correlation above both shows coloured noise
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Normalized residuals of m outputs: their mean over runs (misfit), and the noise about it.
+
+    Attributes
+    ----------
+    misfit : root mean square of the mean over runs, in standard deviations of the noise.
+    colour : correlation of neighbouring noise samples, shape ``(m,)``.
+    colour_std : standard deviation of ``colour`` for white noise.
+    outputs : names of the outputs.
+    lags : autocovariance of the noise, shape ``(m, L)``.
+    valid : True for measured samples, shape ``(m, N)``.
+    common : mean over runs, shape ``(m, N)``.
+    """
+
+    misfit: float
+    colour: np.ndarray
+    colour_std: float
+    outputs: tuple[str, ...]
+    lags: np.ndarray
+    valid: np.ndarray
+    common: np.ndarray
+
+    @property
+    def coloured(self) -> bool:
+        """Whether the noise of an output is not white."""
+        limit = max(COLOURED_SIGMAS * self.colour_std, LEAST_COLOUR)
+        return bool(np.any(np.abs(self.colour) > limit))
+
+
+def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
+    """Return the residuals of the first runs; None if the model at the reference diverges."""
+    estimation, reference = work.estimation, work.common.reference
+    model = work.common.model.with_values({name: reference[name] for name in work.parameters})
+    held = {name: HELD_PRIOR_SHARE * max(abs(reference[name]), 1e-3) for name in work.parameters}
+    model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(
+        replace(model.noise, process_density={})
+    )
+    filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
+    system = compiled(filtered, model)
+    settings = FilterSettings(max_step=1.0 / (STEPS_PER_SAMPLE * work.seen.flight.rate))
+    batched = is_batched(filtered, bool(work.seen.flight.feedback))
+    records = [
+        work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if batched else RESIDUALS_ALONE]
+    ]
+    try:
+        if batched:
+            z = np.stack(
+                [record.output_array(system.output_names)[0] for record in records], axis=2
+            )
+            bank = run_bank(records[0], system, settings, z=z, keep=True)
+            assert bank.innovation is not None and bank.innovation_std is not None
+            normalized = bank.innovation / bank.innovation_std
+            is_sound = bool(np.all(bank.sound))
+        else:
+            histories = [
+                run_ekf(record, system, settings, by=filter_batched).history for record in records
+            ]
+            normalized = np.stack(
+                [h.innovation / h.innovation_std for h in histories if h is not None], axis=2
+            )
+            is_sound = normalized.shape[2] == len(records)
+    except FlightidError:
+        return None
+    valid = records[0].output_array(system.output_names)[1]
+    return (
+        split(normalized, valid, system.output_names)
+        if is_sound and np.all(np.isfinite(normalized))
+        else None
+    )
+
+
+def split(normalized: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
+    """Split normalized residuals of K runs, ``(m, N, K)``, into misfit and noise."""
+    runs = normalized.shape[2]
+    common = normalized.mean(axis=2, keepdims=True)
+    noise = np.where(valid[:, :, None], normalized - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
+    variance = np.sum(noise**2, axis=(1, 2)) / np.maximum(runs * valid.sum(axis=1), 1)
+    excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(
+        valid.sum(), 1
+    )
+    # Subtract the mean square that noise alone leaves in K runs.
+    excess *= excess > 4.0 * float(variance.mean()) * np.sqrt(2.0 / max(valid.sum(), 1)) / runs
+    count = max(10, normalized.shape[1] // 5)
+    lags = np.array(
+        [
+            np.mean([autocovariance(noise[i, :, run], count) for run in range(runs)], axis=0)
+            for i in range(len(noise))
+        ]
+    )
+    lags *= normalized.shape[1] / np.maximum(valid.sum(axis=1), 1)[:, None]
+    colour = lags[:, 1] / np.maximum(lags[:, 0], 1e-300)
+    return Residuals(
+        float(np.sqrt(max(excess, 0.0))),
+        colour,
+        1.0 / float(np.sqrt(runs * valid.sum(axis=1).min())),
+        tuple(outputs),
+        lags,
+        valid,
+        common[:, :, 0],
+    )
+
+
+def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
+    """Return the rms error that the priors predict, in stated sigmas, and ``Bound.prior_share``.
+
+    ``at``: index of the parameter.
+    """
+    stated = float(bound.stated[at])
+    return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
+
+
+def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
+    """Return the factors on the stated sigmas for coloured noise, ``(n,)``; None if unknown.
+
+    They follow from the covariance of Morelli and Klein for coloured residuals (J. Guidance 20(1),
+    1997), with sensitivities at the reference and the mean autocovariance over runs.
+    """
+    if bound.slopes is None:
+        return None
+    n, (m, count) = len(bound.names), residuals.valid.shape
+    slopes = np.zeros((m * count, n))
+    slopes[residuals.valid.ravel()] = bound.slopes[: int(residuals.valid.sum())]
+    lags = residuals.lags.shape[1]
+    taper = 1.0 - np.arange(lags) / lags
+    coloured = np.zeros((n, n))
+    for part, autocovariances in zip(slopes.reshape(m, count, n), residuals.lags, strict=True):
+        coloured += filtered_product(part, autocovariances / autocovariances[0] * taper)
+    white = bound.slopes.T @ bound.slopes
+    variance = bound.stated**2 + np.diag(bound.gain @ (coloured - white) @ bound.gain.T)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / bound.stated)
 
 
 # ---- Cause and correction of each wrong sigma

@@ -1,39 +1,28 @@
-"""A campaign in the terminal, on its page and in its folder, with the causes of wrong sigmas."""
+"""A campaign in tables and sentences: its parameters, their statistics, causes of wrong sigmas."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
     BY_ROW,
+    MISSING,
     PURE,
     Block,
     Cell,
     Column,
     Number,
-    Page,
     Prose,
     Table,
-    as_sentence,
-    capital,
-    now,
-    reproduction,
-    section,
+    known,
     table,
 )
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import figures, write_page
-from scenarios.report.quantities import console, shown_in
+from scenarios.report.quantities import console, number_text, shown_in
 from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.campaign import CampaignRuns, Spread
@@ -47,13 +36,7 @@ from scenarios.studies.campaign_causes import (
     Findings,
     Judgement,
 )
-from scenarios.studies.campaign_statistics import (
-    NORMAL,
-    statistics_blocks,
-    statistics_content,
-    statistics_csv,
-    two_digits,
-)
+from scenarios.studies.campaign_statistics import NORMAL, CampaignStatistics, Squares
 from scenarios.studies.campaign_trials import (
     FURTHER_PASSES,
     LEVELS,
@@ -64,7 +47,94 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
-from scenarios.studies.comparison import distance_text
+
+# ---- Statistics of a campaign in sentences and tables
+
+MEANINGS = {
+    "NEES": "squared error in units of the reported covariance, all parameters together",
+    "NIS": "squared innovation in units of its own",
+}
+
+
+def squares_sentence(squares: Squares) -> str:
+    """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
+    low, high = squares.interval
+    if squares.right:
+        verdict = "as it should be"
+    else:
+        verdict = "too large" if squares.mean > high else "too small"
+    return (
+        f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
+        f"{_near_one(squares.mean)}, {verdict} (correct sigmas give "
+        f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
+        "runs within their own 95 % interval"
+    )
+
+
+def _near_one(value: float) -> str:
+    """Return a number that should be about one with three decimals; a large number without them."""
+    return f"{value:.3f}" if value < 100.0 else number_text(value)
+
+
+NOTE = (
+    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; 1 "
+    "is the best possible. The bound includes the priors of the method. All intervals are at "
+    "95 %: those of ratios by chi-square, those of shares by Clopper and Pearson."
+)
+
+
+def two_digits(value: float) -> Cell:
+    """Return a table cell with two significant digits."""
+    return Number(value, shown=number_text(value, value))
+
+
+def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
+    """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
+    parameters = statistics.parameters
+    names = (Column("parameter"), [p.name for p in parameters])
+    shown = [(p, shown_in(p.unit, p.name)) for p in parameters]
+    ends = [p.efficiency_interval or (None, None) for p in parameters]
+    sizes = table(
+        "scatter against the reported sigma and the Cramer-Rao bound",
+        names,
+        (
+            Column("bias ± σ", BY_ROW, printed="bias"),
+            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
+        ),
+        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in parameters]),
+        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in parameters]),
+        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in parameters]),
+        (
+            Column("bound", BY_ROW),
+            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
+        ),
+        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in parameters]),
+        (Column("from", PURE), [known(low, 3) for low, _ in ends]),
+        (Column("to", PURE), [known(high, 3) for _, high in ends]),
+        units=[s.unit for _, s in shown],
+    )
+    shares: list[tuple[Column, list[Cell]]] = []
+    for n in (1, 2, 3):
+        covered = [p.coverage[n - 1] for p in parameters]
+        parts = {
+            f"within {n} σ": [within.share for within in covered],
+            "from": [within.interval[0] for within in covered],
+            "to": [within.interval[1] for within in covered],
+        }
+        for heading, values in parts.items():
+            column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
+            shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
+    coverage = table(
+        "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
+        "95.4, 99.7 %)",
+        names,
+        *shares,
+    )
+    squares = [
+        Prose(squares_sentence(s)) for s in (statistics.nees, statistics.nis) if s is not None
+    ]
+    return [sizes, coverage, Prose(NOTE, "note"), *squares]
+
 
 # ---- Why sigmas are wrong, in tables and words
 
@@ -197,12 +267,15 @@ def _off(item: Level) -> str:
 
 def direction(finding: Finding) -> str:
     """``"too small by a factor of 3.2"``: with it two sigmas hold 95.4 % of the errors."""
-    factor = finding.wrong.factor
-    return (
-        f"too small by a factor of {_factor(factor)}"
-        if factor > 1.0
-        else f"too large by a factor of {_factor(1.0 / max(factor, 1e-12))}"
-    )
+    return _by_factors([finding])
+
+
+def _by_factors(group: list[Finding]) -> str:
+    """Return the smallest and the largest factor by which sigmas of one direction are wrong."""
+    small = group[0].wrong.too_small
+    factors = sorted(f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12) for f in group)
+    ends = dict.fromkeys(_factor(factors[at]) for at in (0, -1))
+    return f"too {'small' if small else 'large'} by a factor of {' to '.join(ends)}"
 
 
 def cause_sentences(found: Findings) -> list[str]:
@@ -210,33 +283,18 @@ def cause_sentences(found: Findings) -> list[str]:
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
-    sentences = {
-        key: "; and ".join(_SAID[cause](group, found) for cause in key[0])
-        for key, group in groups.items()
-    }
     return [
-        f"{_directions(group)}: {sentences[key]}{_how(group, found)}"
-        for key, group in groups.items()
+        f"{_directions(group)}: {'; and '.join(_SAID[cause](group, found) for cause in causes)}"
+        f"{_how(group, found)}"
+        for (causes, _), group in groups.items()
     ]
 
 
 def _directions(group: list[Finding]) -> str:
     """Return the factors by which the sigmas of a group are wrong."""
-    parts = []
-    for small, word in ((True, "too small"), (False, "too large")):
-        factors = sorted(
-            f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12)
-            for f in group
-            if f.wrong.too_small is small
-        )
-        if factors:
-            ends = (
-                _factor(factors[0])
-                if _factor(factors[0]) == _factor(factors[-1])
-                else f"{_factor(factors[0])} to {_factor(factors[-1])}"
-            )
-            parts.append(f"{word} by a factor of {ends}")
-    return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {' and '.join(parts)}"
+    sides = ([f for f in group if f.wrong.too_small is small] for small in (True, False))
+    parts = " and ".join(_by_factors(side) for side in sides if side)
+    return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {parts}"
 
 
 def _how(group: list[Finding], found: Findings) -> str:
@@ -268,14 +326,9 @@ def _steps(group: list[Finding], found: Findings) -> str:
 
 
 def _levels(group: list[Finding], found: Findings) -> str:
-    return (
-        f"it assumes wrong noise ({_what_is_off(found)}): with the levels by likelihood it is right"
-    )
-
-
-def _what_is_off(found: Findings) -> str:
     items = found.levels.items if found.levels is not None else ()
-    return "; ".join(_off(item) for item in items if not item.agrees)
+    off = "; ".join(_off(item) for item in items if not item.agrees)
+    return f"it assumes wrong noise ({off}): with the levels by likelihood it is right"
 
 
 def _prior(group: list[Finding], found: Findings) -> str:
@@ -311,8 +364,7 @@ def _noise(group: list[Finding], found: Findings) -> str:
 
 
 def _model(group: list[Finding], found: Findings) -> str:
-    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = _bias_share(group)
     if not any(each.wrong.too_small for each in group):
         bias_text += "; what is declared in its place, process noise, is more than it needs"
     left = (
@@ -323,12 +375,15 @@ def _model(group: list[Finding], found: Findings) -> str:
 
 
 def _open(group: list[Finding], found: Findings) -> str:
-    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     return (
         "no cause was found: the model follows the flight, and nothing that was changed makes it "
-        f"right; {bias_text}"
+        f"right; {_bias_share(group)}"
     )
+
+
+def _bias_share(group: list[Finding]) -> str:
+    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
+    return f"bias makes up to {100 * share:.0f} % of the mean square error"
 
 
 _SAID: dict[str, Callable[[list[Finding], Findings], str]] = {
@@ -404,82 +459,7 @@ def _content(each: Finding) -> dict[str, Any]:
     }
 
 
-# ---- The page of a campaign
-
-TWO_SIGMA = 0.9545  # coverage of a normal distribution
-
-
-def campaign_page(
-    campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
-) -> Page:
-    """Return the page of a campaign with the figures ``drawn``."""
-    scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
-    low, high = pooled.interval
-    wrong = judgement.findings.found
-    share = (
-        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
-        f"interval {100 * low:.1f} to {100 * high:.1f} %, "
-    )
-    share += f"{100 * TWO_SIGMA:.1f} % expected)"
-    worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
-    bias = (
-        f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
-        if worst.scatter > 0.0
-        else ""
-    )
-    why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
-    broken = (
-        f"{campaign.broken} of {len(seeds)} runs broke down and are left out ({why})"
-        if campaign.broken
-        else ""
-    )
-    files = [("model", file.name, file.sha256) for file in scenario.files]
-    command = [
-        "flightid",
-        "campaign",
-        scenario.name,
-        "--runs",
-        str(len(seeds)),
-        "--seed",
-        str(campaign.root),
-        "--method",
-        campaign.estimation.name,
-    ]
-    return Page(
-        title=f"{capital(scenario.title)}: {len(seeds)} runs",
-        kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
-        verdict="sigmas hold"
-        if not wrong
-        else f"{len(wrong)} of {len(campaign.names)} sigmas wrong",
-        tone="good" if not wrong else "fair",
-        sentence=as_sentence(share),
-        summary=tuple(as_sentence(line) for line in (bias,) if line),
-        warnings=tuple(
-            as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
-        ),
-        sections=(
-            *section("Figures", *figures(drawn)),
-            *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
-            *section(
-                "Whether the sigmas are right",
-                *findings_blocks(judgement.findings),
-                *statistics_blocks(judgement.statistics),
-            ),
-            *section(
-                "How it was made",
-                Prose(
-                    f"Flight and model: {distance_text(scenario.distance)}. Each run has its own "
-                    "seed, with which flightid run repeats it."
-                ),
-            ),
-        ),
-        reproduction=reproduction(
-            command,
-            f"The seeds of all runs follow from seed {campaign.root}; estimates.csv lists them.",
-            files,
-        ),
-        created=now(),
-    )
+# ---- A campaign in the terminal, and its table of parameters
 
 
 SIZES_NOTE = (
@@ -525,9 +505,6 @@ def campaign_title(campaign: CampaignRuns) -> str:
     )
 
 
-# ---- A Monte-Carlo campaign printed and written
-
-
 def print_campaign(
     campaign: CampaignRuns,
     out: Console | None = None,
@@ -565,67 +542,3 @@ def _shown(s: Spread) -> Spread:
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)
-
-
-def write_campaign(
-    campaign: CampaignRuns, judgement: Judgement, out: Path, *, figures: Formats = USUAL
-) -> Path:
-    """Write data files, figures and the page into ``out``, all or nothing; return ``out``."""
-    with study_folder(out, "campaign.json") as scratch:
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ["seed", *(column for name in campaign.names for column in (name, f"std_{name}"))]
-        )
-        sound = campaign.seeds[campaign.kept].tolist()
-        for seed, value, std in zip(
-            sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True
-        ):
-            writer.writerow(
-                [seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)]
-            )
-        write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
-        write_text(scratch / "estimates.csv", text.getvalue())
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-            from scenarios.studies.folder import campaign_figures
-
-            drawn = draw_for_page(
-                campaign_figures(campaign, judgement.statistics), scratch, figures
-            )
-        write_page(scratch, campaign_page(campaign, judgement, drawn))
-        content = {
-            "schema": "flightid/campaign/1",
-            "scenario": campaign.scenario.name,
-            "method": campaign.estimation.name,
-            "seed": campaign.root,
-            "runs": len(campaign.seeds),
-            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
-            "broken": campaign.broken,
-            **({"failures": dict(campaign.failures)} if campaign.failures else {}),
-            "parameters": {s.name: _spread(s) for s in campaign.spreads},
-            "pooled": {
-                "within_one_sigma": campaign.pooled.within_one,
-                "within_two_sigma": campaign.pooled.within_two,
-                "interval": list(campaign.pooled.interval),
-            },
-            "statistics": statistics_content(judgement.statistics),
-            **findings_content(judgement.findings),
-            "versions": versions(),
-        }
-        write_json(scratch / "campaign.json", content)
-    return out
-
-
-def _spread(s: Spread) -> dict[str, Any]:
-    return {
-        "unit": s.unit,
-        "reference": s.reference,
-        "bias": s.bias,
-        "scatter": s.scatter,
-        "reported_std": s.reported,
-        "within_one_sigma": s.within_one,
-        "within_two_sigma": s.within_two,
-        "interval": list(s.interval),
-    }

@@ -1,4 +1,4 @@
-"""Statistics of a campaign's runs and the Cramer-Rao bound, with their sentences, tables and files.
+"""Statistics of a campaign's runs and the Cramer-Rao bound, and their files.
 
 F is the information of the data, and P0 that of a prior about theta0. A linear estimator with
 Gaussian noise has the posterior covariance P = (F + P0)^-1 and the estimate
@@ -28,19 +28,6 @@ from ident.statistics.intervals import (
 )
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.writing import csv_text
-from scenarios.report.document import (
-    BY_ROW,
-    MISSING,
-    PURE,
-    Block,
-    Cell,
-    Column,
-    Number,
-    Prose,
-    known,
-    table,
-)
-from scenarios.report.quantities import number_text, shown_in
 from scenarios.studies.campaign import CampaignRuns, EstimatorRuns, Spread
 from scenarios.studies.declaration import FILTERS, Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
@@ -587,93 +574,3 @@ def _squares_content(squares: Squares) -> dict[str, Any]:
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
-
-
-# ---- Statistics of a campaign in sentences
-
-MEANINGS = {
-    "NEES": "squared error in units of the reported covariance, all parameters together",
-    "NIS": "squared innovation in units of its own",
-}
-
-
-def squares_sentence(squares: Squares) -> str:
-    """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
-    low, high = squares.interval
-    if squares.right:
-        verdict = "as it should be"
-    else:
-        verdict = "too large" if squares.mean > high else "too small"
-    return (
-        f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {verdict} (correct sigmas give "
-        f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
-        "runs within their own 95 % interval"
-    )
-
-
-def _near_one(value: float) -> str:
-    """Return a number that should be about one with three decimals; a large number without them."""
-    return f"{value:.3f}" if value < 100.0 else number_text(value)
-
-
-# ---- Statistics of a campaign in tables
-
-NOTE = (
-    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; 1 "
-    "is the best possible. The bound includes the priors of the method. All intervals are at "
-    "95 %: those of ratios by chi-square, those of shares by Clopper and Pearson."
-)
-
-
-def two_digits(value: float) -> Cell:
-    """Return a table cell with two significant digits."""
-    return Number(value, shown=number_text(value, value))
-
-
-def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
-    """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
-    parameters = statistics.parameters
-    names = (Column("parameter"), [p.name for p in parameters])
-    shown = [(p, shown_in(p.unit, p.name)) for p in parameters]
-    ends = [p.efficiency_interval or (None, None) for p in parameters]
-    sizes = table(
-        "scatter against the reported sigma and the Cramer-Rao bound",
-        names,
-        (
-            Column("bias ± σ", BY_ROW, printed="bias"),
-            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
-        ),
-        (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in parameters]),
-        (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in parameters]),
-        (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in parameters]),
-        (
-            Column("bound", BY_ROW),
-            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
-        ),
-        (Column("efficiency", PURE), [known(p.efficiency, 3) for p in parameters]),
-        (Column("from", PURE), [known(low, 3) for low, _ in ends]),
-        (Column("to", PURE), [known(high, 3) for _, high in ends]),
-        units=[s.unit for _, s in shown],
-    )
-    shares: list[tuple[Column, list[Cell]]] = []
-    for n in (1, 2, 3):
-        covered = [p.coverage[n - 1] for p in parameters]
-        parts = {
-            f"within {n} σ": [within.share for within in covered],
-            "from": [within.interval[0] for within in covered],
-            "to": [within.interval[1] for within in covered],
-        }
-        for heading, values in parts.items():
-            column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
-            shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
-    coverage = table(
-        "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
-        "95.4, 99.7 %)",
-        names,
-        *shares,
-    )
-    squares = [
-        Prose(squares_sentence(s)) for s in (statistics.nees, statistics.nis) if s is not None
-    ]
-    return [sizes, coverage, Prose(NOTE, "note"), *squares]

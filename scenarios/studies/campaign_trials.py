@@ -1,14 +1,9 @@
-"""Trials on the first runs of a campaign: noise levels by likelihood, residuals, changed methods.
+"""Trials on the first runs of a campaign: noise levels by likelihood, changed methods.
 
 The noise levels of a filter maximize the likelihood of the innovations, summed over some runs with
 the declared start and priors (Schweppe 1965; Maine and Iliff 1981). The unknowns are a factor on
 each measurement noise, a factor on the process noise of states and one on that of parameters. A fit
 of a whole record estimates the measurement noise of its run; the average over runs is used.
-
-Residuals are computed with the parameters fixed at the reference and with fine integration steps,
-so that they depend neither on start nor on step. S are the sensitivities in units of the noise, and
-P is the stated covariance. A misfit d shifts the estimates by P S' d. Noise of autocovariance R
-gives them the covariance P S' R S P.
 """
 
 from __future__ import annotations
@@ -21,11 +16,9 @@ from itertools import combinations
 import numpy as np
 
 from ident.banks.bank import filter_batched, run_bank
-from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.ekf import run_ekf
 from ident.statistics.intervals import mean_square_interval
-from ident.statistics.residual_spectrum import autocovariance, filtered_product
 from scenarios.studies.campaign import SOUND, CampaignRuns, EstimatorRuns
-from scenarios.studies.campaign_statistics import Bound
 from scenarios.studies.declaration import FILTERS, Estimation, Start
 from scenarios.studies.estimating import (
     FIT_STEP,
@@ -313,150 +306,6 @@ def _cost_of(
         return -total if math.isfinite(total) else 1e12
 
     return cost
-
-
-# ---- Residuals at the reference values
-
-RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # runs that are used: in a batch, one by one
-HELD_PRIOR_SHARE = 1e-6  # prior sigma over value of a parameter, by which a filter holds it
-STEPS_PER_SAMPLE = 4  # integration steps between samples
-COLOURED_SIGMAS, LEAST_COLOUR = 5.0, 0.05  # a correlation above both shows coloured noise
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """Normalized residuals of m outputs: their mean over runs (misfit), and the noise about it.
-
-    Attributes
-    ----------
-    misfit : root mean square of the mean over runs, in standard deviations of the noise.
-    colour : correlation of neighbouring noise samples, shape ``(m,)``.
-    colour_std : standard deviation of ``colour`` for white noise.
-    outputs : names of the outputs.
-    lags : autocovariance of the noise, shape ``(m, L)``.
-    valid : True for measured samples, shape ``(m, N)``.
-    common : mean over runs, shape ``(m, N)``.
-    """
-
-    misfit: float
-    colour: np.ndarray
-    colour_std: float
-    outputs: tuple[str, ...]
-    lags: np.ndarray
-    valid: np.ndarray
-    common: np.ndarray
-
-    @property
-    def coloured(self) -> bool:
-        """Whether the noise of an output is not white."""
-        limit = max(COLOURED_SIGMAS * self.colour_std, LEAST_COLOUR)
-        return bool(np.any(np.abs(self.colour) > limit))
-
-
-def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
-    """Return the residuals of the first runs; None if the model at the reference diverges."""
-    estimation, reference = work.estimation, work.common.reference
-    model = work.common.model.with_values({name: reference[name] for name in work.parameters})
-    held = {name: HELD_PRIOR_SHARE * max(abs(reference[name]), 1e-3) for name in work.parameters}
-    model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(
-        replace(model.noise, process_density={})
-    )
-    filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
-    system = compiled(filtered, model)
-    settings = FilterSettings(max_step=1.0 / (STEPS_PER_SAMPLE * work.seen.flight.rate))
-    batched = is_batched(filtered, bool(work.seen.flight.feedback))
-    records = [
-        work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if batched else RESIDUALS_ALONE]
-    ]
-    try:
-        if batched:
-            z = np.stack(
-                [record.output_array(system.output_names)[0] for record in records], axis=2
-            )
-            bank = run_bank(records[0], system, settings, z=z, keep=True)
-            assert bank.innovation is not None and bank.innovation_std is not None
-            normalized = bank.innovation / bank.innovation_std
-            is_sound = bool(np.all(bank.sound))
-        else:
-            histories = [
-                run_ekf(record, system, settings, by=filter_batched).history for record in records
-            ]
-            normalized = np.stack(
-                [h.innovation / h.innovation_std for h in histories if h is not None], axis=2
-            )
-            is_sound = normalized.shape[2] == len(records)
-    except FlightidError:
-        return None
-    valid = records[0].output_array(system.output_names)[1]
-    return (
-        split(normalized, valid, system.output_names)
-        if is_sound and np.all(np.isfinite(normalized))
-        else None
-    )
-
-
-def split(normalized: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Residuals:
-    """Split normalized residuals of K runs, ``(m, N, K)``, into misfit and noise."""
-    runs = normalized.shape[2]
-    common = normalized.mean(axis=2, keepdims=True)
-    noise = np.where(valid[:, :, None], normalized - common, 0.0) * (runs / (runs - 1.0)) ** 0.5
-    variance = np.sum(noise**2, axis=(1, 2)) / np.maximum(runs * valid.sum(axis=1), 1)
-    excess = np.where(valid, common[:, :, 0] ** 2 - variance[:, None] / runs, 0.0).sum() / max(
-        valid.sum(), 1
-    )
-    # Subtract the mean square that noise alone leaves in K runs.
-    excess *= excess > 4.0 * float(variance.mean()) * np.sqrt(2.0 / max(valid.sum(), 1)) / runs
-    count = max(10, normalized.shape[1] // 5)
-    lags = np.array(
-        [
-            np.mean([autocovariance(noise[i, :, run], count) for run in range(runs)], axis=0)
-            for i in range(len(noise))
-        ]
-    )
-    lags *= normalized.shape[1] / np.maximum(valid.sum(axis=1), 1)[:, None]
-    colour = lags[:, 1] / np.maximum(lags[:, 0], 1e-300)
-    return Residuals(
-        float(np.sqrt(max(excess, 0.0))),
-        colour,
-        1.0 / float(np.sqrt(runs * valid.sum(axis=1).min())),
-        tuple(outputs),
-        lags,
-        valid,
-        common[:, :, 0],
-    )
-
-
-# ---- Errors predicted without repeating runs
-
-
-def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Return the rms error that the priors predict, in stated sigmas, and ``Bound.prior_share``.
-
-    ``at``: index of the parameter.
-    """
-    stated = float(bound.stated[at])
-    return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
-
-
-def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """Return the factors on the stated sigmas for coloured noise, ``(n,)``; None if unknown.
-
-    They follow from the covariance of Morelli and Klein for coloured residuals (J. Guidance 20(1),
-    1997), with sensitivities at the reference and the mean autocovariance over runs.
-    """
-    if bound.slopes is None:
-        return None
-    n, (m, count) = len(bound.names), residuals.valid.shape
-    slopes = np.zeros((m * count, n))
-    slopes[residuals.valid.ravel()] = bound.slopes[: int(residuals.valid.sum())]
-    lags = residuals.lags.shape[1]
-    taper = 1.0 - np.arange(lags) / lags
-    coloured = np.zeros((n, n))
-    for part, autocovariances in zip(slopes.reshape(m, count, n), residuals.lags, strict=True):
-        coloured += filtered_product(part, autocovariances / autocovariances[0] * taper)
-    white = bound.slopes.T @ bound.slopes
-    variance = bound.stated**2 + np.diag(bound.gain @ (coloured - white) @ bound.gain.T)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / bound.stated)
 
 
 # ---- First runs of a campaign repeated with a changed method

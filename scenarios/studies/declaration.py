@@ -1,15 +1,29 @@
-"""Declaration of a scenario: flight, measurement, estimations, published values, and values that no
-source gives.
+"""Declaration of a scenario: flight with its maneuvers, measurement, estimations, published values,
+and values that no source gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sim.errors import DeclarationError
+from sim.maneuvers import (
+    Maneuver,
+    MultiStep,
+    Sum,
+    Sweep,
+    doublet,
+    pulse,
+    schroeder_multisine,
+    step,
+    three_two_one_one,
+)
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import FlightPhase
@@ -345,3 +359,116 @@ def value_text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+# ---- Maneuvers of a flight plan
+
+START_OF_REST = -1e6  # s; inputs are at rest from then on, earlier than any delay or filter needs
+SMOOTH = ("sweep", "multisine")  # maneuvers without steps
+
+
+def maneuvers_by_input(
+    plans: Sequence[ManeuverPlan],
+    inputs: Collection[str],
+    place: str,
+    rest: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, Maneuver]:
+    """Return the sum of the maneuvers of each input, about its value at rest.
+
+    Parameters
+    ----------
+    plans : the maneuvers.
+    inputs : names of the inputs.
+    place : key of the flight, for errors.
+    rest : value at rest by input; zero for others.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an unknown input.
+    """
+    by_input = {name: Sum((step(value, START_OF_REST),)) for name, value in rest.items()}
+    for number, plan in enumerate(plans, start=1):
+        if plan.input not in inputs:
+            known = ", ".join(sorted(inputs)) or "none"
+            raise DeclarationError(
+                f"there is no input {plan.input!r}",
+                where=f"{place}.maneuvers[{number}]",
+                remedy=f"its inputs are {known}",
+            )
+        before = by_input.get(plan.input, Sum())
+        by_input[plan.input] = Sum(
+            (*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]"))
+        )
+    return {**by_input}
+
+
+def with_common_hold(
+    by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
+) -> dict[str, Maneuver]:
+    """Return maneuvers with the same behaviour of all inputs between samples, as a record has it.
+
+    If any input has steps, smooth inputs are held between the samples ``time`` (s), too.
+    """
+    smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
+    if all(plan.kind in SMOOTH for plan in plans):
+        return {**by_input}
+    times = (START_OF_REST, *time[1:].tolist(), math.inf)
+    return {
+        **by_input,
+        **{
+            name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times)
+            for name in smooth
+        },
+    }
+
+
+def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
+    """Return the maneuver that a plan describes.
+
+    Raises
+    ------
+    DeclarationError : a number is missing, or the kind of maneuver has no such number.
+    """
+    needed, build = KINDS[plan.kind]
+    for name in needed:
+        if name not in plan.numbers:
+            raise DeclarationError(
+                f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}"
+            )
+    for name in plan.numbers:
+        if name not in (*needed, "start"):
+            raise DeclarationError(
+                f"a {plan.kind} takes no {name}",
+                where=where,
+                remedy=f"it takes {', '.join((*needed, 'start'))}",
+            )
+    return build(plan.numbers)
+
+
+# Kind of maneuver -> numbers that it needs, and the function that makes it from them.
+KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
+    "3-2-1-1": (
+        ("amplitude", "unit"),
+        lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"]),
+    ),
+    "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
+    "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),
+    "step": (("amplitude",), lambda n: step(n["amplitude"], n["start"])),
+    "sweep": (
+        ("amplitude", "first_frequency", "last_frequency", "duration"),
+        lambda n: Sweep(
+            n["amplitude"],
+            n["first_frequency"],
+            n["last_frequency"],
+            n["duration"],
+            n["start"],
+            taper=0.1 * n["duration"],
+        ),
+    ),
+    "multisine": (
+        ("amplitude", "duration", "harmonics"),
+        lambda n: schroeder_multisine(
+            n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]
+        ),
+    ),
+}

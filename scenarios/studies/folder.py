@@ -1,4 +1,4 @@
-"""The study folder of a scenario: record, truth, comparison, histories, figures."""
+"""The folders of a study (record, truth, comparison, histories, figures) and of a campaign."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.files.sources import versions
 from scenarios.files.writing import (
     RESPONSE,
     csv_text,
@@ -21,15 +22,23 @@ from scenarios.files.writing import (
 )
 from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
-from scenarios.report.figure_formats import USUAL, Formats
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import as_text
 from scenarios.report.summary import HERE
 from scenarios.studies.campaign import CampaignRuns, Spread
-from scenarios.studies.campaign_statistics import NORMAL, SIGMAS, CampaignStatistics
+from scenarios.studies.campaign_causes import Judgement
+from scenarios.studies.campaign_report import findings_content
+from scenarios.studies.campaign_statistics import (
+    NORMAL,
+    SIGMAS,
+    CampaignStatistics,
+    statistics_content,
+    statistics_csv,
+)
 from scenarios.studies.comparison import comparison, determination_csv
 from scenarios.studies.declaration import Start
-from scenarios.studies.page import study_page
+from scenarios.studies.page import campaign_page, study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
 from scenarios.studies.text import print_study
@@ -469,3 +478,61 @@ def write_history(path: Path, method: MethodResult) -> None:
         columns += [value, std]
     rows = np.array(columns).T.tolist()
     write_text(path, csv_text(header, ([f"{value:.9g}" for value in row] for row in rows)))
+
+
+# ---- The folder of a campaign
+
+
+def write_campaign(
+    campaign: CampaignRuns, judgement: Judgement, out: Path, *, figures: Formats = USUAL
+) -> Path:
+    """Write data files, figures and the page into ``out``, all or nothing; return ``out``."""
+    with study_folder(out, "campaign.json") as scratch:
+        header = ["seed", *(part for name in campaign.names for part in (name, f"std_{name}"))]
+        sound = campaign.seeds[campaign.kept].tolist()
+        cells = np.stack([campaign.values, campaign.std], axis=1).reshape(-1, len(sound)).T
+        rows = ([seed, *map(repr, row)] for seed, row in zip(sound, cells.tolist(), strict=True))
+        write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
+        write_text(scratch / "estimates.csv", csv_text(header, rows))
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import draw_for_page
+
+            drawn = draw_for_page(
+                campaign_figures(campaign, judgement.statistics), scratch, figures
+            )
+        write_page(scratch, campaign_page(campaign, judgement, drawn))
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": campaign.scenario.name,
+            "method": campaign.estimation.name,
+            "seed": campaign.root,
+            "runs": len(campaign.seeds),
+            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
+            "broken": campaign.broken,
+            **({"failures": dict(campaign.failures)} if campaign.failures else {}),
+            "parameters": {s.name: _spread(s) for s in campaign.spreads},
+            "pooled": {
+                "within_one_sigma": campaign.pooled.within_one,
+                "within_two_sigma": campaign.pooled.within_two,
+                "interval": list(campaign.pooled.interval),
+            },
+            "statistics": statistics_content(judgement.statistics),
+            **findings_content(judgement.findings),
+            "versions": versions(),
+        }
+        write_json(scratch / "campaign.json", content)
+    return out
+
+
+def _spread(s: Spread) -> dict[str, Any]:
+    return {
+        "unit": s.unit,
+        "reference": s.reference,
+        "bias": s.bias,
+        "scatter": s.scatter,
+        "reported_std": s.reported,
+        "within_one_sigma": s.within_one,
+        "within_two_sigma": s.within_two,
+        "interval": list(s.interval),
+    }

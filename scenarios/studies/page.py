@@ -1,4 +1,4 @@
-"""The page of a study, repeated flights included."""
+"""The page of a study, repeated flights included, and of a campaign."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scenarios.report.document import (
     summary_sentences,
 )
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.folder import first_figure
+from scenarios.report.folder import figures, first_figure
 from scenarios.report.quantities import test_line
 from scenarios.report.summary import levels_line
 from scenarios.report.terminal import (
@@ -28,6 +28,16 @@ from scenarios.report.terminal import (
     fixed_table,
     levels_of_noise,
     tests_table,
+)
+from scenarios.studies.campaign import CampaignRuns
+from scenarios.studies.campaign_causes import Judgement
+from scenarios.studies.campaign_report import (
+    SIZES_NOTE,
+    broken_words,
+    cause_sentences,
+    findings_blocks,
+    sizes_table,
+    statistics_blocks,
 )
 from scenarios.studies.comparison import (
     choice_lines,
@@ -51,6 +61,7 @@ from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+TWO_SIGMA = 0.9545  # coverage of a normal distribution
 COVERING_SIGMAS = 2.0  # an interval of so many sigmas should contain the truth
 
 
@@ -207,3 +218,74 @@ def _made(study: StudyResult) -> list[Block]:
     blocks += [Prose(as_sentence(vehicle))] if vehicle else []
     blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
     return blocks
+
+
+# ---- The page of a campaign
+
+
+def campaign_page(
+    campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
+) -> Page:
+    """Return the page of a campaign with the figures ``drawn``."""
+    scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
+    low, high = pooled.interval
+    wrong = judgement.findings.found
+    share = (
+        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
+        f"interval {100 * low:.1f} to {100 * high:.1f} %, "
+    )
+    share += f"{100 * TWO_SIGMA:.1f} % expected)"
+    worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
+    bias = (
+        f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
+        if worst.scatter > 0.0
+        else ""
+    )
+    broken = broken_words(campaign) if campaign.broken else ""
+    files = [("model", file.name, file.sha256) for file in scenario.files]
+    command = [
+        "flightid",
+        "campaign",
+        scenario.name,
+        "--runs",
+        str(len(seeds)),
+        "--seed",
+        str(campaign.root),
+        "--method",
+        campaign.estimation.name,
+    ]
+    return Page(
+        title=f"{capital(scenario.title)}: {len(seeds)} runs",
+        kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
+        verdict="sigmas hold"
+        if not wrong
+        else f"{len(wrong)} of {len(campaign.names)} sigmas wrong",
+        tone="good" if not wrong else "fair",
+        sentence=as_sentence(share),
+        summary=tuple(as_sentence(line) for line in (bias,) if line),
+        warnings=tuple(
+            as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
+        ),
+        sections=(
+            *section("Figures", *figures(drawn)),
+            *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
+            *section(
+                "Whether the sigmas are right",
+                *findings_blocks(judgement.findings),
+                *statistics_blocks(judgement.statistics),
+            ),
+            *section(
+                "How it was made",
+                Prose(
+                    f"Flight and model: {distance_text(scenario.distance)}. Each run has its own "
+                    "seed, with which flightid run repeats it."
+                ),
+            ),
+        ),
+        reproduction=reproduction(
+            command,
+            f"The seeds of all runs follow from seed {campaign.root}; estimates.csv lists them.",
+            files,
+        ),
+        created=now(),
+    )

@@ -16,7 +16,7 @@ from ident.estimate import Estimate
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import Determination, clustered_share, determination
-from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.statistics.residuals import ResidualTest, tests_of_records
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
@@ -529,8 +529,7 @@ def _method(
             estimate.names, estimate.units, estimate.values, estimate.std, strict=True
         )
     )
-    z, valid = record.output_array(estimate.output_names)
-    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    tests = tests_of_records(estimate, [record])
     is_about_rest = estimation.model != "ballistic" and moves_about_rest(model)
     own_parameters = estimate.only(model.parameters.names)
     derived = modal_estimate(compiled(estimation, model), own_parameters) if is_about_rest else {}

@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.banks.bank import run_bank
 from ident.estimate import Outcome
-from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.statistics.residuals import ResidualTest, tests_of_records
 from scenarios.studies.declaration import Estimation, FlightPlan, Mark, Scenario, Start
 from scenarios.studies.estimating import (
     assumed_noise,
@@ -182,8 +182,7 @@ def _estimated(
     for flight, record, right in zip(flights, records, condensed, strict=True):
         own = replace(estimation, engine="batched")
         estimate = estimate_record(own, record, _model(scenario, estimation, flight)).estimate
-        z, valid = record.output_array(estimate.output_names)
-        tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+        tests = tests_of_records(estimate, [record])
         numbers = (
             estimate.names,
             estimate.values,

@@ -19,6 +19,7 @@ from ident.statistics.residuals import BOUND_SIGMAS
 from scenarios.files.sources import InputFile, read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
+from scenarios.report.document import BY_ROW, Block, Column, Number, estimate, table
 from scenarios.report.quantities import number_text
 from scenarios.studies.comparison import DERIVED_UNITS
 from sim.closed_loop.airframe import load_x29
@@ -376,3 +377,43 @@ def _weights(view: View) -> str:
         if weight >= 0.005
     ]
     return f"{'probability' if view.refined else 'likelihood'} by delay, ms: " + ", ".join(cells)
+
+
+# ---- The comparison as a table and as content of comparison.json
+
+
+def differences_table(reference: Mapping[str, Any]) -> Block:
+    """Return a table of the reference values with the differences of the last estimate."""
+    each = reference["differences"]
+    return table(
+        f"The last estimate against {reference['study']}",
+        (Column("quantity"), [WORDS.get(d["name"], d["name"]) for d in each]),
+        (
+            Column("reference ± σ", BY_ROW),
+            [estimate(d["reference"], d["reference_std"]) for d in each],
+        ),
+        (Column("difference", "σ"), [Number(d["sigmas"], digits=1, signed=True) for d in each]),
+        (Column("remark"), ["outside" if d["outside"] else "" for d in each]),
+        units=[d["unit"] for d in each],
+    )
+
+
+def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
+    """Return the reference and the quantities that differ from it, for ``comparison.json``."""
+    compared = [item for item in items if item.reference is not None and item.z is not None]
+    return {
+        "study": resolved(Path(reference.name)).name,
+        "differences": [
+            {
+                "name": item.name,
+                "unit": item.unit,
+                "reference": item.reference[0],
+                "reference_std": item.reference[1],
+                "sigmas": item.z,
+                "outside": item.beyond,
+            }
+            for item in compared
+            if item.reference is not None
+        ],
+        "outside": [item.name for item in compared if item.beyond],
+    }

@@ -71,7 +71,9 @@ from scenarios.watching.reference import (
     against,
     against_items,
     comparisons,
+    differences_table,
     live_table,
+    reference_content,
     rows_and_vehicle,
     usual_command,
     vehicle_sentence,
@@ -91,13 +93,7 @@ from scenarios.watching.spectral import (
     stream_notes,
     stream_warnings,
 )
-from scenarios.watching.study import (
-    NAME,
-    WatchOutcome,
-    differences_table,
-    reference_content,
-    so_far,
-)
+from scenarios.watching.study import NAME, WatchOutcome, so_far
 
 SHOWN_PARAMETERS = 4  # parameters in a line: those with the smallest relative sigmas
 

@@ -14,19 +14,12 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import modal_estimate
-from ident.frequency_domain.online import (
-    OnlineEquations,
-    OnlineEstimate,
-    Sums,
-    advance,
-    begin,
-    estimate,
-    online_equations,
-)
+from ident.frequency_domain.online import OnlineEquations, Sums, advance, begin, online_equations
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
+from ident.frequency_domain.online_regression import OnlineEstimate, estimate
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.conditions import contradicted
+from scenarios.identification.cautions import contradicted
 from scenarios.identification.low_order import derived_of
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, model_of_file
 from scenarios.preparation.measured_inputs import (
@@ -42,7 +35,7 @@ from scenarios.preparation.measured_inputs import (
 )
 from scenarios.preparation.plan import BY_HAND
 from scenarios.studies.comparison import estimate_content
-from scenarios.studies.published import Row
+from scenarios.studies.published import rows_of
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
@@ -300,7 +293,7 @@ def stream_warnings(session: SpectralSession) -> list[str]:
     sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
     if session.lag is None and (latest := last_estimate(session)) is not None:
         starts = {item.name: item.value for item in session.system.parameters}
-        if doubt := contradicted(rows_of_estimate(latest), starts):
+        if doubt := contradicted(rows_of(latest), starts):
             sentences.append(doubt)
     return sentences + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
@@ -353,12 +346,6 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
         noise,
         (),
     )
-
-
-def rows_of_estimate(latest: Estimate) -> tuple[Row, ...]:
-    """Return the parameters of an estimate as rows of a table."""
-    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
-    return tuple(Row(*one) for one in each)
 
 
 def undetermined(session: SpectralSession) -> list[str]:
@@ -422,7 +409,7 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "undetermined": unknown,
             "warnings": stream_warnings(session),
         }
-    rows = rows_of_estimate(latest)
+    rows = rows_of(latest)
     held = [
         item
         for item in session.system.parameters

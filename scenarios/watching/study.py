@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
@@ -21,10 +20,8 @@ from scenarios.files.writing import study_folder, write_json, write_record, writ
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
 from scenarios.report.document import (
-    BY_ROW,
     PURE,
     Block,
-    Cell,
     Column,
     Number,
     Page,
@@ -32,21 +29,22 @@ from scenarios.report.document import (
     Table,
     as_sentence,
     capital,
-    estimate,
     now,
     reproduction,
     section,
+    table,
 )
 from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.summary import PAGE
 from scenarios.report.terminal import derived_table, estimates_table, fixed_table
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
-from scenarios.studies.published import Row
+from scenarios.studies.published import Row, rows_of
 from scenarios.watching.reference import (
-    WORDS,
     CrossValidation,
     Reference,
     against,
+    differences_table,
+    reference_content,
     rows_and_vehicle,
     usual_command,
 )
@@ -115,15 +113,13 @@ def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     spread, differences = step.spread[n_x:], step.differences[:, n_x:]
     derived = derived_of(estimate, session.vehicle, (delay, std))
     end_spread = _derived_spread(session, estimate, derived, differences)
-    start_spread = _derived_spread(session, *_at_start(session, estimate))
+    declared = replace(estimate, values=bank.start[n_x:])
+    of_declared = derived_of(declared, session.vehicle, (0.0, 0.0))
+    moved = (moved_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
+    start_spread = _derived_spread(session, declared, of_declared, moved)
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
-    start_dependent = {
-        name
-        for name, parameter_spread, prior_std in zip(
-            estimate.names, spread.tolist(), prior.tolist(), strict=True
-        )
-        if parameter_spread >= prior_std
-    }
+    wide = (spread >= prior).tolist()
+    start_dependent = {name for name, is_wide in zip(estimate.names, wide, strict=True) if is_wide}
     start_dependent |= {
         name for name, size in end_spread.items() if size >= start_spread.get(name, np.inf)
     }
@@ -159,38 +155,20 @@ def likely_estimate(
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
     P = state.covariance[best, n_x:, n_x:]
-    outcome = Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED
-    log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
-    weights = likelihood_weights(log_likelihood)
-    std = np.sqrt(np.diag(bank.R))
-    likely = float(state.log_likelihood[best])
+    weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     estimate = Estimate(
         "online",
         names,
         bank.units,
         state.mean[n_x:, best].copy(),
         0.5 * (P + P.T),
-        outcome,
-        likely,
+        Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED,
+        float(state.log_likelihood[best]),
         bank.system.output_names,
-        std,
+        np.sqrt(np.diag(bank.R)),
         (),
     )
     return estimate, weights, mean_delay(bank.delays, weights)
-
-
-def _at_start(
-    session: Session, estimate: Estimate
-) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """Return the declared start as an estimate, its derived quantities, and the differences of the
-    other starts from it, shape ``(K, n)``.
-    """
-    bank = session.bank
-    assert bank is not None
-    n_x = len(bank.system.states)
-    start_estimate = replace(estimate, values=bank.start[n_x:])
-    moved = (moved_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
-    return start_estimate, derived_of(start_estimate, session.vehicle, (0.0, 0.0)), moved
 
 
 def _derived_spread(
@@ -253,12 +231,7 @@ class History:
     def __enter__(self) -> History:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Remove an incomplete file."""
         if self._file is not None:
             self._file.close()
@@ -290,9 +263,10 @@ class History:
             self._file.write(lines(bank, steps, refine))
             self._file.flush()
         except OSError as error:
-            what = f"cannot be written ({error.strerror})"
             raise FlightidError(
-                what, where=str(self._folder), remedy="name a folder that you may write in"
+                f"cannot be written ({error.strerror})",
+                where=str(self._folder),
+                remedy="name a folder that you may write in",
             ) from None
 
     def finish(self) -> str:
@@ -332,22 +306,15 @@ def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) ->
     )
     best = log_likelihood.argmax(axis=1)
     weights = likelihood_weights(log_likelihood)
-    # The diagonal of each covariance: every (n + 1)th number of its rows.
-    variance = np.array(
-        [
-            state.covariance[run].reshape(-1)[:: n + 1]
-            for state, run in zip(states, best.tolist(), strict=True)
-        ]
-    )
+    at_best = [*zip(states, best.tolist(), strict=True)]
+    variance = np.array([np.diagonal(state.covariance[run]) for state, run in at_best])
     n_x = len(bank.system.states)
     values_at, refined_at = 4 + B, 4 + B + 3 * n  # first columns of values and refined values
     table = np.full((count, refined_at + (2 * (n - n_x + 1) if refine else 0)), np.nan)
     table[:, 0], table[:, 1] = [step.row[0] for step in steps], bank.delays[best]
     table[:, 2], table[:, 3] = weights @ bank.delays, log_likelihood[np.arange(count), best]
     table[:, 4:values_at] = weights
-    table[:, values_at:refined_at:3] = [
-        state.mean[:, run] for state, run in zip(states, best.tolist(), strict=True)
-    ]
+    table[:, values_at:refined_at:3] = [state.mean[:, run] for state, run in at_best]
     table[:, values_at + 1 : refined_at : 3] = np.sqrt(np.maximum(variance, 0.0))
     spread = np.array([step.spread for step in steps])
     table[:, values_at + 2 : refined_at : 3] = np.where(np.isfinite(spread), spread, np.nan)
@@ -422,18 +389,8 @@ def watch_page(
         sections=(
             *first,
             *section("Estimates", *_estimate_tables(content)),
-            *section(
-                "As the stream left it",
-                *(_estimate_tables(methods["online"]) if "online" in methods else ()),
-            ),
-            *section(
-                "In the frequency domain",
-                *(
-                    _estimate_tables(methods["frequency-domain"])
-                    if "frequency-domain" in methods
-                    else ()
-                ),
-            ),
+            *section("As the stream left it", *_estimate_tables(methods.get("online"))),
+            *section("In the frequency domain", *_estimate_tables(methods.get(METHOD))),
             *section("Against the reference", differences_table(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
             *section(
@@ -453,8 +410,10 @@ def watch_page(
     )
 
 
-def _estimate_tables(content: Mapping[str, Any]) -> list[Block]:
-    """Return the tables of parameters and derived quantities."""
+def _estimate_tables(content: Mapping[str, Any] | None) -> list[Block]:
+    """Return the tables of parameters and derived quantities; none without content."""
+    if content is None:
+        return []
     rows = [
         Row(name, entry["unit"], entry["estimate"], entry["std"])
         for name, entry in content["parameters"].items()
@@ -468,44 +427,13 @@ def _estimate_tables(content: Mapping[str, Any]) -> list[Block]:
     return tables
 
 
-def differences_table(reference: Mapping[str, Any]) -> Table:
-    """Return a table of the reference values with the differences of the last estimate."""
-    columns = (
-        Column("quantity"),
-        Column("reference ± σ", BY_ROW),
-        Column("difference", "σ"),
-        Column("remark"),
-    )
-    rows: list[tuple[Cell, ...]] = []
-    for difference in reference["differences"]:
-        reference_value = estimate(difference["reference"], difference["reference_std"])
-        rows.append(
-            (
-                WORDS.get(difference["name"], difference["name"]),
-                reference_value,
-                Number(difference["sigmas"], digits=1, signed=True),
-                "outside" if difference["outside"] else "",
-            )
-        )
-    caption = f"The last estimate against {reference['study']}"
-    return Table(
-        caption,
-        columns,
-        tuple(rows),
-        tuple(difference["unit"] or PURE for difference in reference["differences"]),
-    )
-
-
 def _bank(bank: Mapping[str, Any]) -> Table:
     """Return the table of the likelihoods of the delays."""
-    rows = tuple(
-        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}"))
-        for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
-    )
-    return Table(
+    weights = [Number(float(weight), shown=f"{weight:.3g}") for weight in bank["weights"]]
+    return table(
         "Likelihood of each delay by the plain filters",
-        (Column("delay", "s"), Column("likelihood", PURE)),
-        rows,
+        (Column("delay", "s"), [Number(float(delay)) for delay in bank["delays"]]),
+        (Column("likelihood", PURE), weights),
     )
 
 
@@ -650,7 +578,8 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
     """
     assert session.bank is not None and session.state is not None and session.system is not None
     estimate = online.estimate
-    rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
+    hanging = online.hanging
+    rows = tuple(row for row in rows_of(estimate) if row.std > 0 and row.name not in hanging)
     fixed = {
         item.name: (item.value, item.unit)
         for item in session.system.parameters
@@ -658,47 +587,13 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
     }
     if "delay" not in estimate.names:
         fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
-    derived = {name: pair for name, pair in online.derived.items() if name not in online.hanging}
-    content = estimate_content(
-        estimate, tuple(row for row in rows if row.name not in online.hanging), derived, fixed, ()
-    )
-    if not online.hanging:
+    derived = {name: pair for name, pair in online.derived.items() if name not in hanging}
+    content = estimate_content(estimate, rows, derived, fixed, ())
+    if not hanging:
         return content
-    names = sorted(online.hanging)
+    names = sorted(hanging)
     warning = (
         f"with another start within its prior the result would differ: {', '.join(names)} depend "
         "on the start, and no number is shown"
     )
     return {**content, "start_dependent": names, "warnings": [warning]}
-
-
-def rows_of(
-    names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]
-) -> tuple[Row, ...]:
-    """Return the rows of the estimated quantities; ``std`` is zero for those not estimated."""
-    return tuple(
-        Row(name, unit, value, sigma)
-        for name, unit, value, sigma in zip(names, units, values, std, strict=True)
-        if sigma > 0
-    )
-
-
-def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
-    """Return the reference and the quantities that differ from it, for ``comparison.json``."""
-    compared = [item for item in items if item.reference is not None and item.z is not None]
-    return {
-        "study": resolved(Path(reference.name)).name,
-        "differences": [
-            {
-                "name": item.name,
-                "unit": item.unit,
-                "reference": item.reference[0],
-                "reference_std": item.reference[1],
-                "sigmas": item.z,
-                "outside": item.beyond,
-            }
-            for item in compared
-            if item.reference is not None
-        ],
-        "outside": [item.name for item in compared if item.beyond],
-    }

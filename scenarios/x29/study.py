@@ -23,7 +23,7 @@ from ident.banks.delays import (
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
 from ident.frequency_response.segments import estimate_response, fit_response
-from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
+from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, tests_of_records
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
 from scenarios.x29.estimating import (
@@ -200,7 +200,6 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         scenario.margins,
     )
     estimate = result.estimate
-    z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
         scenario,
         chosen,
@@ -222,7 +221,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         ),
         response_check(result),
         levels(result.qualities),
-        residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid),
+        tests_of_records(estimate, [setting.record]),
         other,
         other_simulated,
         differences,

@@ -27,9 +27,8 @@ from sim.declaration.user_equations import (
     evaluated,
     neighbouring_point,
     try_model,
-    written_in,
 )
-from sim.errors import FlightidError, ModelError
+from sim.errors import FlightidError, ModelError, written_in
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
 # ---- What the parameters of a user's own model multiply

@@ -24,25 +24,7 @@ LONG: dict[str, str] = {}
 # Files that are still longer; the list shrinks, and nothing is added to it.
 LONG_FILES: frozenset[str] = frozenset(
     {
-        "ident/banks/equation_kernels.py",
-        "ident/compatibility/fault_sets.py",
-        "ident/compatibility/six_degrees/kinematics.py",
-        "ident/frequency_domain/online.py",
-        "ident/maneuver_detection/search.py",
         "ident/process_noise/innovations_model.py",
-        "ident/recording/inspection.py",
-        "ident/regression/equation_error.py",
-        "scenarios/api/records.py",
-        "scenarios/files/user_models.py",
-        "scenarios/identification/assessment.py",
-        "scenarios/identification/identify.py",
-        "scenarios/studies/campaign_report.py",
-        "scenarios/studies/campaign_statistics.py",
-        "scenarios/studies/campaign_trials.py",
-        "scenarios/studies/estimating.py",
-        "scenarios/trials/planted/study.py",
-        "scenarios/watching/study.py",
-        "sim/declaration/user_equations.py",
     }
 )
 # Packages whose further content is data.

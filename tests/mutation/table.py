@@ -53,7 +53,7 @@ ONCE_UNNOTICED = (
         ("replace(request.plan, hold=hold)", "request.plan"),
     ),
     *changes(
-        "scenarios/studies/estimating.py",
+        "scenarios/studies/declaration.py",
         FLYING,
         ("if all(plan.kind in SMOOTH", "if any(plan.kind in SMOOTH"),
         ("if all(plan.kind in SMOOTH", "if not all(plan.kind in SMOOTH"),
@@ -344,7 +344,7 @@ IDENT = (
         ("float(off @ off) / len(left) * lag", "float(off @ off) / len(left)"),
     ),
     *changes(
-        "ident/recording/inspection.py",
+        "ident/recording/misread_columns.py",
         ("tests/unit/ident/recording/test_readings.py",),
         ("abs(math.log2(best)) < GROSS_CLOCK_ERROR", "math.log2(best) < GROSS_CLOCK_ERROR"),
     ),
@@ -417,8 +417,12 @@ IDENT = (
         "ident/frequency_domain/online.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
         ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
-        ("less = scaled - taken / np.outer(scale, scale)", "less = scaled"),
         ("_THIRD_DIFFERENCE_VARIANCE = 20.0", "_THIRD_DIFFERENCE_VARIANCE = 2.0"),
+    ),
+    *changes(
+        "ident/frequency_domain/online_regression.py",
+        ("tests/unit/ident/frequency_domain/test_online.py",),
+        ("less = scaled - taken / np.outer(scale, scale)", "less = scaled"),
         (
             "level = known[k] + shapes @ solution",
             "level = 0.1 * (known[k] + shapes @ solution)",
@@ -739,7 +743,7 @@ RECORDS = (
         ("if choice.delay:", "if choice.hold:"),
     ),
     *changes(
-        "scenarios/identification/conditions.py",
+        "scenarios/identification/cautions.py",
         ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
         ("return tuple(dict.fromkeys(failed))", "return tuple(failed)"),
     ),

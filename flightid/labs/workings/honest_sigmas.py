@@ -77,7 +77,8 @@ def bound() -> Mapping[str, float]:
     """
     from scenarios.studies.campaign_statistics import cramer_rao
     from scenarios.studies.catalogue import load_scenario
-    from scenarios.studies.estimating import maneuvers_by_input, true_model
+    from scenarios.studies.declaration import maneuvers_by_input
+    from scenarios.studies.estimating import true_model
     from sim.declaration.model import Noise
     from sim.truth.flight import fly, sample_times
 

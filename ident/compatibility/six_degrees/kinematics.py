@@ -1,5 +1,4 @@
-"""Kinematics of six degrees of freedom: channels, relations, unknowns, records without a bank
-angle.
+"""Kinematics of six degrees of freedom: channels, relations, unknowns.
 
 Body axes, x forward, y to the right, z down; flat earth, wind that does not change (Klein and
 Morelli, Aircraft System Identification, AIAA 2006, ch. 10; Jategaonkar, Flight Vehicle System
@@ -73,24 +72,8 @@ from sim.record import Record
 
 HEIGHTS = ("height", "altitude")
 AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
-CHANNELS = (
-    "alpha",
-    "q",
-    "nz",
-    "az",
-    "theta",
-    "airspeed",
-    "ax",
-    "nx",
-    "beta",
-    "p",
-    "r",
-    "ay",
-    "ny",
-    "phi",
-    "psi",
-    *HEIGHTS,
-)
+_LONGITUDINAL = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx")
+CHANNELS = (*_LONGITUDINAL, "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
 WRAPPED = ("phi", "psi")  # angles that may jump by a turn
 _INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
@@ -207,103 +190,7 @@ def ready(
     ), tuple(notes)
 
 
-# ---- Records without a bank angle
-
 LEVEL = "no bank angle is recorded: the wings are taken as level"
-_RATES = ("p", "r")
-
-
-def misled_by_bank(
-    records: Sequence[Record], airspeed: float | None, gravity: float
-) -> tuple[str, ...]:
-    """Return a sentence on each record without a bank angle in which the wings were not level, so
-    that the relations of alpha and theta are wrong.
-
-    An approximate bank angle is the integral of p about its median, or that of a coordinated turn
-    from r. A record is named if this bank changes the integrals of the rates of theta and alpha,
-    after removal of a constant and a trend, by more than the smallest finding of a bias.
-
-    ``airspeed`` in m/s, where none is recorded; ``gravity`` in m/s2.
-    """
-    sentences = []
-    for record in records:
-        rates = [
-            name
-            for name in _RATES
-            if name in record.output_names and np.count_nonzero(record[name].valid) > 1
-        ]
-        if "phi" in record.output_names or "q" not in record.output_names or not rates:
-            continue
-        phi = _bank(record, rates, airspeed, gravity)
-        largest = max(
-            np.std(_detrended_integral(record.time, error))
-            for error in _wrong_rates(record, rates, phi, airspeed, gravity)
-        )
-        if largest > SensorFault("alpha", BIAS).smallest_finding:
-            bank, verb = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
-            sentences.append(
-                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {verb} "
-                f"that the wings were up to {bank:.0f} deg from level: "
-                "nothing is told of alpha, q, theta and the loads, whose relations need it"
-            )
-    return tuple(sentences)
-
-
-def _bank(
-    record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
-) -> np.ndarray:
-    """Return an approximate bank angle ``(N,)``, rad."""
-    turn = np.zeros(len(record))
-    speed = _speed(record, airspeed)
-    if "r" in rates and speed is not None:
-        turn = np.arctan(_filled(record, "r") * speed / gravity)
-    if "p" not in rates:
-        return turn
-    p = _filled(record, "p")
-    rolled = _integral(record.time, p - np.median(p))
-    return np.asarray(rolled - np.median(rolled) + np.median(turn))
-
-
-def _wrong_rates(
-    record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
-) -> tuple[np.ndarray, ...]:
-    """Return the errors ``(N,)`` of the rate of theta and, with an airspeed, of alpha where the
-    wings are taken as level.
-    """
-    speed = _speed(record, airspeed)
-    q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
-    if "r" in rates:
-        r = _filled(record, "r")
-    else:  # a coordinated turn
-        r = np.tan(phi) * (gravity / speed if speed is not None else 0.0)
-    pitch = q * (np.cos(phi) - 1.0) - r * np.sin(phi)
-    return (pitch,) if speed is None else (pitch, gravity / speed * (np.cos(phi) - 1.0))
-
-
-def _speed(record: Record, airspeed: float | None) -> float | None:
-    """Return the mean airspeed of a record, m/s, or the given one; None without any."""
-    if "airspeed" in record.output_names:
-        return float(
-            np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan))
-        )
-    return airspeed
-
-
-def _filled(record: Record, name: str) -> np.ndarray:
-    """Return a channel ``(N,)`` with its gaps bridged by straight lines."""
-    channel = record[name]
-    return np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])
-
-
-def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the integral ``(N,)`` of a rate by the trapezoidal rule."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-
-
-def _detrended_integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the integral ``(N,)`` of a rate, less a straight line fitted to it."""
-    whole = _integral(time, rate)
-    return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
 
 
 # ---- The kinematic relations of six degrees of freedom

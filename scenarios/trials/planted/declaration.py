@@ -12,8 +12,9 @@ import math
 import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from scenarios.studies.declaration import ManeuverPlan
 from sim.closed_loop.airframe import X29
@@ -21,6 +22,10 @@ from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Statio
 from sim.declaration.model import Equations, Model, Noise
 from sim.errors import DeclarationError
 from sim.maths import clip, cos, exp
+
+if TYPE_CHECKING:
+    from ident.tracing.diagnosis import Claim
+    from scenarios.diagnosis.diagnose import Tracing
 
 
 @dataclass(frozen=True)
@@ -401,3 +406,45 @@ def with_breakout(x29: X29, hidden: tuple[HiddenTerm, ...]) -> X29:
     """The closed loop with the break-out that is declared, in; none without a hidden term."""
     width = next((term.values["half_width"] for term in hidden if term.name == BREAKOUT), 0.0)
     return replace(x29, stick=replace(x29.stick, dead_band=width))
+
+
+# ---- Grade of a diagnosis
+
+
+class Grade(Enum):
+    """Grade of a diagnosis compared with the truth."""
+
+    RIGHT = "right"
+    AMBIGUOUS = "the right effects, one of them named as an alternative"
+    UNDECIDED = "no effect is claimed where one should be"
+    WRONG = "not what was expected"
+
+
+def grade(expect: Expectation, tracing: Tracing) -> Grade:
+    """Compare verdict and names with the expectation; a stated alternative counts as ambiguous."""
+    verdict = tracing.diagnosis.verdict.value
+    claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    names = tuple(sorted(claim.name for claim in claims))
+    if verdict in expect.verdicts and (
+        names in expect.effects or (not names and not expect.effects)
+    ):
+        return Grade.RIGHT
+    if verdict in expect.verdicts and not names and verdict == "unexplained":
+        return Grade.RIGHT
+    if verdict == "ambiguous" and names in expect.effects:
+        return Grade.AMBIGUOUS
+    if verdict != "unexplained" and any(
+        _stands_beside(claims, accepted) for accepted in expect.effects
+    ):
+        return Grade.AMBIGUOUS
+    return Grade.UNDECIDED if verdict == "unexplained" and not names else Grade.WRONG
+
+
+def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
+    """Return whether the claims are correct after replacing one by one of its alternatives."""
+    names = [claim.name for claim in claims]
+    for place, claim in enumerate(claims):
+        for other in claim.alternatives:
+            if tuple(sorted([*names[:place], other, *names[place + 1 :]])) == accepted:
+                return True
+    return False

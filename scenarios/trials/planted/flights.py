@@ -14,13 +14,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
+from ident.flying_qualities.modes import slowest_oscillation
 from scenarios.files.aircraft_files import vehicle_file_text
 from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_text
-from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import maneuvers_by_input, resting, with_common_hold
+from scenarios.studies.declaration import ManeuverPlan, maneuvers_by_input, with_common_hold
+from scenarios.studies.estimating import resting
 from scenarios.studies.reading import (
     maneuver_plans,
     model_files,
@@ -49,10 +50,12 @@ from scenarios.trials.planted.declaration import (
 )
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.linear import EquivalentSystem
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter
-from sim.declaration.model import Model
+from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
 from sim.maneuvers import Sum
+from sim.maths import complex_step_jacobian
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.aircraft import declaration_of
@@ -544,3 +547,46 @@ def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
         }
 
     return HiddenTerm(item.name, values(item.values, "values"), values(item.elsewhere, "elsewhere"))
+
+
+# ---- Modes of the true aircraft
+
+
+def elastic_modes(
+    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
+) -> dict[str, float]:
+    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
+    short period.
+    """
+    n, u = len(system.states), [0.0] * len(system.inputs)
+    F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
+    moving = [i for i, state in enumerate(system.states) if state.name not in fixed_states]
+    roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
+    out = {}
+    for number, root in enumerate(sorted(roots, key=abs)[1:], start=1):
+        out[f"elastic_mode_{number}_frequency"] = float(abs(root))
+        out[f"elastic_mode_{number}_damping"] = float(-root.real / abs(root))
+    return out
+
+
+def true_modes(vehicle: Model) -> dict[str, float]:
+    """Return the modes of a true vehicle from its own equations, without a fit."""
+    system = compile_model(vehicle)
+    p = system.parameters.values()
+    short_period = slowest_oscillation(system, p) or ()
+    named = dict(zip(("natural_frequency", "damping_ratio"), short_period, strict=False))
+    return named | elastic_modes(system, p)
+
+
+def modes_of_truth(scenario: TraceScenario) -> dict[str, float]:
+    """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
+    if it has no rest at zero.
+    """
+    flight = scenario.flight
+    if flight.vehicle.startswith(CLOSED_LOOP):
+        equivalent = equivalent_of(scenario)
+        return {
+            "natural_frequency": equivalent.natural_frequency,
+            "damping_ratio": equivalent.damping_ratio,
+        }
+    return true_modes(true_vehicle(flight)) if scenario.model in ("rigid", "flexible") else {}

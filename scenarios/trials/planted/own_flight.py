@@ -18,8 +18,8 @@ from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
 from scenarios.identification.model_checks import PULSES_BETWEEN_DOUBLETS, Motion, doublet_motion
 from scenarios.preparation.declared_model import RESOLVED_STEP_SHARE, root_sizes, step_of
-from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import KINDS, maneuver_of
+from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
+from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.schema import positive, si
 from scenarios.trials.planted.declaration import find_term
 from scenarios.trials.planted.flights import off
@@ -245,7 +245,6 @@ FILTER_PRIOR_FACTOR = 20.0
 # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
 # megabytes
 MOST_STEPS = 2e6
-FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for another
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,15 @@ import math
 import tempfile
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
+from ident.flying_qualities.modes import modal_estimate, propagated
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
+from ident.tracing.diagnosis import Diagnosis, Quantity, Trained
 from ident.tracing.fitted_model import (
     compiled_with,
     declared_priors,
@@ -40,23 +39,23 @@ from scenarios.files.vehicles import ALSO_READ
 from scenarios.preparation.plan import Request
 from scenarios.trials.planted.declaration import (
     CLOSED_LOOP,
-    Expectation,
+    Grade,
     TraceScenario,
+    grade,
     true_vehicle,
 )
 from scenarios.trials.planted.flights import (
     SimulatedTrace,
-    equivalent_of,
+    elastic_modes,
     fly_loop,
     fly_trace,
     loop_of,
+    modes_of_truth,
     with_outputs,
     write_simulated,
 )
-from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, full_name
 from sim.declaration.model import Model, System
-from sim.maths import complex_step_jacobian
 from sim.record import Record
 from sim.vehicles.flexibility import condense
 
@@ -122,15 +121,6 @@ def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTr
     return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
 
 
-def comparable_before(
-    tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth
-) -> Comparable:
-    """Reference values for the declared model."""
-    d = tracing.diagnosis
-    assert d.trained_before is not None
-    return _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
-
-
 def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
     """Return the estimates of a diagnosis by parameter, those of an effect by its full name."""
     effects = d.trained_after.effects if d.trained_after is not None else ()
@@ -193,18 +183,12 @@ def noise_free_fit(
     """
     rng = np.random.default_rng(NOISE_SEED)
     clean = simulated.noise_free
-    noise = [
-        simulated.noise_std[channel.name] * rng.standard_normal(len(clean))
+    with_noise = [
+        (channel.values, simulated.noise_std[channel.name] * rng.standard_normal(len(clean)))
         for channel in clean.outputs
     ]
     pair = [
-        with_outputs(
-            clean,
-            [
-                channel.values + sign * row
-                for channel, row in zip(clean.outputs, noise, strict=True)
-            ],
-        )
+        with_outputs(clean, [values + sign * noise for values, noise in with_noise])
         for sign in (1.0, -1.0)
     ]
     return refit(model, trained, pair, fixed=estimates)
@@ -407,46 +391,7 @@ def modes_of(
     return result | {name: (float(value), float(std)) for name, value, std in rows}
 
 
-def elastic_modes(
-    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
-) -> dict[str, float]:
-    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
-    short period.
-    """
-    n, u = len(system.states), [0.0] * len(system.inputs)
-    F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
-    moving = [i for i, state in enumerate(system.states) if state.name not in fixed_states]
-    roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
-    out = {}
-    for number, root in enumerate(sorted(roots, key=abs)[1:], start=1):
-        out[f"elastic_mode_{number}_frequency"] = float(abs(root))
-        out[f"elastic_mode_{number}_damping"] = float(-root.real / abs(root))
-    return out
-
-
-def true_modes(vehicle: Model) -> dict[str, float]:
-    """Return the modes of a true vehicle from its own equations, without a fit."""
-    system = compile_model(vehicle)
-    p = system.parameters.values()
-    short_period = slowest_oscillation(system, p)
-    named = (
-        {}
-        if short_period is None
-        else dict(zip(("natural_frequency", "damping_ratio"), short_period, strict=True))
-    )
-    return named | elastic_modes(system, p)
-
-
 # ---- Runs a tracing scenario
-
-
-class Grade(Enum):
-    """Grade of a diagnosis compared with the truth."""
-
-    RIGHT = "right"
-    AMBIGUOUS = "the right effects, one of them named as an alternative"
-    UNDECIDED = "no effect is claimed where one should be"
-    WRONG = "not what was expected"
 
 
 @dataclass(frozen=True)
@@ -541,11 +486,10 @@ def scored(
     scenario: TraceScenario, seed: int, simulated: SimulatedTrace, tracing: Tracing
 ) -> TraceStudy:
     """Return a diagnosis compared with the truth, and the third record predicted by it."""
-    truth = truth_of(scenario, simulated)
-    result, before = (
-        comparable_to(tracing, simulated, truth),
-        comparable_before(tracing, simulated, truth),
-    )
+    truth, d = truth_of(scenario, simulated), tracing.diagnosis
+    assert d.trained_before is not None
+    result = comparable_to(tracing, simulated, truth)
+    before = _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
     return TraceStudy(
         scenario,
         seed,
@@ -590,36 +534,6 @@ def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
     return predict(d.trained_before, d.trained_after, tracing.model, [record], spiked)
 
 
-def grade(expect: Expectation, tracing: Tracing) -> Grade:
-    """Compare verdict and names with the expectation; a stated alternative counts as ambiguous."""
-    verdict = tracing.diagnosis.verdict.value
-    claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
-    names = tuple(sorted(claim.name for claim in claims))
-    if verdict in expect.verdicts and (
-        names in expect.effects or (not names and not expect.effects)
-    ):
-        return Grade.RIGHT
-    if verdict in expect.verdicts and not names and verdict == "unexplained":
-        return Grade.RIGHT
-    if verdict == "ambiguous" and names in expect.effects:
-        return Grade.AMBIGUOUS
-    if verdict != "unexplained" and any(
-        _stands_beside(claims, accepted) for accepted in expect.effects
-    ):
-        return Grade.AMBIGUOUS
-    return Grade.UNDECIDED if verdict == "unexplained" and not names else Grade.WRONG
-
-
-def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
-    """Return whether the claims are correct after replacing one by one of its alternatives."""
-    names = [claim.name for claim in claims]
-    for place, claim in enumerate(claims):
-        for other in claim.alternatives:
-            if tuple(sorted([*names[:place], other, *names[place + 1 :]])) == accepted:
-                return True
-    return False
-
-
 def _derivatives(
     simulated: SimulatedTrace,
     tracing: Tracing,
@@ -648,7 +562,6 @@ def _derivatives(
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
     """Return the parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
-    names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
         Scored(
             name,
@@ -660,7 +573,7 @@ def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> 
             open=name in comparable.open,
         )
         for name, q in quantities_of(d).items()
-        if name in names
+        if name not in d.after and name in comparable.values
     )
 
 
@@ -670,7 +583,7 @@ def _modes(
     """Return frequencies and damping ratios; elastic modes with all couplings."""
     d, flight = tracing.diagnosis, scenario.flight
     after = {**d.derived_after, **estimated_modes(tracing, truth.modes)}
-    true = _true_modes(scenario)
+    true = modes_of_truth(scenario)
     return tuple(
         Scored(
             name,
@@ -683,17 +596,3 @@ def _modes(
         for name, q in after.items()
         if name in comparable.derived or (name in true and flight.own is None)
     )
-
-
-def _true_modes(scenario: TraceScenario) -> dict[str, float]:
-    """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
-    if it has no rest at zero.
-    """
-    flight = scenario.flight
-    if flight.vehicle.startswith(CLOSED_LOOP):
-        equivalent = equivalent_of(scenario)
-        return {
-            "natural_frequency": equivalent.natural_frequency,
-            "damping_ratio": equivalent.damping_ratio,
-        }
-    return true_modes(true_vehicle(flight)) if scenario.model in ("rigid", "flexible") else {}

@@ -21,9 +21,16 @@ from scenarios.studies.catalogue import (
 )
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
-from scenarios.trials.planted.declaration import OWN, Expectation, TraceScenario, own_terms
+from scenarios.trials.planted.declaration import (
+    OWN,
+    Expectation,
+    Grade,
+    TraceScenario,
+    grade,
+    own_terms,
+)
 from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
-from scenarios.trials.planted.study import Grade, grade, run_trace
+from scenarios.trials.planted.study import run_trace
 from sim.declaration.model import Noise
 from sim.effects.library import effect_names
 from sim.errors import DeclarationError

@@ -19,7 +19,7 @@ from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
-from scenarios.studies.estimating import START_OF_REST, maneuvers_by_input, with_common_hold
+from scenarios.studies.declaration import START_OF_REST, maneuvers_by_input, with_common_hold
 from scenarios.studies.reading import maneuver_plans, scenario_of
 from scenarios.studies.schema import ManeuverTable
 from scenarios.studies.study import run_scenario

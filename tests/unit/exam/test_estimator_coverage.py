@@ -25,7 +25,7 @@ from exam.coverage.estimators import (
     statistics,
     table,
 )
-from scenarios.identification.conditions import SHORT_IN_GUSTS
+from scenarios.identification.cautions import SHORT_IN_GUSTS
 
 PAGE = Path(__file__).parents[3] / "docs" / "estimators.md"
 

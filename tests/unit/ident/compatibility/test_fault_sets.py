@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.fault_sets import (
-    charge_of,
-    confusable_loss,
+from ident.compatibility.fault_sets import charge_of, confusable_loss
+from ident.compatibility.kinematics import ARM, DELAY, LAG, SCALE, SensorFault
+from ident.compatibility.trials import (
+    Compatibility,
+    CompatibilitySettings,
     leaves_a_reference,
     reference_sentence,
 )
-from ident.compatibility.kinematics import ARM, DELAY, LAG, SCALE, SensorFault
-from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.flight_path import UNITS, Sensors, fly, shown

@@ -14,16 +14,14 @@ from scipy import signal
 
 from ident.frequency_domain.online import (
     OnlineEquations,
-    OnlineEstimate,
     Sums,
-    _sensor_levels,
     advance,
     begin,
-    estimate,
     frequencies,
     online_equations,
 )
 from ident.frequency_domain.online_lag import estimated, lag_stream, pseudo_control, with_rows
+from ident.frequency_domain.online_regression import OnlineEstimate, _sensor_levels, estimate
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model

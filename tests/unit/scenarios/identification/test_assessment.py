@@ -12,13 +12,8 @@ import pytest
 from ident.estimate import Outcome
 from scenarios.files.user_models import Constraints
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment import (
-    IdentificationResult,
-    Options,
-    RecordFit,
-    isolated_outliers,
-)
-from scenarios.identification.conditions import too_short
+from scenarios.identification.assessment import IdentificationResult, Options, RecordFit
+from scenarios.identification.cautions import too_short
 from scenarios.identification.files import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
 from scenarios.identification.report import (
@@ -31,6 +26,7 @@ from scenarios.identification.report import (
     intervals_table,
 )
 from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.recording import isolated_outliers
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Tie
 from sim.errors import DeclarationError

@@ -17,7 +17,7 @@ from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
 from ident.filters.ekf import iterated_to_convergence
 from scenarios.identification.assessment import IdentificationResult
-from scenarios.identification.conditions import cautions_of
+from scenarios.identification.cautions import cautions_of
 from scenarios.identification.identify import identify, identify_files
 from scenarios.identification.methods import LEAST_NOISE
 from scenarios.preparation.plan import Plan, Request

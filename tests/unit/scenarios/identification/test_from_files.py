@@ -70,7 +70,7 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
         )
 
     monkeypatch.setattr(identify, "_with_other_hold", read_otherwise)
-    monkeypatch.setattr(identify, "_filter_error_proposed", lambda *_: ())
+    monkeypatch.setattr(identify, "filter_error_proposed", lambda *_: ())
     return seen
 
 

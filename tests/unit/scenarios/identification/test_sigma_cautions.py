@@ -18,8 +18,8 @@ from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
 from ident.statistics.residuals import MADE_BY_INPUTS, ResidualTest, share_from_inputs
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification import conditions
-from scenarios.identification.conditions import (
+from scenarios.identification import cautions as cautions_module
+from scenarios.identification.cautions import (
     FILTER_ERROR,
     LOST_ROWS,
     SHORT_IN_GUSTS,
@@ -119,7 +119,7 @@ def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_se
 
 
 def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conditions, "_moved_together", lambda records, estimate: True)
+    monkeypatch.setattr(cautions_module, "_moved_together", lambda records, estimate: True)
     estimate = cast(Estimate, SimpleNamespace(method="output-error", output_names=("alpha", "q")))
     tests = [
         ResidualTest(kind, name, 1.0, 1e-9, "")

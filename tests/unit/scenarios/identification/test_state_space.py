@@ -14,8 +14,8 @@ from scipy.linalg import expm
 
 from ident.flying_qualities.modes import StateSpace
 from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.identification.files import refuse_place, state_space_of, write_state_space
 from scenarios.identification.identify import identify
-from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
 from tests.own_models import SPRING

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import flightid as fid
-from ident.recording.inspection import large_angle
+from ident.recording.misread_columns import large_angle
 from scenarios.files.measured.columns import read_record_file
-from scenarios.identification.conditions import NO_LIFT
+from scenarios.identification.cautions import NO_LIFT
 from scenarios.preparation.draft_text import map_text
 from scenarios.preparation.drafting import drafted
 from sim.errors import FlightidError

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.estimating import (
+from scenarios.studies.declaration import (
     START_OF_REST,
-    fly_scenario,
+    ManeuverPlan,
     maneuver_of,
     maneuvers_by_input,
-    measured_again,
     with_common_hold,
 )
+from scenarios.studies.estimating import fly_scenario, measured_again
 from sim.maneuvers import Maneuver
 from sim.record import Hold
 

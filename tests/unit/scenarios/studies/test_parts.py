@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 
 from scenarios.studies.campaign import EstimatorRuns
-from scenarios.studies.campaign_causes import wrong_sigmas
-from scenarios.studies.campaign_statistics import Bound, coverage_of
-from scenarios.studies.campaign_trials import (
-    STATES,
-    Level,
-    likely_levels,
+from scenarios.studies.campaign_causes import (
     predicted_by_colour,
     predicted_by_prior,
     split,
+    wrong_sigmas,
 )
+from scenarios.studies.campaign_statistics import Bound, coverage_of
+from scenarios.studies.campaign_trials import STATES, Level, likely_levels
 from scenarios.studies.catalogue import load_scenario
 from scenarios.tasks.work import tasks_of
 

@@ -10,10 +10,10 @@ import pytest
 from scipy.stats import binomtest, chi2
 
 from scenarios.studies.campaign import CampaignRuns, fly_campaign
+from scenarios.studies.campaign_report import squares_sentence
 from scenarios.studies.campaign_statistics import (
     campaign_statistics,
     squares,
-    squares_sentence,
     statistics_content,
     statistics_csv,
 )

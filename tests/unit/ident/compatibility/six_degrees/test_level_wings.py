@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.compatibility.check import compatibility
-from ident.compatibility.six_degrees.kinematics import LEVEL, misled_by_bank
+from ident.compatibility.check import compatibility, misled_by_bank
+from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import CompatibilitySettings
 from sim.maths import G0
 from sim.record import Channel, Record
