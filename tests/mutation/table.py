@@ -536,8 +536,8 @@ IDENT = (
     *changes(
         "ident/regression/state_histories.py",
         ("tests/unit/ident/regression/test_local_polynomial.py",),
-        ("1.0 - own, 1e-6", "1.0, 1e-6"),
-        ("2.0 * (width - 1) * float(", "20.0 * (width - 1) * float("),
+        ("1.0 - own_weight, 1e-6", "1.0, 1e-6"),
+        ("_LONGEST_WINDOW * (width - 1)", "10.0 * _LONGEST_WINDOW * (width - 1)"),
     ),
     *changes(
         "ident/whole_record/layout.py",
