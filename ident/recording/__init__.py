@@ -1,8 +1,7 @@
 """Checks of the raw columns of a record, before any fit.
 
-It may import `ident.statistics` and `sim`; of the vehicle it is told plain numbers
-(`Expectations`). A new kind of fault is a file with a function from series to findings, a line in
-`inspection.py`, its threshold with theory or a simulated null beside it, a test in
-`tests/unit/ident/recording` that finds it and another in which it is absent. What is done about a
-finding is decided in `scenarios/preparation/recording.py`.
+It may import `ident.statistics` and `sim`. What it needs of the vehicle is given as numbers
+(`Expectations`). A new kind of fault needs a function that returns its findings, a call in
+`inspection.py`, a threshold with its reason, and two tests in `tests/unit/ident/recording`: one
+with the fault, one without. `scenarios/preparation/recording.py` decides what a finding causes.
 """

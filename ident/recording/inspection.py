@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.recording.distorted_channels import band_limited, clipped, hum, zero_steps
+from ident.recording.interpolation import interpolated
 from ident.recording.kinematic_relations import (
     DEGREES,
     NZ_REMEDY,
@@ -42,7 +43,6 @@ from ident.recording.kinematic_relations import (
 from ident.recording.missing_samples import (
     dropouts,
     held_samples,
-    interpolated,
     missing_rows,
     stuck,
 )

@@ -341,7 +341,10 @@ IDENT = (
     *changes(
         "ident/recording/kinematic_relations.py",
         ("tests/unit/ident/recording/test_readings.py",),
-        ("float(off @ off) / len(left) * lag", "float(off @ off) / len(left)"),
+        (
+            "float(residual @ residual) / len(residual) * lag",
+            "float(residual @ residual) / len(residual)",
+        ),
     ),
     *changes(
         "ident/recording/inspection.py",
