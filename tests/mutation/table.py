@@ -523,8 +523,8 @@ IDENT = (
     *changes(
         "ident/banks/online.py",
         ("tests/unit/ident/banks/test_online_bank.py",),
-        ("gaps / (1.5 * bank.interval)", "gaps / (3.5 * bank.interval)"),
-        ("wild[k] & (streak < LONGEST_SPIKE)", "wild[k] & (streak <= LONGEST_SPIKE)"),
+        ("LONGEST_STEP = 1.5 ", "LONGEST_STEP = 3.5 "),
+        ("outside[k] & (streak < LONGEST_SPIKE)", "outside[k] & (streak <= LONGEST_SPIKE)"),
     ),
     *changes(
         "ident/filters/smoother.py",
