@@ -567,7 +567,7 @@ SCENARIOS = (
     *changes(
         "scenarios/files/units.py",
         ("tests/unit/scenarios/files/test_units.py",),
-        ("_DEGREE ** (size.deg - due.deg)", "_DEGREE ** (due.deg - size.deg)"),
+        ("_DEGREE ** (source.deg - due.deg)", "_DEGREE ** (due.deg - source.deg)"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",
