@@ -27,7 +27,7 @@ from scenarios.files.measured.columns import (
     refuse_unknown_units,
 )
 from scenarios.files.measured.derived import with_derived
-from scenarios.files.measured.grid import clock_of, clock_place, leaps, stated_unit
+from scenarios.files.measured.grid import clock_of, clock_place, moves_in_steps, stated_unit
 from scenarios.files.units import to_si
 from sim.errors import RecordError, time_span
 from sim.record import Channel, Hold, Record
@@ -464,7 +464,7 @@ def _input(
     """Return an input, and a sentence on its interpolation; empty if it has a sample in each row.
 
     An input with a lower rate than the rows is held, or joined by lines, between its samples.
-    ``hold`` says which; None holds an input that leaps. A gap beyond ``_LONGEST_GAP`` is an error.
+    ``hold`` says which; None holds an input that moves in steps. A gap beyond ``_LONGEST_GAP`` is an error.
     """
     content = _numbers_of_all_rows(table, column)
     _check_cells(table, column, content, window.rows)
@@ -484,7 +484,7 @@ def _input(
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
         remedy = "fill the gap, or block_time the record there with --from and --to"
         raise RecordError("an input sample is missing", where=where, remedy=remedy)
-    chosen = hold or ("previous" if leaps(values[finite_rows]) else "linear")
+    chosen = hold or ("previous" if moves_in_steps(values[finite_rows]) else "linear")
     if chosen == "previous":
         latest = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
         filled = values[finite_rows[np.clip(latest, 0, finite_rows.size - 1)]]

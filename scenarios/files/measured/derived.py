@@ -15,13 +15,13 @@ from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
 from scenarios.files.measured.grid import (
     Place,
     Wanted,
-    calibrated,
     clock_of,
     clock_place,
-    delayed,
-    merged,
+    merge_topics,
     topic_numbers,
     unit_of,
+    with_calibration,
+    without_delay,
 )
 from sim.errors import RecordError
 
@@ -90,7 +90,7 @@ def with_derived(
                     f"make a channel map with {map_command(file.path)}, and name it with --channels"
                 ),
             )
-        single, new_choices = merged(file, topics, wanted, rate, hold, channel_units)
+        single, new_choices = merge_topics(file, topics, wanted, rate, hold, channel_units)
         return single, {**new_choices, **absent}
     computed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not computed:
@@ -276,7 +276,7 @@ def _with_computed_columns(
                     where=f"{file.path}, channel {channel}",
                     remedy="name the column of time",
                 )
-            values = delayed(clock_of(table, clock_index).time, values, choice.delay)
+            values = without_delay(clock_of(table, clock_index).time, values, choice.delay)
         label = f"{channel} (computed)"
         header.append(label)
         columns.append(np.asarray(values, dtype=float))
@@ -327,4 +327,4 @@ def _values(
         raise RecordError(
             "its columns have different lengths", where=where, remedy="use columns of one table"
         )
-    return calibrated(evaluate(wanted.expression, columns, where), wanted.choice)
+    return with_calibration(evaluate(wanted.expression, columns, where), wanted.choice)
