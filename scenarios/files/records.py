@@ -464,7 +464,8 @@ def _input(
     """Return an input, and a sentence on its interpolation; empty if it has a sample in each row.
 
     An input with a lower rate than the rows is held, or joined by lines, between its samples.
-    ``hold`` says which; None holds an input that moves in steps. A gap beyond ``_LONGEST_GAP`` is an error.
+    ``hold`` says which; None holds an input that moves in steps. A gap beyond ``_LONGEST_GAP`` is
+    an error.
     """
     content = _numbers_of_all_rows(table, column)
     _check_cells(table, column, content, window.rows)
