@@ -51,11 +51,11 @@ def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Reco
     for name, value, is_dropout in candidates:
         runs = runs_of(is_dropout)
         if is_input:
-            runs = [
-                (begin, end)
+            is_short = [
+                end - begin <= MOST_ZEROS and _duration(series, begin, end) <= SHORTEST_PULSE
                 for begin, end in runs
-                if end - begin <= MOST_ZEROS and _duration(series, begin, end) <= SHORTEST_PULSE
             ]
+            runs = runs[np.array(is_short, dtype=bool)]
         if len(runs):
             findings.append(_dropout_finding(series, runs, name, value, count, is_input=is_input))
     return findings
@@ -63,7 +63,7 @@ def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Reco
 
 def _dropout_finding(
     series: Series,
-    runs: Sequence[tuple[int, int]] | np.ndarray,
+    runs: np.ndarray,
     name: str,
     value: float,
     count: int,
