@@ -16,7 +16,7 @@ from ident.compatibility.fitting import (
     MOST_PASSES,
     KinematicDescent,
     KinematicFit,
-    descended,
+    descend,
     least_misfit,
     misfit,
     residual_of,
@@ -267,7 +267,7 @@ def fit(
     )
     for _ in range(MOST_PASSES):
         whiteners = [shortened(s, noise) for s in signals]
-        own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
+        own, sizes, lines = descend(search, (own, sizes, lines), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
         before, noise = (
             noise,
