@@ -13,6 +13,7 @@ from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
+    KinematicSignals,
     measured_channels,
     relations,
     signals_of,
@@ -124,12 +125,7 @@ def _compatibility(
         signals = [
             replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
         ]
-    for s in signals:
-        notes += [
-            f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
-            for name, count in s.spikes.items()
-            if count
-        ]
+    notes += _spike_notes(signals)
     used = tuple(name for name in usable if name in signals[0].channels)
     bases = [fit([s]) for s in signals]
     several = len(bases) > 1
@@ -167,6 +163,16 @@ def _compatibility(
         unobservable,
         tuple(notes),
     )
+
+
+def _spike_notes(signals: Sequence[KinematicSignals]) -> list[str]:
+    """Return sentences on isolated wrong samples, which do not count."""
+    return [
+        f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
+        for s in signals
+        for name, count in s.spikes.items()
+        if count
+    ]
 
 
 def _without_relations(
