@@ -1,17 +1,17 @@
-"""The bank of delays on line, row by row, and its sensitivity to the start.
+"""Bank of filters with different delays on line, row by row, and its sensitivity to the start.
 
-The filters equal one pass of `ident.banks.bank.run_bank` with its default settings, to rounding.
-The input at the vehicle is the mean of the delayed stick over each interval, from the recent rows
-alone. Waiting rows are filtered together and then tested for spikes; from a spike on they are
-filtered again without it.
+The filters equal one pass of `ident.banks.bank.run_bank` with its default settings, except for
+rounding. The input at the vehicle is the mean of the delayed stick over each interval, and needs
+only recent rows. New rows are filtered together and then tested for spikes. From a spike on, they
+are filtered again without it.
 
-An extended Kalman filter is linearised at its current estimate: its covariance shrinks too early,
-and its result depends on the start. This dependence is measured with further starts. Each chosen
-quantity is changed by one sigma of its prior, up or down by the columns of a Hadamard matrix,
-independently of the others (Plackett and Burman, Biometrika 33(4), 1946). The mean square of the
-differences from the declared start is then, to first order, the variance due to a start drawn from
-that prior. By the law of total variance it adds to the filter's own. The median replaces the mean,
-so that single failed filters do not matter.
+An extended Kalman filter is linearised at its current estimate. Its covariance therefore decreases
+too early, and its result depends on the start. Filters with other starts measure this dependence.
+Each chosen quantity is changed by one sigma of its prior. The columns of a Hadamard matrix give the
+signs, so that the changes are uncorrelated (Plackett and Burman, Biometrika 33(4), 1946). To first
+order, the mean square of the differences from the declared start is the variance due to a start
+drawn from that prior. By the law of total variance it is added to the variance of the filter. The
+median replaces the mean, so that single diverged filters do not matter.
 """
 
 from __future__ import annotations
@@ -29,14 +29,20 @@ from ident.filters.problem import prior_std
 from sim.declaration.model import System
 from sim.errors import ModelError
 
-# ---- The bank of delays one row at a time: a state and new rows in, a state for each row out
+# ---- The bank row by row
 
 LONGEST_SPIKE = 3  # longest spike, samples in a row of one channel
+LONGEST_STEP = 1.5  # longest integration step, in usual intervals between rows
 
 
 class Rows(NamedTuple):
-    """Rows as they arrive: ``time (N,)`` s, increasing; ``inputs (n_u, N)`` finite; ``outputs (m,
-    N)`` in the System's order, NaN where missing.
+    """N rows of a record as they arrive.
+
+    Attributes
+    ----------
+    time : ``(N,)``, s, increasing.
+    inputs : ``(n_u, N)``, finite, in the order of the System.
+    outputs : ``(m, N)``, NaN where missing, in the order of the System.
     """
 
     time: np.ndarray
@@ -45,21 +51,23 @@ class Rows(NamedTuple):
 
 
 class BankState(NamedTuple):
-    """State of the bank after a row; immutable.
+    """State of the B filters of the bank after a row; immutable.
 
     Attributes
     ----------
-    mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in
-        ``BankEstimate``.
-    innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was
+    mean : ``(n, B)``, as in ``BankEstimate``.
+    covariance : ``(B, n, n)``.
+    log_likelihood : ``(B,)``.
+    sound : ``(B,)`` False for a diverged filter.
+    innovation : ``(m,)`` innovations of the most likely filter in standard deviations, NaN where
+        nothing was measured.
+    expected : ``(m,)`` prediction of the samples by the most likely filter, NaN where nothing was
         measured.
-    expected : ``(m,)`` that filter's prediction of the row's samples, NaN where nothing was
-        measured.
-    skipped : ``(m,)`` samples of this row that were taken for spikes;
-    streak : ``(m,)`` how many in a row.
-    rows_seen : rows so far.
-    past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest
-        delay reaches.
+    skipped : ``(m,)`` whether the sample of this row was left out as a spike.
+    streak : ``(m,)`` number of adjacent samples beyond the gate, up to this row.
+    rows_seen : number of rows so far.
+    past_time : ``(w,)``, s, times of the last rows, as far back as the longest delay.
+    past_inputs : ``(n_u, w)`` their inputs.
     """
 
     mean: np.ndarray
@@ -85,18 +93,27 @@ class BankState(NamedTuple):
         return int(self.log_likelihood.argmax())
 
     def std(self, run: int) -> np.ndarray:
-        """Return the standard deviations of a filter, ``(n,)``."""
+        """Return the standard deviations ``(n,)`` of filter number ``run``."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance[run]), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class OnlineBank:
-    """Constants of an on-line bank: the System with ``p`` (the delays in it), its tables, and the
-    start.
+    """Constants of an on-line bank of B filters.
 
-    ``names``: the ``n`` states and free parameters, ``units`` those of the parameters. ``start``:
-    ``(n,)`` for all filters or ``(n, B)``. ``gate``: of spikes, in standard deviations;
-    ``interval``: s. ``memory``: s of inputs that are kept.
+    Attributes
+    ----------
+    system : the System.
+    names : the n states and free parameters.
+    units : units of the free parameters.
+    delays : ``(B,)``, s.
+    p : all parameters of the System. The delay is the array ``delays``.
+    tables : coefficients of the bilinear equations, and noise.
+    start : ``(n,)`` mean at the start of all filters, or ``(n, B)`` of each.
+    covariance : ``(n, n)`` at the start.
+    gate : an innovation of more standard deviations is a spike.
+    interval : usual time between rows, s.
+    memory : time, s, for which past inputs are kept.
     """
 
     system: System
@@ -125,25 +142,25 @@ def online_bank(
     name: str = "delay",
     gate: float = np.inf,
 ) -> OnlineBank:
-    """Prepare a bank.
+    """Return an on-line bank.
 
     Parameters
     ----------
-    system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is
-        held.
-    interval : usual time between rows, s. A longer step is divided into parts of at most 1.5 times
-        this time. A batch run uses the median of the whole record; its results are the same where
-        the parts are the same.
-    delays : increasing, s.
-    gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
-        and the sample counts as missing for all filters; after ``LONGEST_SPIKE`` in a row it is
-        used. The batch pass of the same rows has no gate: it equals this one where those
-        samples are missing.
+    system : System compiled with ``online=True``, with all noise levels declared.
+    interval : usual time between rows, s. A longer step is divided into parts of at most
+        ``LONGEST_STEP`` times this time. A batch run uses the median interval of the whole record;
+        its results are the same if the parts are the same.
+    delays : s, increasing.
+    name : the parameter of the System that is the delay; it must be held.
+    gate : if an innovation of the most likely filter has more standard deviations, the sample is a
+        spike and counts as missing for all filters. After ``LONGEST_SPIKE`` spikes in a row the
+        sample is used. A batch pass has no gate: it gives the same result if these samples are
+        missing from its record.
 
     Raises
     ------
-    ModelError : equations that are not bilinear or ask for the time, an input that acts on an
-        output directly, an undeclared noise level or prior.
+    ModelError : if equations are not bilinear or depend on time, if an input acts on an output
+        directly, or if a noise level or prior is not declared.
     """
     free_names = system.parameters.free_names
     if name in free_names:
@@ -157,11 +174,11 @@ def online_bank(
                 where=f"output {output}",
                 remedy="give its standard deviation",
             )
-    for each in free_names:
-        if system.declared_noise.process_density.get(each, 0.0):
+    for parameter in free_names:
+        if system.declared_noise.process_density.get(parameter, 0.0):
             raise ModelError(
                 "it is a random walk",
-                where=f"on-line bank, {each}",
+                where=f"on-line bank, {parameter}",
                 remedy="use run_bank on the whole record",
             )
     tables = tables_of(
@@ -182,14 +199,13 @@ def online_bank(
             where="on-line bank",
             remedy="use run_bank on the whole record",
         )
-    std = [prior_std(system, each, state=True) for each in system.state_names] + [
-        prior_std(system, each, state=False) for each in free_names
-    ]
+    std = [prior_std(system, state, state=True) for state in system.state_names]
+    std += [prior_std(system, parameter, state=False) for parameter in free_names]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
     p: list[Any] = list(values)
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
-    units = tuple(system.parameters[each].unit for each in free_names)
+    units = tuple(system.parameters[parameter].unit for parameter in free_names)
     names, memory = (*system.state_names, *free_names), float(grid.max())
     return OnlineBank(
         system,
@@ -209,10 +225,11 @@ def online_bank(
 def with_delays(
     bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None
 ) -> OnlineBank:
-    """Return the bank with other delays ``(B,)`` (s, in any order), and starts ``(n,)`` or ``(n,
-    B)`` if given.
+    """Return the bank with other delays ``(B,)``, s, in any order.
+
+    ``start`` is the new mean at the start, ``(n,)`` or ``(n, B)``; None keeps the present one.
     """
-    # The delays are the only held value that is an array.
+    # Only the entry of the delay is an array.
     p = [delays if np.ndim(value) else value for value in bank.p]
     return replace(
         bank,
@@ -226,61 +243,62 @@ def with_delays(
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
     """Return the state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
-    x = np.array(
-        np.broadcast_to(
-            bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)
-        )
-    )
-    P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
-    silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
+    start = bank.start if bank.start.ndim == 2 else bank.start[:, None]
+    no_innovation = np.full(m, np.nan)
     before = BankState(
-        x,
-        P,
-        np.zeros(B),
-        np.ones(B, dtype=bool),
-        silent,
-        silent,
-        none,
-        np.zeros(m, dtype=int),
-        0,
-        rows.time[:0],
-        rows.inputs[:, :0],
+        mean=np.array(np.broadcast_to(start, (len(bank.names), B))),
+        covariance=np.array(
+            np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C"
+        ),
+        log_likelihood=np.zeros(B),
+        sound=np.ones(B, dtype=bool),
+        innovation=no_innovation,
+        expected=no_innovation,
+        skipped=np.zeros(m, dtype=bool),
+        streak=np.zeros(m, dtype=int),
+        rows_seen=0,
+        past_time=rows.time[:0],
+        past_inputs=rows.inputs[:, :0],
     )
     nodes = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
     return _states_after(bank, before, nodes, rows.outputs)[0]
 
 
 def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
-    """Return the states after each of ``rows``, which follow the state in time."""
+    """Return the states after each of ``rows``, which are later than the state."""
     if rows.time.size == 0:
         return []
-    known = state.past_time.size
-    nodes, row = _nodes(bank, np.append(state.time, rows.time))
-    held = np.concatenate([state.past_inputs[:, -1:], rows.inputs], axis=1)
-    time = np.concatenate([state.past_time, nodes])
-    inputs = np.concatenate([state.past_inputs, held[:, row]], axis=1)
+    past = state.past_time.size
+    node_time, row_of_node = _node_times(bank, np.append(state.time, rows.time))
+    inputs_by_row = np.concatenate([state.past_inputs[:, -1:], rows.inputs], axis=1)
+    time = np.concatenate([state.past_time, node_time])
+    inputs = np.concatenate([state.past_inputs, inputs_by_row[:, row_of_node]], axis=1)
     means = [
-        np.asarray(each).reshape(len(time) - 1, -1)
-        for each in bank.system.input_path(bank.p, list(inputs[:, :-1]), time)
+        np.asarray(mean).reshape(len(time) - 1, -1)
+        for mean in bank.system.input_path(bank.p, list(inputs[:, :-1]), time)
     ]
-    u = np.stack(np.broadcast_arrays(*means), axis=2)[known - 1 :]
-    last = np.flatnonzero(np.diff(row, prepend=0)) + 1
-    steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
-    # Nodes before the longest delay are dropped.
-    at = known + last - 1
-    oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
-    path = _Nodes(
-        time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
+    u = np.stack(np.broadcast_arrays(*means), axis=2)[past - 1 :]
+    ends = np.flatnonzero(np.diff(row_of_node, prepend=0)) + 1
+    steps = [range(a, b) for a, b in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True)]
+    last = past + ends - 1
+    oldest = np.maximum(np.searchsorted(time, time[last] - bank.memory, side="right") - 1, 0)
+    nodes = _Nodes(
+        time, inputs, steps, np.diff(time)[past - 1 :].tolist(), u, oldest.tolist(), last.tolist()
     )
-    return _states_after(bank, state, path, rows.outputs)
+    return _states_after(bank, state, nodes, rows.outputs)
 
 
 class _Nodes(NamedTuple):
-    """Nodes of the integration.
+    """Nodes of the integration over the past and K new rows, with M steps over the new rows.
 
-    All times and inputs, with those of the past; the steps between nodes that lead to each row,
-    their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each row the oldest node that
-    is still needed, and its own.
+    Attributes
+    ----------
+    time, inputs : ``(w + M,)``, s, and ``(n_u, w + M)``, at all nodes.
+    steps : the steps from the row before to each new row.
+    dt : size of each step, s.
+    u : ``(M, B, n_u)`` inputs at the vehicle during each step.
+    oldest : position of the oldest node that is still needed after each new row.
+    last : position of the node at each new row.
     """
 
     time: np.ndarray
@@ -289,49 +307,52 @@ class _Nodes(NamedTuple):
     dt: list[float]
     u: np.ndarray
     oldest: list[int]
-    at: list[int]
+    last: list[int]
 
 
-def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of the integration nodes after ``time[0]``, as in
+def _node_times(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times ``(M,)`` of the integration nodes after ``time[0]``, as in
     ``sim.propagation.make_grid``, and the row whose input holds from each node on.
     """
     gaps = np.diff(time)
-    pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
-    if pieces.max() == 1:
+    parts = np.maximum(1, np.ceil(gaps / (LONGEST_STEP * bank.interval) - 1e-9)).astype(int)
+    if parts.max() == 1:
         return time[1:], np.arange(1, len(time))
-    before = np.repeat(np.arange(len(gaps)), pieces)
-    within = np.arange(1, len(before) + 1) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    last = within == pieces[before]
-    return np.where(
-        last, time[before + 1], time[before] + gaps[before] * (within / pieces[before])
-    ), np.where(last, before + 1, before)
+    gap = np.repeat(np.arange(len(gaps)), parts)  # of each node
+    part = np.arange(1, len(gap) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
+    at_row = part == parts[gap]
+    inside = time[gap] + gaps[gap] * (part / parts[gap])
+    return np.where(at_row, time[gap + 1], inside), np.where(at_row, gap + 1, gap)
 
 
 def _states_after(
     bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
-    """States after the rows of ``nodes`` with their samples ``(m, K)``, NaN where missing."""
+    """Return the states after the rows of ``nodes`` with the samples ``outputs (m, K)``, NaN where
+    missing.
+    """
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
-    spikes: _Assessed | None = None
+    spike_test: _SpikeTest | None = None
     with np.errstate(all="ignore"):
         while first < count:
             rows = slice(first, min(first + length, count))
-            filtered, result = _filtered(bank, state, nodes, rows, z[:, rows], spikes)
-            states += filtered
-            first, state = first + len(filtered), filtered[-1] if filtered else state
-            # After a spike, rows are filtered in growing parts, so that many spikes stay cheap.
-            length = 1 if result is not None else 2 * length
-            if result is not None:
-                z[result.skipped, first] = np.nan
-            spikes = result
+            new_states, spike_test = _filtered(bank, state, nodes, rows, z[:, rows], spike_test)
+            states += new_states
+            if new_states:
+                first, state = first + len(new_states), new_states[-1]
+            if spike_test is None:
+                length = 2 * length
+            else:
+                # After a spike, the parts begin with one row and grow: few rows are filtered twice.
+                length = 1
+                z[spike_test.skipped, first] = np.nan
     return states
 
 
-class _Assessed(NamedTuple):
-    """Test of one row's samples for spikes, ``(m,)`` each as in ``BankState``."""
+class _SpikeTest(NamedTuple):
+    """Test of the samples of one row for spikes, ``(m,)`` each, as in ``BankState``."""
 
     innovation: np.ndarray
     expected: np.ndarray
@@ -345,65 +366,62 @@ def _filtered(
     nodes: _Nodes,
     rows: slice,
     z: np.ndarray,
-    judged: _Assessed | None,
-) -> tuple[list[BankState], _Assessed | None]:
-    """States after ``rows`` up to the first with a new spike, and the test of that row.
+    first_test: _SpikeTest | None,
+) -> tuple[list[BankState], _SpikeTest | None]:
+    """Return the states after ``rows`` up to the first row with a spike, and the test of that row;
+    None if no row has a spike.
 
-    The first row is not tested again.
+    ``z (m, K)`` are the samples of the rows. ``first_test`` is the test of the first row if it was
+    tested before; the row is then not tested again.
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    done = filter_stretch(
+    result = filter_stretch(
         bank.tables,
         Legs(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
         before.mean,
         before.covariance,
     )
-    gains, nis = likelihood_and_nis(done.innovation, valid)
-    good = sound_so_far(done, nis, before.sound)
-    total = np.where(
-        good, before.log_likelihood + np.cumsum(np.where(good, gains, 0.0), axis=0), -np.inf
-    )
-    likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
-    chosen = done.innovation[np.arange(len(likely)), likely]
-    sizes = np.where(
-        valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan
-    )
-    expected = np.where(valid.T, z.T - chosen[:, :, 0], np.nan)
-    wild, none = np.abs(sizes) > bank.gate, np.zeros(len(z), dtype=bool)
-    suspicious, streak = bool(wild.any() or before.streak.any()), before.streak
+    gains, nis = likelihood_and_nis(result.innovation, valid)
+    sound = sound_so_far(result, nis, before.sound)
+    log_likelihood = before.log_likelihood + np.cumsum(np.where(sound, gains, 0.0), axis=0)
+    log_likelihood = np.where(sound, log_likelihood, -np.inf)
+    # the most likely filter before each row
+    best = np.concatenate([before.log_likelihood[None], log_likelihood[:-1]]).argmax(axis=1)
+    best_innovation = result.innovation[np.arange(len(best)), best]
+    std = np.sqrt(np.diagonal(best_innovation[:, :, 1:], axis1=1, axis2=2))
+    sizes = np.where(valid.T, best_innovation[:, :, 0] / std, np.nan)
+    expected = np.where(valid.T, z.T - best_innovation[:, :, 0], np.nan)
+    outside = np.abs(sizes) > bank.gate
+    to_test, streak = bool(outside.any() or before.streak.any()), before.streak
     states: list[BankState] = []
-    mean, covariance, seen = before.mean, before.covariance, before.rows_seen
-    every = bool(good[-1].all())
+    mean, covariance = before.mean, before.covariance
+    all_sound = bool(sound[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        result = _Assessed(sizes[k], expected[k], none, streak)
-        if k == 0 and judged is not None:
-            result = judged
-        elif suspicious and valid[:, k].any():
-            result = _Assessed(
-                sizes[k],
-                expected[k],
-                wild[k] & (streak < LONGEST_SPIKE),
-                np.where(wild[k], streak + 1, 0),
-            )
-            if result.skipped.any():
-                return states, result
-        streak = result.streak
-        mean = done.mean[k].T if every else np.where(good[k], done.mean[k].T, mean)
-        covariance = (
-            done.covariance[k]
-            if every
-            else np.where(good[k][:, None, None], done.covariance[k], covariance)
-        )
-        past = slice(nodes.oldest[row], nodes.at[row] + 1)
+        test = _SpikeTest(sizes[k], expected[k], np.zeros(len(z), dtype=bool), streak)
+        if k == 0 and first_test is not None:
+            test = first_test
+        elif to_test and valid[:, k].any():
+            spike = outside[k] & (streak < LONGEST_SPIKE)
+            test = _SpikeTest(sizes[k], expected[k], spike, np.where(outside[k], streak + 1, 0))
+            if spike.any():
+                return states, test
+        streak = test.streak
+        if all_sound:
+            mean, covariance = result.mean[k].T, result.covariance[k]
+        else:
+            # Diverged filters keep their last sound values.
+            mean = np.where(sound[k], result.mean[k].T, mean)
+            covariance = np.where(sound[k][:, None, None], result.covariance[k], covariance)
+        past = slice(nodes.oldest[row], nodes.last[row] + 1)
         states.append(
             BankState(
                 mean,
                 covariance,
-                total[k],
-                good[k],
-                *result,
-                seen + k + 1,
+                log_likelihood[k],
+                sound[k],
+                *test,
+                before.rows_seen + k + 1,
                 nodes.time[past],
                 nodes.inputs[:, past],
             )
@@ -412,7 +430,7 @@ def _filtered(
 
 
 def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
-    """Return the state as a result of ``run_bank``, without normalised squares of the rows."""
+    """Return the state as a result of ``run_bank``, without the NIS of the rows."""
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
@@ -434,8 +452,13 @@ MEDIAN_SQUARE = 0.454936
 
 
 class FinalStates(NamedTuple):
-    """Results of K starts after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s) of the
-    most likely filter of each; ``sound (N, K)``.
+    """Most likely filter of each of K starts after each of N rows.
+
+    Attributes
+    ----------
+    mean : ``(N, K, n)``.
+    delay : ``(N, K)``, s.
+    sound : ``(N, K)`` False if all filters of the start have diverged.
     """
 
     mean: np.ndarray
@@ -444,10 +467,16 @@ class FinalStates(NamedTuple):
 
 
 class StartSpread(NamedTuple):
-    """Uncertainty after each of N rows that comes from the start and the grid of delays.
+    """Uncertainty after each of N rows that comes from the start and from the grid of delays.
 
-    ``std (N, n)`` and ``delay (N,)`` (s) add to the standard deviations of the most likely filter;
-    infinite if half of the starts diverged. ``differences (N, K, n)`` from the declared start.
+    It is in addition to that of the most likely filter, and infinite if half of the K starts have
+    diverged.
+
+    Attributes
+    ----------
+    std : ``(N, n)`` standard deviations of states and parameters.
+    delay : ``(N,)`` standard deviation of the delay, s.
+    differences : ``(N, K, n)`` means of the starts minus that of the declared start.
     """
 
     std: np.ndarray
@@ -456,10 +485,12 @@ class StartSpread(NamedTuple):
 
 
 def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
-    """Starts ``(n, K)`` with the factors moved by one sigma of their prior; K is the smallest power
-    of two above their number.
+    """Return K starts ``(n, K)``: the quantities ``factors`` are changed by plus or minus one sigma
+    of their priors. K is the smallest power of two above the number of factors.
 
-    Raises ModelError for a factor that the bank does not have.
+    Raises
+    ------
+    ModelError : if a factor is no state and no free parameter of the bank.
     """
     missing = [name for name in factors if name not in bank.names]
     if missing:
@@ -478,8 +509,8 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """Return all delays of a bank from each start ``(n, K)``, start by start, without a test for
-    spikes.
+    """Return a bank with all delays of ``bank`` for the first of K ``starts (n, K)``, then for the
+    second, and so on, without a test for spikes.
     """
     count = starts.shape[1]
     return replace(
@@ -489,8 +520,9 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
 
 
 def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
-    """Return the most likely filter of each start in states of a ``bank_of_starts`` with ``delays``
-    delays a start.
+    """Return the most likely filter of each start from the states of a ``bank_of_starts``.
+
+    ``delays`` is the number of delays of each start.
     """
     K, n = len(bank.delays) // delays, len(bank.names)
     likely = np.array(
@@ -503,41 +535,42 @@ def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) 
 
 
 def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
-    """Return the spread of the starts about the declared one, whose bank has these ``states``,
-    including the spacing of its grid of delays.
+    """Return the spread of the final states ``ends`` of other starts about those of the declared
+    start, and the uncertainty from the grid of delays.
+
+    ``bank`` and ``states`` are those of the declared start.
     """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
-    best, each = likely.argmax(axis=1), np.arange(len(states))
+    best, rows = likely.argmax(axis=1), np.arange(len(states))
     low, high = np.maximum(best - 1, 0), np.minimum(best + 1, len(bank.delays) - 1)
     means = np.array([state.mean for state in states])
-    slope = (means[each, :, high] - means[each, :, low]) / (bank.delays[high] - bank.delays[low])[
-        :, None
-    ]
-    # A delay is uniform within one step of the grid.
+    delay_difference = (bank.delays[high] - bank.delays[low])[:, None]
+    slope = (means[rows, :, high] - means[rows, :, low]) / delay_difference
+    # The delay is distributed uniformly over one step of the grid.
     step = float(np.diff(bank.delays).mean())
-    differences = ends.mean - means[each, :, best][:, None]
-    typical = _median_variance(differences, ends.sound[:, :, None])
+    differences = ends.mean - means[rows, :, best][:, None]
+    start_variance = _median_variance(differences, ends.sound[:, :, None])
     return StartSpread(
-        np.sqrt(typical + np.square(slope) * step**2 / 12.0),
+        np.sqrt(start_variance + np.square(slope) * step**2 / 12.0),
         np.sqrt(_median_variance(ends.delay - bank.delays[best][:, None], ends.sound)),
         np.where(ends.sound[:, :, None], differences, 0.0),
     )
 
 
 def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
-    """Return the covariance ``(n, n)`` with the deviations ``std (n,)`` and the correlations of the
-    differences ``(K, n)`` of one row.
+    """Return the covariance ``(n, n)`` with the standard deviations ``std (n,)`` and the
+    correlations of the ``differences (K, n)`` of one row.
     """
     products = differences.T @ differences
-    scale = np.sqrt(np.diagonal(products))
-    share = np.divide(std, scale, out=np.zeros_like(std), where=scale > 0)
-    out = share[:, None] * products * share
-    np.fill_diagonal(out, np.square(std))
-    return out
+    norms = np.sqrt(np.diagonal(products))
+    scale = np.divide(std, norms, out=np.zeros_like(std), where=norms > 0)
+    covariance = scale[:, None] * products * scale
+    np.fill_diagonal(covariance, np.square(std))
+    return covariance
 
 
 def _median_variance(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Return the variances from the median square over the starts (second axis); infinite for a
-    failed start.
+    """Return the variances from the median square over the starts, the second axis. The square of a
+    diverged start counts as infinite.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

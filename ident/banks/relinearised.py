@@ -1,10 +1,10 @@
-"""On-line bank of delays, linearised again while rows arrive: its estimate is the refined one of
-`run_delay_bank` for the record so far.
+"""On-line bank of delays that is linearised again while rows arrive.
 
-When the rows are informative enough, the refinement runs over all of them. Filters at delays one
-sigma apart about its result, linearised at the smoothed trajectory, then continue row by row. Near
-the optimum an extended Kalman filter is as good as the iterated one. The bank is linearised again
-when the information has grown much or the estimate has moved.
+Its estimate is that of `run_delay_bank`, with refinement, for the record so far. When the rows are
+informative enough, `run_delay_bank` is run over all of them. Its smoothed trajectory is the point
+of linearisation of filters at delays one sigma apart. These filters continue row by row: near the
+optimum, an extended Kalman filter is as good as an iterated one. The bank is linearised again when
+the information has increased or the estimate has changed by much.
 """
 
 from __future__ import annotations
@@ -22,34 +22,46 @@ from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 
-# filters on either side, one sigma of the delay apart: their sum gives a Gaussian's integral to
-# 1e-4
+# filters on either side of the estimate, one sigma of the delay apart: their sum approximates the
+# integral of a Gaussian to 1e-4
 FILTERS_ON_EITHER_SIDE = 4
-# fewest filters for a poorly known delay: at the midpoints of five equal cells, the standard
-# deviation of a uniform density is right to 2 %
+# fewest filters for a poorly known delay: with five equal cells, the standard deviation of a
+# uniform density has an error of 2 %
 FEWEST_FILTERS = 5
-# ratio of a sigma to that at the last linearisation, below which a new one is due
+FEWEST_SOUND_FILTERS = 3  # fewest filters that converge in a linearisation
+# a new linearisation is due if the ratio of a sigma to that at the last one is smaller
 SHARPENED_SHARE = 0.5
-# largest change of a mean, in sigmas of the last linearisation, that needs no new one: the
-# quadratic term is still small
+# a new linearisation is due if a mean has changed by more sigmas of the last one: quadratic terms
+# are no longer small
 MOVED_SIGMAS = 1.0
 # smallest sigma of the delay, in steps of the grid, for which a sum approximates the integral
 COARSE_GRID_SIGMAS = 0.5
-# largest likelihood of the outermost filter: above it, the grid misses likely delays
+# largest likelihood weight of the first and last delay of a grid that contains all likely delays
 EDGE_LIKELIHOOD = 0.01
-# largest ratio of sigmas from the last rows alone to those from all rows, at which the last rows
-# suffice: they hold nearly two thirds of the information
+NEGLIGIBLE_WEIGHT = 1e-12  # filters with a smaller likelihood weight are left out
+# largest ratio of the sigmas from the last rows alone to those from all rows, for a bank that
+# continues from the last rows: they have nearly two thirds of the information
 LARGEST_SIGMA_RATIO = 1.25
 CONTRADICTED_SIGMAS = 2.0  # distance of two estimates that contradict each other, in sigmas
-SETTLED_SIGMAS = 0.1  # largest change of converged iterated filters, in sigmas
+SETTLED_SIGMAS = 0.1  # largest change in the last iteration of a converged filter, in sigmas
 OTHER_OPTIMUM_SIGMAS = 0.5  # smallest distance of different optima, in sigmas
+# largest loss of log likelihood of another optimum: three sigmas
+OTHER_OPTIMUM_LOSS = 4.5
 
 
 @dataclass(frozen=True, eq=False)
 class Relinearised:
-    """The ``bank`` at fine delays and its ``state``. ``rows``: number of rows at its last
-    linearisation, with ``mean`` and ``std (n + 1,)`` then, the delay last. ``start_dependence
-    (n,)``: distance of iterated filters with other starts, zero if they agree.
+    """A bank at fine delays after its last linearisation.
+
+    Attributes
+    ----------
+    bank : the bank.
+    state : its present state.
+    rows : number of rows at the last linearisation.
+    mean : ``(n + 1,)`` mean at the last linearisation, the delay last.
+    std : ``(n + 1,)`` standard deviations at the last linearisation.
+    start_dependence : ``(n,)`` largest distance of iterated filters from other starts; zero if all
+        starts give the same estimate.
     """
 
     bank: OnlineBank
@@ -61,15 +73,12 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Return whether the most likely filter has halved the sigma of any of these parameters since
-    the first row.
+    """Return whether the most likely filter has halved the prior sigma of any of the parameters
+    ``names``.
     """
-    at = [bank.names.index(name) for name in names]
-    return bool(
-        np.any(
-            state.std(state.best)[at] < SHARPENED_SHARE * np.sqrt(np.diagonal(bank.covariance)[at])
-        )
-    )
+    places = [bank.names.index(name) for name in names]
+    prior_std = np.sqrt(np.diagonal(bank.covariance)[places])
+    return bool(np.any(state.std(state.best)[places] < SHARPENED_SHARE * prior_std))
 
 
 def linearise(
@@ -80,16 +89,18 @@ def linearise(
     other_starts: np.ndarray,
     name: str = "delay",
 ) -> Relinearised | None:
-    """Refine over all rows and continue from there; None where the refinement finds no delay inside
-    the grid or does not converge.
+    """Return a bank that is linearised at the refined estimate of a record; None if the refinement
+    finds no delay inside the grid or does not converge.
 
     Parameters
     ----------
-    record : the rows so far, or the last ones of them.
-    system : for them, as for ``run_delay_bank``.
-    first_pass, state : the bank on line after the last row; ``state`` knows the recent inputs.
-    other_starts : means ``(n, K)``; the iterated filter is also started from their parameters, to
-        see whether it ends elsewhere.
+    record : the rows so far, or the last of them.
+    system : System of the record, as for ``run_delay_bank``.
+    first_pass : the on-line bank without new linearisation.
+    state : its state after the last row, which has the recent inputs.
+    other_starts : ``(n, K)`` other starts of the iterated filter, which test whether it has other
+        optima.
+    name : the parameter of the System that is the delay.
     """
     try:
         bank_result = run_delay_bank(record, system, name=name)
@@ -114,30 +125,31 @@ def linearise(
         about=bank_result.about[:, :, None],
         tolerance=SETTLED_SIGMAS,
     )
-    if np.count_nonzero(runs.sound) < 3:
+    if np.count_nonzero(runs.sound) < FEWEST_SOUND_FILTERS:
         return None
-    no_innovation = np.full(len(first_pass.R), np.nan)
-    none = np.zeros(len(first_pass.R), dtype=bool)
-    first_values = (
-        runs.mean,
-        runs.covariance,
-        runs.log_likelihood,
-        runs.sound,
-        no_innovation,
-        no_innovation,
-        none,
-        none.astype(int),
+    m = len(first_pass.R)
+    fine_state = BankState(
+        mean=runs.mean,
+        covariance=runs.covariance,
+        log_likelihood=runs.log_likelihood,
+        sound=runs.sound,
+        innovation=np.full(m, np.nan),
+        expected=np.full(m, np.nan),
+        skipped=np.zeros(m, dtype=bool),
+        streak=np.zeros(m, dtype=int),
+        rows_seen=state.rows_seen,
+        past_time=state.past_time,
+        past_inputs=state.past_inputs,
     )
-    after = BankState(*first_values, state.rows_seen, state.past_time, state.past_inputs)
     bank = replace(
         online_bank(bank_result.system, first_pass.interval, fine.tolist(), name=name),
         memory=first_pass.memory,
     )
-    mean, covariance = joint(bank, after)
+    mean, covariance = joint(bank, fine_state)
     std = np.sqrt(np.diagonal(covariance))
     return Relinearised(
         bank,
-        after,
+        fine_state,
         state.rows_seen,
         mean,
         std,
@@ -154,64 +166,64 @@ def linearise(
 
 
 def advanced(current: Relinearised, rows: Rows) -> list[Relinearised]:
-    """Advance through rows and return the bank after each of them."""
+    """Return the bank after each of ``rows``."""
     return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
 
 
 def with_fitting_grid(current: Relinearised) -> Relinearised:
-    """Return the bank, with a new grid of delays if the present one is too coarse for a sum or
-    misses likely delays.
+    """Return the bank with a new grid of delays if the present one is too coarse or does not
+    contain all likely delays; else the bank as it is.
     """
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     step = float(np.diff(bank.delays).mean())
-    # At a bound of the delays the Gaussian is cut off; a new grid would cut it again and narrow it
-    # without data.
-    inside = (weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step) and (
-        weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
-    )
+    # A grid that ends at a bound of the delay is not replaced: the bound would cut off the density
+    # again and decrease sigma without data.
+    contains_low = weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step
+    contains_high = weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
     fine_enough = float(np.sqrt(covariance[-1, -1])) > COARSE_GRID_SIGMAS * step
-    return (
-        current
-        if not state.sound.any() or (inside and fine_enough)
-        else _with_new_grid(current, mean, covariance)
-    )
+    if not state.sound.any() or (contains_low and contains_high and fine_enough):
+        return current
+    return _with_new_grid(current, mean, covariance)
 
 
 def linearisation_due(current: Relinearised, names: Sequence[str]) -> bool:
-    """Return whether the filters need a new linearisation: the sigmas of these parameters have
-    fallen much, or their means moved. Constant terms need not be included: they are linear.
+    """Return whether the filters need a new linearisation: a sigma of the parameters ``names`` or
+    of the delay has decreased by much, or a mean has changed. Constant terms may be left out, since
+    the equations are linear in them.
     """
     mean, covariance = joint(current.bank, current.state)
-    at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
-    std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
-    return bool(
-        np.any(std < SHARPENED_SHARE * before)
-        or np.any(np.abs(mean - current.mean)[at] > MOVED_SIGMAS * before)
-    )
+    places = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
+    std, std_before = np.sqrt(np.diagonal(covariance))[places], current.std[places]
+    change = np.abs(mean - current.mean)[places]
+    sharpened = bool(np.any(std < SHARPENED_SHARE * std_before))
+    return sharpened or bool(np.any(change > MOVED_SIGMAS * std_before))
 
 
 def bank_that_continues(
     current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Return which of two banks continues, where ``linearised`` comes from the last rows alone.
+    """Return the bank that continues: the ``current`` one, or one that was ``linearised`` from the
+    last rows alone.
 
-    The new bank continues if its sigmas of these parameters are hardly larger: its rows then hold
-    nearly all information. Else the current one continues; where the two means
-    differ by more than two of the new sigmas, its start dependence is at least the difference.
+    The new bank continues if its sigmas of the parameters ``names`` are hardly larger: the last
+    rows then have most of the information. Otherwise the current bank continues. Where the two
+    means contradict each other, its start dependence is at least their difference.
     """
-    if linearised is None or current is None:
-        return current if linearised is None else linearised
-    at = [linearised.bank.names.index(name) for name in names]
+    if linearised is None:
+        return current
+    if current is None:
+        return linearised
+    places = [linearised.bank.names.index(name) for name in names]
     mean, covariance = joint(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(linearised.std[at] <= LARGEST_SIGMA_RATIO * std[at]):
+    if np.all(linearised.std[places] <= LARGEST_SIGMA_RATIO * std[places]):
         return linearised
-    off = np.abs(mean - linearised.mean)[:-1]
+    difference = np.abs(mean - linearised.mean)[:-1]
     start_dependence = np.where(
-        off > CONTRADICTED_SIGMAS * linearised.std[:-1],
-        np.maximum(off, current.start_dependence),
+        difference > CONTRADICTED_SIGMAS * linearised.std[:-1],
+        np.maximum(difference, current.start_dependence),
         current.start_dependence,
     )
     return replace(
@@ -220,35 +232,37 @@ def bank_that_continues(
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters
-    by their likelihood: within and between them.
+    """Return the mean ``(n + 1,)`` and covariance ``(n + 1, n + 1)`` of states, parameters and
+    delay. The filters are averaged with their likelihoods; the covariance is that within the
+    filters plus that of their means.
     """
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
-    use = np.flatnonzero(state.sound & (weights > 1e-12))
-    use = use if use.size else np.array([state.best])
-    points = np.vstack([state.mean[:, use], bank.delays[use]])
-    share = weights[use] / weights[use].sum()
-    mean = points @ share
-    away = points - mean[:, None]
-    covariance = (share * away) @ away.T
+    used = np.flatnonzero(state.sound & (weights > NEGLIGIBLE_WEIGHT))
+    if not used.size:
+        used = np.array([state.best])
+    means = np.vstack([state.mean[:, used], bank.delays[used]])
+    probability = weights[used] / weights[used].sum()
+    mean = means @ probability
+    deviation = means - mean[:, None]
+    covariance = (probability * deviation) @ deviation.T
     n = len(mean) - 1
-    covariance[:n, :n] += np.einsum("b,bij->ij", share, state.covariance[use])
-    # A single filter leaves the delay open within one step of the grid.
-    if use.size == 1:
+    covariance[:n, :n] += np.einsum("b,bij->ij", probability, state.covariance[used])
+    # With a single filter, the delay is distributed uniformly over one step of the grid.
+    if used.size == 1:
         covariance[n, n] = float(np.diff(bank.delays).mean()) ** 2 / 12.0
     return mean, 0.5 * (covariance + covariance.T)
 
 
 def joint_estimate(current: Relinearised) -> Estimate:
-    """Return the parameters with the delay as the last one; sigmas include the distance from other
-    linearisations.
+    """Return the estimate of the parameters, the delay last. The covariance includes the start
+    dependence.
     """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
     mean, covariance = joint(bank, state)
     covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
-    likely = float(state.log_likelihood[state.best])
+    log_likelihood = float(state.log_likelihood[state.best])
     names, units = (*bank.names[n_x:], "delay"), (*bank.units, "s")
     std = np.sqrt(np.diag(bank.R))
     return Estimate(
@@ -258,7 +272,7 @@ def joint_estimate(current: Relinearised) -> Estimate:
         mean[n_x:],
         covariance[n_x:, n_x:],
         outcome,
-        likely,
+        log_likelihood,
         bank.system.output_names,
         std,
         (),
@@ -266,34 +280,37 @@ def joint_estimate(current: Relinearised) -> Estimate:
 
 
 def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Return delays at most one sigma apart, at the centres of equal cells that cover the Gaussian
-    between two bounds.
+    """Return delays at most one sigma apart, at the centres of equal cells that cover a Gaussian
+    with this mean and standard deviation between the bounds ``least`` and ``most``; all in s.
     """
+    half_range = (FILTERS_ON_EITHER_SIDE + 0.5) * std
     low, high = (
-        min(max(delay + side * (FILTERS_ON_EITHER_SIDE + 0.5) * std, least), most)
-        for side in (-1.0, 1.0)
+        min(max(delay - half_range, least), most),
+        min(max(delay + half_range, least), most),
     )
     count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
 def _with_new_grid(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
-    """Return the same Gaussian of states, parameters and delay, split at other delays."""
+    """Return the bank at a new grid of delays. Its filters together have the ``mean (n + 1,)`` and
+    ``covariance (n + 1, n + 1)`` of states, parameters and delay.
+    """
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
     fine = _fine_delays(float(mean[n]), variance**0.5, 0.0, bank.memory)
+    # mean and covariance of the other quantities, given the delay
     slope = covariance[:n, n] / variance
-    within = covariance[:n, :n] - np.outer(slope, slope) * variance
+    conditional = covariance[:n, :n] - np.outer(slope, slope) * variance
     means = mean[:n, None] + slope[:, None] * (fine - mean[n])
-    likely = float(state.log_likelihood[state.best]) - 0.5 * np.square(fine - mean[n]) / variance
-    count = fine.size
-    new = state._replace(
+    greatest = float(state.log_likelihood[state.best])
+    new_state = state._replace(
         mean=means,
-        covariance=np.repeat(within[None], count, axis=0),
-        log_likelihood=likely,
-        sound=np.ones(count, dtype=bool),
+        covariance=np.repeat(conditional[None], fine.size, axis=0),
+        log_likelihood=greatest - 0.5 * np.square(fine - mean[n]) / variance,
+        sound=np.ones(fine.size, dtype=bool),
     )
-    return replace(current, bank=with_delays(bank, fine), state=new)
+    return replace(current, bank=with_delays(bank, fine), state=new_state)
 
 
 def _start_dependence(
@@ -305,24 +322,24 @@ def _start_dependence(
     other_starts: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """Return the largest distance ``(n,)`` of the iterated filters that started at other
-    parameters from the one that did not; zero where they agree.
+    """Return the largest distance ``(n,)`` of iterated filters with other starts from the one with
+    the trajectory ``about (n, N)``. It is zero if the filters agree within
+    ``OTHER_OPTIMUM_SIGMAS`` standard deviations ``std (n,)``.
     """
     n_x, count = len(system.states), other_starts.shape[1]
-    points = np.repeat(about[:, :, None], 1 + count, axis=2)
-    points[n_x:, :, 1:] = other_starts[n_x:, None]
+    trajectories = np.repeat(about[:, :, None], 1 + count, axis=2)
+    trajectories[n_x:, :, 1:] = other_starts[n_x:, None]
     runs, _ = run_iterated_bank(
         record,
         system,
         fixed_values={name: np.full(1 + count, delay)},
-        about=points,
+        about=trajectories,
         tolerance=SETTLED_SIGMAS,
     )
     others = runs.sound.copy()
     others[0] = False
     if not others.any():
         return np.zeros(len(std))
-    # Lower likelihood by three sigmas or more excludes a filter.
-    others &= runs.log_likelihood > runs.log_likelihood[0] - 4.5
-    far = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
-    return np.where(far > OTHER_OPTIMUM_SIGMAS * std, far, 0.0)
+    others &= runs.log_likelihood > runs.log_likelihood[0] - OTHER_OPTIMUM_LOSS
+    distance = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
+    return np.where(distance > OTHER_OPTIMUM_SIGMAS * std, distance, 0.0)

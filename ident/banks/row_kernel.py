@@ -1,17 +1,18 @@
 """Extended Kalman filters of many runs at once, for bilinear equations and large campaigns.
 
 The last axis of every array counts the runs: each number of the filter is a row ``(B,)``. NumPy
-works on whole rows, element by element, so that the result of a run does not depend on the other
-runs; zero entries of the table cost nothing. The filters equal those of
+works on whole rows, element by element. The result of a run therefore does not depend on the other
+runs, and zero coefficients of the equations are skipped. The filters equal those of
 `ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
-A pass filters as many runs together as fit into a processor's cache. Every ``SAMPLES_PER_CHECK``
-samples it checks which runs are still finite; where a run has diverged, it repeats these samples
-one by one to find the last finite one.
+A pass filters as many runs together as fit into the cache of a processor. After every
+``SAMPLES_PER_CHECK`` samples it checks which runs are still finite. If a run has diverged, the pass
+repeats these samples one by one to find the last finite one.
 
-Symbols: B runs, n states and parameters, n_x states, m outputs; ``w (len w, B)`` holds the entries
-(1, states, parameters, inputs), ``P (n, n, B)`` covariances, ``F`` and ``H`` Jacobians of rates and
-outputs, ``S (m, m, B)`` the covariance of the innovations ``y (m, B)``.
+Symbols: B runs, n states and parameters, n_x states, m outputs. ``w (len w, B)`` has the entries
+(1, states, parameters, inputs), and ``P (n, n, B)`` are the covariances. ``F`` and ``H`` are
+Jacobians of rates and outputs, and ``S (m, m, B)`` is the covariance of the innovations ``y (m,
+B)``.
 """
 
 from __future__ import annotations
@@ -29,14 +30,19 @@ from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 
-# ---- One step of many filters of bilinear equations, each number of the filter a row of runs
+# ---- One step of many filters of bilinear equations
 
 
 class UpdateBuffers(NamedTuple):
-    """Results of an update, ``(m, B)`` each: innovations ``y`` and the diagonal ``S`` of their
-    covariance; variances ``alone`` of the innovations after elimination of the channels before
-    them (the pivots of ``S``), and their squares over these variances ``squared``. Of a missing
-    channel zeros, and ones in ``S`` and ``alone``.
+    """Results of an update, ``(m, B)`` each.
+
+    Attributes
+    ----------
+    y : innovations, zero for a missing channel.
+    S : variances of the innovations, one for a missing channel.
+    alone : pivots of the covariance of the innovations, one for a missing channel. A pivot is the
+        variance of an innovation, given those of the channels before.
+    squared : squares of the innovations, given those of the channels before, over the pivots.
     """
 
     y: np.ndarray
@@ -46,8 +52,13 @@ class UpdateBuffers(NamedTuple):
 
 
 class RowTerm(NamedTuple):
-    """One term of a polynomial: ``coefficient`` times the entries ``first`` and ``second`` of
-    ``w``, added to row ``row``; ``second`` is 0 where there is only one factor.
+    """One term of a polynomial in the entries of ``w``.
+
+    Attributes
+    ----------
+    row : row of the result to which the term belongs.
+    coefficient : coefficient of the term.
+    first, second : positions of the two factors in ``w``; ``second`` is 0 if there is only one.
     """
 
     row: int
@@ -57,7 +68,9 @@ class RowTerm(NamedTuple):
 
 
 def slope_terms(table: Bilinear) -> list[RowTerm]:
-    """Return the terms of the Jacobian by states and parameters, (i, j) in row ``i n + j``."""
+    """Return the terms of the Jacobian by states and parameters. Its entry (i, j) is row
+    ``i n + j``.
+    """
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
     by_row = [
@@ -68,101 +81,99 @@ def slope_terms(table: Bilinear) -> list[RowTerm]:
 
 
 def value_terms(table: Bilinear) -> list[RowTerm]:
-    """Return the terms of the values of the equations, a row each."""
+    """Return the terms of the values of the equations, one row for each equation."""
     n, width = table.n, len(table.table)
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
     by_row = []
     for row in range(halves.shape[1]):
-        # The table holds half of each quadratic coefficient twice, and linear ones once, at (0, b).
-        whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
-        pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
-        by_row.append([RowTerm(row, float(whole[a, b]), b, a) for a, b in pairs])
+        # The table has half of each quadratic coefficient at (a, b) and half at (b, a), and linear
+        # coefficients at (0, b) only.
+        coefficients = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
+        pairs = zip(*(index.tolist() for index in np.nonzero(coefficients)), strict=True)
+        by_row.append([RowTerm(row, float(coefficients[a, b]), b, a) for a, b in pairs])
     return _first_terms_first(by_row)
 
 
 def _first_terms_first(by_row: list[list[RowTerm]]) -> list[RowTerm]:
-    """All terms: the first of each row, which sets the row, then those that are added to it."""
+    """Return all terms: the first term of each row, then all others."""
     return [terms[0] for terms in by_row if terms] + [
         term for terms in by_row for term in terms[1:]
     ]
 
 
-def summed(terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
-    """Return a function of a factor that fills ``out (rows, B)`` with the factor times the sum of
-    each row's terms at ``w``; rows without a term are zeroed once.
+def sum_of_terms(
+    terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray
+) -> Callable[[float], None]:
+    """Return a function of a factor. It fills ``out (rows, B)`` with the factor times the sums of
+    the terms at the present ``w``. Rows without a term are zero.
     """
     out[:] = 0.0
-    begun: set[int] = set()
-    other, multiply, add = np.empty_like(w[0]), np.multiply, np.add
-    plan = []
+    rows_with_term: set[int] = set()
+    workspace, multiply, add = np.empty_like(w[0]), np.multiply, np.add
+    operations = []
     for term in terms:
-        further_term = term.row in begun
-        begun.add(term.row)
-        second, row = w[term.second] if term.second else None, out[term.row]
-        plan.append(
-            (
-                term.coefficient,
-                w[term.first],
-                second,
-                row,
-                other if further_term else row,
-                further_term,
-            )
-        )
+        # The first term of a row sets the row, further terms are added to it.
+        is_added = term.row in rows_with_term
+        rows_with_term.add(term.row)
+        row = out[term.row]
+        target = workspace if is_added else row
+        second = w[term.second] if term.second else None
+        operations.append((term.coefficient, w[term.first], second, row, target, is_added))
 
     def fill(factor: float) -> None:
-        for coefficient, first, second, row, target, further_term in plan:
+        for coefficient, first, second, row, target, is_added in operations:
             multiply(first, coefficient * factor, target)
             if second is not None:
                 multiply(target, second, target)
-            if further_term:
+            if is_added:
                 add(row, target, row)
 
     return fill
 
 
 def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float], None]:
-    """Return a function of the time step (s) that propagates the states in ``w (len w, B)`` and
-    the covariances ``P (n, n, B)`` over it.
+    """Return a function of the time step, s. It propagates the states in ``w (len w, B)`` and the
+    covariances ``P (n, n, B)`` over the step.
     """
     n, n_x, B = tables.n, tables.n_x, w.shape[1]
+    # F: Jacobian times step; D: transition matrix minus identity, and before that A F / 2; moved:
+    # state rows of the propagated covariance
     F, D, DP, moved = (np.empty((n_x, n, B)) for _ in range(4))
-    rates_at_rest, f, change, t = (np.empty((n_x, B)) for _ in range(4))
+    rates_at_rest, f, change, workspace = (np.empty((n_x, B)) for _ in range(4))
     state_covariance, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
-    # Rates are affine in the states: A x, with A a part of the Jacobian, plus the terms without
+    # Rates are affine in the states: A x, where A is a part of the Jacobian, plus the terms without
     # states.
-    at_rest = [
+    terms_at_rest = [
         term
         for term in value_terms(tables.f)
         if not (0 < term.first <= n_x or 0 < term.second <= n_x)
     ]
-    slopes, values = (
-        summed(slope_terms(tables.f), w, F.reshape(-1, B)),
-        summed(at_rest, w, rates_at_rest),
-    )
-    noise = _noise(tables, F, D) if tables.driven else None
+    fill_jacobian = sum_of_terms(slope_terms(tables.f), w, F.reshape(-1, B))
+    fill_rates_at_rest = sum_of_terms(terms_at_rest, w, rates_at_rest)
+    noise = _process_noise(tables, F, D) if tables.driven else None
     states, multiply, add = w[1 : 1 + n_x], np.multiply, np.add
     change_products = [(F[:, k], change[k]) for k in range(n_x)]
     state_products = [(F[:, k], states[k]) for k in range(n_x)]
     squared_jacobian = [(F[:, k, None], F[k]) for k in range(n_x)]
-    # Columns of Phi that differ from those of the identity: entries that the rates depend on.
-    acting = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
-    transition_products = [(D[:, k, None], P[k]) for k in acting]
-    covariance_products = [(moved[:, None, k], D[None, :, k]) for k in acting]
+    # Columns of the transition matrix that differ from those of the identity belong to the states
+    # and parameters that the rates depend on.
+    columns = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
+    transition_products = [(D[:, k, None], P[k]) for k in columns]
+    covariance_products = [(moved[:, None, k], D[None, :, k]) for k in columns]
     P_states, P_mirror, mirror = P[:n_x], P[n_x:, :n_x], moved[:, n_x:].swapaxes(0, 1)
 
     def predict(dt: float) -> None:
-        slopes(dt)
-        values(dt)
-        _product(state_products, t, D[:, 0])
-        add(rates_at_rest, t, f)
+        fill_jacobian(dt)
+        fill_rates_at_rest(dt)
+        _product(state_products, workspace, D[:, 0])
+        add(rates_at_rest, workspace, f)
         # Runge-Kutta of equations that are affine in the states: f + A/2 (f + A/3 (f + A/4 f)).
         change[:] = f
         for divisor in (4.0, 3.0, 2.0):
-            _product(change_products, t, D[:, 0])
-            multiply(t, 1.0 / divisor, t)
-            add(f, t, change)
-        # Phi - I = F + A F / 2.
+            _product(change_products, workspace, D[:, 0])
+            multiply(workspace, 1.0 / divisor, workspace)
+            add(f, workspace, change)
+        # transition matrix minus identity: F + A F / 2
         _product(squared_jacobian, D, DP)
         multiply(D, 0.5, D)
         Q = None if noise is None else noise(dt)
@@ -183,18 +194,20 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
 
 
 def _product(
-    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, workspace: np.ndarray
+    factors: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, workspace: np.ndarray
 ) -> None:
-    """Write the sum of the products of pairs into ``out``, always added in the same order."""
-    np.multiply(*parts[0], out)
-    for one, other in parts[1:]:
-        np.multiply(one, other, workspace)
+    """Write the sum of the products of pairs of ``factors`` into ``out``, added in their order."""
+    np.multiply(*factors[0], out)
+    for left, right in factors[1:]:
+        np.multiply(left, right, workspace)
         np.add(out, workspace, out)
 
 
-def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float], np.ndarray]:
-    """Return a function of the time step (s) that gives the process noise covariance Q_k ``(n_x,
-    n_x, B)`` from the terms of Phi that ``F`` and ``second`` (= A F / 2) hold at that time.
+def _process_noise(
+    tables: Tables, F: np.ndarray, second: np.ndarray
+) -> Callable[[float], np.ndarray]:
+    """Return a function of the time step, s. It returns the covariance ``(n_x, n_x, B)`` of the
+    process noise from the present terms ``F`` and ``second`` = A F / 2 of the transition matrix.
     """
     n_x, B, driven = len(F), F.shape[2], tables.driven
     terms = len(tables.share) // len(driven)
@@ -221,34 +234,32 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
 def updater(
     tables: Tables, w: np.ndarray, P: np.ndarray
 ) -> Callable[[np.ndarray, np.ndarray | None, UpdateBuffers], None]:
-    """Return a function that updates ``w`` and ``P`` with measurements ``(m, B)`` or ``(m, 1)``,
-    given the positions of missing channels, and fills ``UpdateBuffers``.
+    """Return a function of measurements ``(m, B)`` or ``(m, 1)``, positions of missing channels,
+    and buffers. It updates ``w`` and ``P`` and fills the buffers.
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
     H, expected = np.empty((m, n, B)), np.empty((m, B))
     rows, workspace = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
-    slopes = summed(slope_terms(tables.h), w, H.reshape(-1, B))
-    values = summed(value_terms(tables.h), w, expected)
-    varying = bool(np.any(tables.h.table[1:]))
-    slopes(1.0)
-    present = [
-        np.flatnonzero(np.any(tables.h.table.reshape(len(w), m, -1)[:, i, :n], axis=0)).tolist()
-        or [0]
-        for i in range(m)
-    ]
+    fill_jacobian = sum_of_terms(slope_terms(tables.h), w, H.reshape(-1, B))
+    fill_expected = sum_of_terms(value_terms(tables.h), w, expected)
+    jacobian_varies = bool(np.any(tables.h.table[1:]))
+    fill_jacobian(1.0)
+    # states and parameters on which each output depends
+    slopes = tables.h.table.reshape(len(w), m, -1)[:, :, :n]
+    columns = [np.flatnonzero(np.any(slopes[:, i], axis=0)).tolist() or [0] for i in range(m)]
     HP, y, S, scaled = rows[:, :n], rows[:, n], rows[:, n + 1 :], np.empty((n + 1, B))
-    products = [[(H[i, k], P[k]) for k in present[i]] for i in range(m)]
-    squares = [[[(HP[i, k], H[j, k]) for k in present[j]] for j in range(m)] for i in range(m)]
+    products = [[(H[i, k], P[k]) for k in columns[i]] for i in range(m)]
+    squares = [[[(HP[i, k], H[j, k]) for k in columns[j]] for j in range(m)] for i in range(m)]
     R = tables.R.diagonal().tolist()
     subtract, multiply, divide = np.subtract, np.multiply, np.divide
     diagonal = rows.reshape(-1, B)[n + 1 :: n + 2 + m]
-    s, outer, point = scaled[:n], np.empty_like(P), w[1 : 1 + n]
-    above, beside = s[:, None], s[None]
+    s, outer, mean = scaled[:n], np.empty_like(P), w[1 : 1 + n]
+    s_column, s_row = s[:, None], s[None]
 
-    def update(z: np.ndarray, missing: np.ndarray | None, seen: UpdateBuffers) -> None:
-        if varying:
-            slopes(1.0)
-        values(1.0)
+    def update(z: np.ndarray, missing: np.ndarray | None, buffers: UpdateBuffers) -> None:
+        if jacobian_varies:
+            fill_jacobian(1.0)
+        fill_expected(1.0)
         subtract(z, expected, y)
         for i in range(m):
             _product(products[i], HP[i], workspace[:n])
@@ -259,24 +270,25 @@ def updater(
             rows[missing] = 0.0
             S[:, missing] = 0.0
             S[missing, missing] = 1.0
-        seen.y[:], seen.S[:] = y, diagonal
+        buffers.y[:], buffers.S[:] = y, diagonal
+        # Gaussian elimination makes the innovations uncorrelated.
         for i in range(m - 1):
             for j in range(i + 1, m):
                 divide(S[j, i], S[i, i], workspace[0])
                 ratio = workspace[0].copy()
                 multiply(rows[i], ratio, workspace)
                 subtract(rows[j], workspace, rows[j])
-        seen.alone[:] = diagonal
-        multiply(y, y, seen.squared)
-        divide(seen.squared, diagonal, seen.squared)
+        buffers.alone[:] = diagonal
+        multiply(y, y, buffers.squared)
+        divide(buffers.squared, diagonal, buffers.squared)
         for i in range(m):
             np.sqrt(S[i, i], workspace[0])
             divide(rows[i, : n + 1], workspace[0], scaled)
-            # P - s s^T stays symmetric to the last bit.
-            multiply(above, beside, outer)
+            # P - s s^T remains exactly symmetric.
+            multiply(s_column, s_row, outer)
             subtract(P, outer, P)
             multiply(s, scaled[n], workspace[:n])
-            np.add(point, workspace[:n], point)
+            np.add(mean, workspace[:n], mean)
 
     return update
 
@@ -291,7 +303,9 @@ _MOST_COVARIANCE_ENTRIES = 64_000  # covariance entries of the runs that are fil
 def pass_side_by_side(
     problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool
 ) -> BankPass | None:
-    """Filter all runs once, as ``run_pass``; return None where the equations have no table."""
+    """Return the result of one pass of all runs, as ``run_pass``; None if the equations have no
+    table. ``keep`` : whether the result has the history.
+    """
     tables = tables_for(problem, settings, runs)
     if tables is None:
         return None
@@ -303,32 +317,30 @@ def pass_side_by_side(
 
 
 class _StretchBuffers(NamedTuple):
-    """Buffers for K samples: means and variances ``(K, n, B)``, and those of the updates
+    """Buffers for K samples: means and variances ``(K, n, B)``, and results of the updates
     ``(K, m, B)``.
     """
 
     mean: np.ndarray
     variance: np.ndarray
-    seen: UpdateBuffers
+    updates: UpdateBuffers
 
 
 def _filtered(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice, keep: bool
 ) -> BankPass:
-    x0 = runs.start[:, part]
-    (n, B), (m, N) = x0.shape, problem.valid.shape
+    """Return the result of one pass of the runs ``part``."""
+    (n, B), (m, N) = runs.start[:, part].shape, problem.valid.shape
     w, P, filter_samples = _prepared(problem, tables, runs, part)
-    point = w[1 : 1 + n]
-    last_x, last_P, finite = point.copy(), P.copy(), np.ones(B, dtype=bool)
+    mean = w[1 : 1 + n]
+    last_mean, last_P, finite = mean.copy(), P.copy(), np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = (
-        BankHistory(
+    history = None
+    if keep:
+        history = BankHistory(
             np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
         )
-        if keep
-        else None
-    )
-    workspace = _StretchBuffers(
+    buffers = _StretchBuffers(
         np.empty((SAMPLES_PER_CHECK, n, B)),
         np.empty((SAMPLES_PER_CHECK, n, B)),
         UpdateBuffers(*(np.empty((SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
@@ -336,34 +348,29 @@ def _filtered(
     channels = np.count_nonzero(problem.valid, axis=0)
     for first in range(0, N, SAMPLES_PER_CHECK):
         last = min(first + SAMPLES_PER_CHECK, N)
-        at, before = slice(first, last), (w.copy(), P.copy())
-        filter_samples(first, last, workspace)
-        squared = workspace.seen.squared[: last - first].sum(axis=1)
-        likelihood_gain = -0.5 * (
-            squared
-            + np.log(workspace.seen.alone[: last - first]).sum(axis=1)
-            + channels[at, None] * LOG_TWO_PI
-        )
-        good = _finite_so_far(workspace, squared, P, finite)
-        for row in np.where(good, likelihood_gain, 0.0):  # in the same order for any number of runs
+        samples, before = slice(first, last), (w.copy(), P.copy())
+        filter_samples(first, last, buffers)
+        sample_nis = buffers.updates.squared[: last - first].sum(axis=1)
+        log_determinant = np.log(buffers.updates.alone[: last - first]).sum(axis=1)
+        gains = -0.5 * (sample_nis + log_determinant + channels[samples, None] * LOG_TWO_PI)
+        good = _finite_so_far(buffers, sample_nis, P, finite)
+        # The order of the sum must not depend on the number of runs.
+        for row in np.where(good, gains, 0.0):
             log_likelihood += row
-        nis[at], finite = np.where(good, squared, 0.0), good[-1]
+        nis[samples], finite = np.where(good, sample_nis, 0.0), good[-1]
         if history is not None:
-            _write_history(
-                history, at, workspace, good, (last_x, last_P.reshape(n * n, B)[:: n + 1])
-            )
+            last_variance = last_P.reshape(n * n, B)[:: n + 1]
+            _write_history(history, samples, buffers, good, (last_mean, last_variance))
         if good[-1].all():
-            last_x[:], last_P[:] = point, P
+            last_mean[:], last_P[:] = mean, P
             continue
         w[:], P[:] = before
         for k, finite_runs in enumerate(good):
-            filter_samples(first + k, first + k + 1, workspace)
-            last_x[:, finite_runs], last_P[:, :, finite_runs] = (
-                point[:, finite_runs],
-                P[:, :, finite_runs],
-            )
+            filter_samples(first + k, first + k + 1, buffers)
+            last_mean[:, finite_runs] = mean[:, finite_runs]
+            last_P[:, :, finite_runs] = P[:, :, finite_runs]
     return BankPass(
-        last_x,
+        last_mean,
         np.ascontiguousarray(last_P.transpose(2, 0, 1)),
         log_likelihood,
         nis,
@@ -376,31 +383,29 @@ def _prepared(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice
 ) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _StretchBuffers], None]]:
     """Return the entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a
-    function that filters samples ``first`` to ``last - 1``.
+    function that filters the samples ``first`` to ``last - 1`` and fills buffers.
     """
-    B, n, at = len(range(*part.indices(runs.start.shape[1]))), tables.n, problem.grid.sample
+    B, n = len(range(*part.indices(runs.start.shape[1]))), tables.n
+    node = problem.grid.sample  # node of the integration at each sample
     w, P = np.zeros((len(tables.f.table), B)), np.empty((n, n, B))
     w[0], w[1 : 1 + n] = 1.0, runs.start[:, part]
     covariance = problem.covariance
     P[:] = covariance[:, :, None] if covariance.ndim == 2 else covariance[part].transpose(1, 2, 0)
     inputs, predict, update = w[1 + n :], predictor(tables, w, P), updater(tables, w, P)
-    steps = [range(0), *(range(a, b) for a, b in pairwise(at.tolist()))]
+    steps = [range(0), *(range(a, b) for a, b in pairwise(node.tolist()))]
     u, dt = _runs_of(runs.drive.stages[0], part), problem.grid.steps.tolist()
-    feed = _runs_of([row[at] for row in runs.drive.begin], part) if tables.h.feeds_through else None
-    z = (
-        np.where(
-            problem.valid[:, :, None], runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part], 0.0
-        )
-        .transpose(1, 0, 2)
-        .copy()
-    )
+    feed = None  # inputs that act on outputs directly
+    if tables.h.feeds_through:
+        feed = _runs_of([row[node] for row in runs.drive.begin], part)
+    measured = runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part]
+    z = np.where(problem.valid[:, :, None], measured, 0.0).transpose(1, 0, 2).copy()
     missing = {
         k: np.flatnonzero(~problem.valid[:, k])
         for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()
     }
-    diagonal, point = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
+    diagonal, mean = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
-    def filter_samples(first: int, last: int, workspace: _StretchBuffers) -> None:
+    def filter_samples(first: int, last: int, buffers: _StretchBuffers) -> None:
         for k in range(first, last):
             for s in steps[k]:
                 for row, values in zip(inputs, u, strict=True):
@@ -409,33 +414,38 @@ def _prepared(
             if feed is not None:
                 for row, values in zip(inputs, feed, strict=True):
                     row[:] = values[k]
-            at = k - first
-            update(z[k], missing.get(k), UpdateBuffers(*(each[at] for each in workspace.seen)))
-            workspace.mean[at], workspace.variance[at] = point, diagonal
+            i = k - first
+            update(z[k], missing.get(k), UpdateBuffers(*(array[i] for array in buffers.updates)))
+            buffers.mean[i], buffers.variance[i] = mean, diagonal
 
     return w, P, filter_samples
 
 
 def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
-    """Return rows ``(count,)`` unchanged, and the columns of a part of rows ``(count, B)``."""
+    """Return the columns ``part`` of rows ``(M, B)``; rows that are common to all runs, ``(M,)`` or
+    ``(M, 1)``, remain as they are.
+    """
     return [
         row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
     ]
 
 
 def _finite_so_far(
-    workspace: _StretchBuffers, squared: np.ndarray, P: np.ndarray, before: np.ndarray
+    buffers: _StretchBuffers, nis: np.ndarray, P: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
-    """Return ``(K, B)``: whether each run is finite, without a negative variance, up to each
-    sample.
+    """Return whether each run is finite and without a negative variance up to each of K samples,
+    ``(K, B)``.
+
+    ``nis (K, B)`` is that of the samples, ``P`` the covariances after the last sample, and ``before
+    (B,)`` the result at the sample before.
     """
-    mean, variance = workspace.mean[: len(squared)], workspace.variance[: len(squared)]
+    mean, variance = buffers.mean[: len(nis)], buffers.variance[: len(nis)]
     # A NaN fails each comparison.
     good = (
         (np.abs(mean).max(axis=1) < LARGEST_NUMBER)
         & (variance.min(axis=1) >= 0.0)
         & (variance.max(axis=1) < LARGEST_NUMBER)
-        & (squared < LARGEST_NUMBER)
+        & (nis < LARGEST_NUMBER)
     )
     good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST_NUMBER
     return np.logical_and.accumulate(good, axis=0) & before
@@ -443,52 +453,48 @@ def _finite_so_far(
 
 def _write_history(
     history: BankHistory,
-    at: slice,
-    workspace: _StretchBuffers,
+    samples: slice,
+    buffers: _StretchBuffers,
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write K samples into the history. Runs that have diverged keep their last finite mean and
-    variance, or those of ``before``, ``(n, B)`` each.
+    """Write K samples into the history. Diverged runs keep their last finite mean and variance.
+
+    ``good (K, B)`` : whether each run is finite. ``before`` : mean and variance ``(n, B)`` at the
+    last finite sample before.
     """
     K = len(good)
-    mean, variance = workspace.mean[:K].copy(), workspace.variance[:K].copy()
+    mean, variance = buffers.mean[:K].copy(), buffers.variance[:K].copy()
     for run in np.flatnonzero(~good[-1]):
         count = np.count_nonzero(good[:, run])
         mean[count:, :, run] = mean[count - 1, :, run] if count else before[0][:, run]
         variance[count:, :, run] = variance[count - 1, :, run] if count else before[1][:, run]
-    history.mean[:, at], history.std[:, at] = (
-        mean.swapaxes(0, 1),
-        np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1),
-    )
-    history.innovation[:, at] = np.where(good[:, None], workspace.seen.y[:K], 0.0).swapaxes(0, 1)
-    history.innovation_std[:, at] = np.where(
-        good[:, None], np.sqrt(workspace.seen.S[:K]), 1.0
-    ).swapaxes(0, 1)
+    y = np.where(good[:, None], buffers.updates.y[:K], 0.0)
+    y_std = np.where(good[:, None], np.sqrt(buffers.updates.S[:K]), 1.0)
+    history.mean[:, samples] = mean.swapaxes(0, 1)
+    history.std[:, samples] = np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1)
+    history.innovation[:, samples] = y.swapaxes(0, 1)
+    history.innovation_std[:, samples] = y_std.swapaxes(0, 1)
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:
-    """Join the passes of parts of the runs."""
+    """Return one result from those of all parts of the runs."""
     if len(parts) == 1:
         return parts[0]
-
-    def together(name: str, axis: int) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts], axis=axis)
-
     histories = [part.history for part in parts if part.history is not None]
-    history = (
-        BankHistory(
+    history = None
+    if histories:
+        history = BankHistory(
             *(
-                np.concatenate([getattr(each, f.name) for each in histories], axis=2)
+                np.concatenate([getattr(part, f.name) for part in histories], axis=2)
                 for f in fields(BankHistory)
             )
         )
-        if histories
-        else None
-    )
-    covariance, log_likelihood, sound = (
-        together(name, 0) for name in ("covariance", "log_likelihood", "sound")
-    )
     return BankPass(
-        together("mean", 1), covariance, log_likelihood, together("nis", 1), sound, history
+        mean=np.concatenate([part.mean for part in parts], axis=1),
+        covariance=np.concatenate([part.covariance for part in parts]),
+        log_likelihood=np.concatenate([part.log_likelihood for part in parts]),
+        nis=np.concatenate([part.nis for part in parts], axis=1),
+        sound=np.concatenate([part.sound for part in parts]),
+        history=history,
     )

@@ -14,6 +14,7 @@ from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
+    KinematicSignals,
     measured_channels,
     relations,
     signals_of,
@@ -69,15 +70,15 @@ def compatibility(
 
     Parameters
     ----------
-    records : the channels that all records have are used.
+    records : records, of which the common channels are used.
     settings : constants and limits.
-    each : check each of several records alone too, which takes the same time again.
-    six : use the relations of six degrees of freedom; None uses them where one of them exists that
-        longitudinal motion does not have.
+    each : whether each of several records is also checked alone, which takes as long again.
+    six : whether the relations of six degrees of freedom are used; None uses them if the channels
+        have one of them that longitudinal motion does not have.
 
     Raises
     ------
-    RecordError : where a record has fewer than 20 samples, or an unusable number.
+    RecordError : if a record has fewer than 20 samples, or an unusable number.
     """
     try:
         return _compatibility(records, settings, each=each, six=six)
@@ -91,7 +92,7 @@ def _compatibility(
 ) -> Compatibility:
     """Return the result of `compatibility`."""
     for record in records:
-        _refuse(record)
+        _refuse_unusable(record)
     if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
         return _nothing_observable(records, misled)
     if has_six_degrees(records, settings) if six is None else six:
@@ -114,9 +115,9 @@ def _compatibility(
             notes.append(
                 f"{NO_AIRSPEED}, without which the relation of alpha, q and nz cannot be used"
             )
-    joined = relations(usable)
-    notes += [LEVEL] if joined else []
-    if not joined:
+    related = relations(usable)
+    notes += [LEVEL] if related else []
+    if not related:
         return _without_relations(records, channels, notes)
     signals = [
         signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm)
@@ -127,45 +128,54 @@ def _compatibility(
         signals = [
             replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
         ]
-    for s in signals:
-        notes += [
-            f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
-            for name, count in s.spikes.items()
-            if count
-        ]
+    notes += _spike_notes(signals)
     used = tuple(name for name in usable if name in signals[0].channels)
     bases = [fit([s]) for s in signals]
-    together = len(bases) > 1
-    whole = fit(signals, begin=_together(bases)) if together else bases[0]
-    search_result = search(
-        whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings
-    )
-    joint = _result(search_result, bias_estimates(whole) if not together else ())
+    several = len(bases) > 1
+    base = fit(signals, begin=_joint_start(bases)) if several else bases[0]
+    # A drift belongs to one record.
+    faults = faults_of(used, drifts=not several, chord=settings.chord)
+    search_result = search(base, faults, bases, settings)
+    joint = _result(search_result, bias_estimates(base) if not several else ())
     single = [joint]
-    if together:
-        single = [_by_itself(base, search_result, settings, len(bases)) for base in bases if each]
+    if several:
+        single = [
+            _result_of_record(record_base, search_result, settings, len(bases))
+            for record_base in bases
+            if each
+        ]
     if search_result.early is not None:
         ahead = -1000.0 * search_result.early
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
-            "fault: something acts that the kinematics "
-            "do not know, a gust on vane and load most likely, so that no further fault is named"
+            "fault: something acts that the kinematics do not know, a gust on vane and load most "
+            "likely, so that no further fault is named"
         )
     if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
         notes.append(reference)
-    cannot_tell = (
-        *_closed_by(channels, joined),
-        *unobservable_sentences(whole, search_result.fit.noise, used),
+    unobservable = (
+        *_channels_without_relation(channels, related),
+        *unobservable_sentences(base, search_result.fit.noise, used),
     )
     return Compatibility(
         channels,
-        joined,
+        related,
         joint,
         tuple(single),
-        _reconstructions(whole, search_result.fit),
-        cannot_tell,
+        _reconstructions(base, search_result.fit),
+        unobservable,
         tuple(notes),
     )
+
+
+def _spike_notes(signals: Sequence[KinematicSignals]) -> list[str]:
+    """Return sentences on isolated wrong samples, which do not count."""
+    return [
+        f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
+        for s in signals
+        for name, count in s.spikes.items()
+        if count
+    ]
 
 
 def _without_relations(
@@ -173,15 +183,16 @@ def _without_relations(
 ) -> Compatibility:
     """Return the result for channels that no relation joins."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
-    each = tuple(replace(empty, records=(record.name,)) for record in records)
-    return Compatibility(channels, {}, empty, each, (), _closed_by(channels, {}), tuple(notes))
+    single = tuple(replace(empty, records=(record.name,)) for record in records)
+    unobservable = _channels_without_relation(channels, {})
+    return Compatibility(channels, {}, empty, single, (), unobservable, tuple(notes))
 
 
-def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
-    """Return the result where nothing is observable, with the sentences ``why``."""
+def _nothing_observable(records: Sequence[Record], reasons: tuple[str, ...]) -> Compatibility:
+    """Return the result if nothing is observable, with the sentences ``reasons``."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
-    return Compatibility(channels_of(records), {}, empty, single, (), why, ())
+    return Compatibility(channels_of(records), {}, empty, single, (), reasons, ())
 
 
 def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
@@ -204,34 +215,36 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
     )
 
 
-def _by_itself(
+def _result_of_record(
     base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
 ) -> CheckResult:
-    """Return the result of one record of several. Each fault is tried with the same other faults as
-    in all records, and a drift, which belongs to a single record, with all accepted faults.
+    """Return the result of one of ``count`` records, from its fit without faults, ``base``.
+
+    Each fault is tried in addition to the same faults as in the ``joint`` search of all records.
+    Drifts, which belong to single records, are tried in addition to all accepted faults.
     """
-    current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
-    by_fault: dict[SensorFault, FaultTrial] = {}
-    for before, sizes in {
-        trial.fit.faults[:-1]: trial.fit.sizes[:-1] for trial in joint.trials
-    }.items():
-        start = current if before == joint.fit.faults else with_more_faults(base, before, sizes)
-        by_fault |= {
-            trial.fault: trial
-            for trial in tried(
-                start, [t.fault for t in joint.trials if t.fit.faults[:-1] == before]
-            )
-        }
-    trials = [by_fault[trial.fault] for trial in joint.trials]
+    with_accepted = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
+    trial_by_fault: dict[SensorFault, FaultTrial] = {}
+    contexts = {trial.fit.faults[:-1]: trial.fit.sizes[:-1] for trial in joint.trials}
+    for context, sizes in contexts.items():
+        if context == joint.fit.faults:
+            start = with_accepted
+        else:
+            start = with_more_faults(base, context, sizes)
+        faults = [trial.fault for trial in joint.trials if trial.fit.faults[:-1] == context]
+        trial_by_fault |= {trial.fault: trial for trial in tried(start, faults)}
+    trials = [trial_by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
-    faults = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
-    drifts = search(
-        current, faults, [], replace(settings, false_alarm=settings.false_alarm / count, most=1)
+    drifts = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
+    one_drift = replace(settings, false_alarm=settings.false_alarm / count, most=1)
+    drift_search = search(with_accepted, drifts, [], one_drift)
+    return _result(
+        replace(drift_search, trials=(*trials, *drift_search.trials)),
+        bias_estimates(with_accepted),
     )
-    return _result(replace(drifts, trials=(*trials, *drifts.trials)), bias_estimates(current))
 
 
-def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
+def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
     """Return the start of a joint fit from the fits of single records."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
@@ -243,9 +256,11 @@ def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    """Return the reconstructions by the fit without faults, ``base``, and with them, ``final``."""
+    """Return the reconstructions of each record, from a fit without faults and from the final
+    fit.
+    """
     reconstructions = []
-    for s, plain, y, residual in zip(
+    for s, without_faults, y, residual in zip(
         final.signals, base.outputs, final.outputs, final.residuals, strict=True
     ):
         smooth = y + smoothed_walk(s, final.noise, residual)
@@ -255,7 +270,7 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
                 s.name,
                 s.time,
                 {s.outputs[i]: s.channels[s.outputs[i]] for i in rows},
-                {s.outputs[i]: plain[i] for i in rows},
+                {s.outputs[i]: without_faults[i] for i in rows},
                 {s.outputs[i]: y[i] for i in rows},
                 {s.outputs[i]: smooth[i] for i in rows},
                 {s.outputs[i]: s.valid[i] for i in rows},
@@ -264,24 +279,21 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
     return tuple(reconstructions)
 
 
-def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _channels_without_relation(
+    channels: Sequence[str], related: dict[str, tuple[str, ...]]
+) -> tuple[str, ...]:
     """Return a sentence on each channel without a relation, with the channels that it needs."""
-    reached = {name for names in joined.values() for name in names}
+    in_relation = {name for names in related.values() for name in names}
     sentences = []
     for name in channels:
-        if name not in reached and not (name == "airspeed" and "alpha" in joined):
-            missing = [other for other in _NEEDS[name] if other not in channels]
-            why = (
-                f"its relation needs {' and '.join(missing)} too"
-                if missing
-                else "its relation needs an airspeed"
-            )
-            lift = (
-                ": without the load the lift between alpha and q is unknown"
-                if name == "alpha" and "nz" in missing and "q" in channels
-                else ""
-            )
-            sentences.append(f"{name}: nothing can be told, {why}{lift}")
+        if name not in in_relation and not (name == "airspeed" and "alpha" in related):
+            missing = [needed for needed in _NEEDS[name] if needed not in channels]
+            reason = "its relation needs an airspeed"
+            if missing:
+                reason = f"its relation needs {' and '.join(missing)} too"
+            if name == "alpha" and "nz" in missing and "q" in channels:
+                reason += ": without the load the lift between alpha and q is unknown"
+            sentences.append(f"{name}: nothing can be told, {reason}")
     return tuple(sentences)
 
 
@@ -291,8 +303,8 @@ def _longitudinal(record: Record) -> Record:
     return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
 
 
-def _refuse(record: Record) -> None:
-    """Raise an error for a record that is too short or has unusable values."""
+def _refuse_unusable(record: Record) -> None:
+    """Raise RecordError for a record that is too short or has unusable values."""
     if len(record) < FEWEST_SAMPLES:
         raise RecordError(
             f"{len(record)} samples are too few to check",

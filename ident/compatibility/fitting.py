@@ -105,7 +105,7 @@ def fit(
     first_levels = first_noise(signals)
     noise = begin.noise if begin is not None else first_levels
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
-    lines = [
+    linear = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
     ]
     search = KinematicDescent(
@@ -114,12 +114,12 @@ def fit(
     cost = 0.0
     for turn in range(passes):
         whiteners = [weigher(s, noise) for s in signals]
-        own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
+        own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
         before = noise.logs
-        residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True))
+        residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True))
         columns = tuple(
             np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0)
-            for s, (_, slope), o in zip(signals, lines, own, strict=True)
+            for s, (_, slope), o in zip(signals, linear, own, strict=True)
         )
         noise, cost = settled_noise(
             NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), first_levels),
@@ -137,12 +137,12 @@ def fit(
         noise,
         cost,
         residuals,
-        tuple(slope for _, slope in lines),
-        tuple(y for y, _ in lines),
+        tuple(slope for _, slope in linear),
+        tuple(y for y, _ in linear),
     )
 
 
-# unknowns of each record, sizes of the faults, and the outputs there with their derivatives
+# unknowns of each record, sizes of the faults, and outputs of each record with their derivatives
 DescentPoint = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
 
 
@@ -150,9 +150,10 @@ DescentPoint = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.nda
 class KinematicDescent:
     """Functions and settings of Gauss-Newton steps, for any kinematics.
 
-    ``evaluate`` and ``linearised`` are functions of the kinematics. ``priors (n,)`` of each record
-    are one over the prior variances of its unknowns. The ``shares`` of a step are tried in turn
-    until one gains. The descent ends after ``steps``, or after a gain of less than ``enough``.
+    ``evaluate`` returns the outputs of the kinematics, and ``linearised`` also their derivatives.
+    ``priors (n,)`` of each record are one over the prior variances of its unknowns. The ``shares``
+    of a step are tried in turn until one gains. The descent ends after ``steps`` steps, or after a
+    gain of less than ``enough``.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -166,15 +167,15 @@ class KinematicDescent:
     enough: float = 0.0
 
 
-def descended(
+def descend(
     search: KinematicDescent, start: DescentPoint, whiteners: Sequence[Weigher]
 ) -> DescentPoint:
     """Return the least-squares point under the noise of the ``whiteners`` of the records."""
-    (own, sizes, lines), signals, priors = start, search.signals, search.priors
+    (own, sizes, linear), signals, priors = start, search.signals, search.priors
     largest = np.array([fault.largest for fault in search.faults])
-    cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+    cost = misfit(signals, priors, own, [y for y, _ in linear], whiteners)
     for _ in range(search.steps):
-        information, gradient = normal_equations(signals, priors, own, lines, whiteners)
+        information, gradient = normal_equations(signals, priors, own, linear, whiteners)
         step = bounded_inverse(information) @ gradient
         if float(gradient @ step) < _NEGLIGIBLE_GAIN:
             break
@@ -192,13 +193,13 @@ def descended(
         else:
             break
         own, sizes, gain, cost = trial_own, trial_sizes, cost - trial_cost, trial_cost
-        lines = [
+        linear = [
             search.linearised(s, u, search.faults, o, sizes)
             for s, u, o in zip(signals, search.unknowns, own, strict=True)
         ]
         if gain < search.enough:
             break
-    return own, sizes, lines
+    return own, sizes, linear
 
 
 def misfit(
@@ -254,9 +255,9 @@ def least_misfit(
             np.array([1.0 / item.prior**2 for item in unknowns_of(s)])
             for s in kinematic_fit.signals
         ]
-    lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
+    linear = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     information, gradient = normal_equations(
-        kinematic_fit.signals, priors, kinematic_fit.own, lines, whiteners
+        kinematic_fit.signals, priors, kinematic_fit.own, linear, whiteners
     )
     misfit_of_fit = misfit(
         kinematic_fit.signals, priors, kinematic_fit.own, kinematic_fit.outputs, whiteners
@@ -286,17 +287,17 @@ def normal_equations(
     signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
-    lines: Sequence[tuple[np.ndarray, np.ndarray]],
+    linear: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, in the order
     of `positions`.
     """
     total = sum(len(o) for o in own)
-    faults = lines[0][1].shape[2] - len(own[0])
+    faults = linear[0][1].shape[2] - len(own[0])
     information = np.zeros((total + faults, total + faults))
     gradient, begin = np.zeros(total + faults), 0
-    for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
+    for s, prior, o, (y, slope), white in zip(signals, priors, own, linear, whiteners, strict=True):
         columns = np.concatenate(
             [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
         )
@@ -369,16 +370,16 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     unknowns = [unknowns_of(s) for s in kinematic_fit.signals]
     largest = np.array([fault.largest for fault in kinematic_fit.faults])
     total = len(prior) - len(sizes)
-    lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
+    linear = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     projections = [part_of_controls(s) for s in kinematic_fit.signals]
     for turn in range(MOST_PASSES):
         if turn:
-            lines = [
+            linear = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)
                 for s, u, o in zip(kinematic_fit.signals, unknowns, own, strict=True)
             ]
         residuals = [
-            residual_of(s, y) for s, (y, _) in zip(kinematic_fit.signals, lines, strict=True)
+            residual_of(s, y) for s, (y, _) in zip(kinematic_fit.signals, linear, strict=True)
         ]
         counts = np.sum([s.valid.sum(axis=1) for s in kinematic_fit.signals], axis=0)
         variance = np.maximum(
@@ -387,7 +388,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
         for s, project, e, (_, slope), where in zip(
-            kinematic_fit.signals, projections, residuals, lines, at, strict=True
+            kinematic_fit.signals, projections, residuals, linear, at, strict=True
         ):
             J = project(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
@@ -494,7 +495,7 @@ def unobservable_faults(
         *dict.fromkeys(sentences),
         *(
             f"{_listed([f.name for f in group])} cannot be told apart"
-            for group in _alike(information, faults, observable.tolist())
+            for group in _confusable_groups(information, faults, observable.tolist())
         ),
     )
 
@@ -534,12 +535,12 @@ def fault_information(
     return total
 
 
-def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """Return combinations of few faults that span the same space as ``rows``: Gauss-Jordan, with
-    drifts as the first pivots.
+def _simple_rows(rows: np.ndarray, faults: Sequence[SensorFault]) -> list[np.ndarray]:
+    """Return combinations of few faults that span the same space as ``rows (M, k)``, by
+    Gauss-Jordan elimination with drifts as the first pivots.
     """
     rows, done = rows.copy(), np.zeros(len(rows), dtype=bool)
-    order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
+    order = sorted(range(len(faults)), key=lambda i: faults[i].kind != DRIFT)
     for column in order:
         remaining = np.flatnonzero(~done)
         if not remaining.size:
@@ -555,12 +556,10 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
     return [row / np.abs(row).max() for row in rows]
 
 
-def _alike(
+def _confusable_groups(
     information: np.ndarray, faults: Sequence[SensorFault], observable: Sequence[int]
 ) -> list[list[SensorFault]]:
-    """Return groups of confusable faults. Biases and drifts are left out: their combinations are
-    named instead.
-    """
+    """Return groups of confusable faults; `_combination_sentence` treats biases and drifts."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     remaining = [i for i in observable if faults[i].kind not in (BIAS, DRIFT)]
     groups = []
@@ -577,18 +576,17 @@ def _alike(
     return groups
 
 
-def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
-    """Return the sentence on an unobservable combination, ``row``, of the faults ``named``."""
-    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
+def _combination_sentence(row: np.ndarray, faults: Sequence[SensorFault]) -> str:
+    """Return the sentence on an unobservable combination of faults with factors ``row (k,)``."""
+    members = [(faults[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
     kinds = {fault.kind for fault, _ in members}
-    lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
     channels = sorted(
-        {fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index
+        {fault.channel for fault, _ in members}, key=[fault.channel for fault in faults].index
     )
-    same = all(part * members[0][1] > 0 for _, part in members)
-    if lateness and same and len(channels) > 1:
+    same_sign = all(part * members[0][1] > 0 for _, part in members)
+    if kinds <= {DELAY, LAG} and same_sign and len(channels) > 1:
         return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
-    if kinds == {SCALE} and same:
+    if kinds == {SCALE} and same_sign:
         return f"a scale common to {_listed(channels)} is not observable, only ratios are"
     names = sorted(fault.name for fault, _ in members)
     if len(names) == 1:
@@ -597,4 +595,5 @@ def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
 
 
 def _listed(words: Sequence[str]) -> str:
+    """Return words as a list with commas and "and"."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

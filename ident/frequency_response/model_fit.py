@@ -1,10 +1,11 @@
 """Parameters of a linear model fitted to several frequency responses at once.
 
-Cost, Cramer-Rao bounds and insensitivities: Tischler and Remple, "Aircraft and Rotorcraft System
-Identification", 2nd edition, AIAA 2012, chapters 12 and 13. With the Hessian H of the sum of the
-costs, the bound of a parameter is 2 sqrt((H^-1)_ii) and its insensitivity 1/sqrt(H_ii). The cost is
-no likelihood; the deviations beside them are those of the minimiser under the errors of the
-responses, correlated between neighbouring frequencies as the windows are.
+Cost, Cramer-Rao bounds and insensitivities are those of Tischler and Remple, "Aircraft and
+Rotorcraft System Identification", 2nd edition, AIAA 2012, chapters 12 and 13. With the Hessian H of
+the sum of the costs, the bound of a parameter is 2 sqrt((H^-1)_ii) and its insensitivity is
+1/sqrt(H_ii). Since the cost is no likelihood, standard deviations are computed separately: the
+errors of the responses, which are correlated between neighbouring frequencies, are propagated to
+the estimate.
 """
 
 from __future__ import annotations
@@ -24,23 +25,28 @@ from ident.frequency_response.transfer_function import (
 from sim.errors import ModelError
 
 Responses = Callable[[Mapping[str, float]], Sequence[np.ndarray]]
-SPREAD = (1.0, 0.7, 1.4)  # factors of the starting values from which the search begins
-_FURTHEST = 1e6
+SPREAD = (1.0, 0.7, 1.4)  # factors of the starting values: one search begins from each
+_LARGEST_ERROR = 1e6  # weighted error where the model has no response
+_MOST_EVALUATIONS = 200  # most evaluations of one search
+_LEAST_IMPROVEMENT = 1e-6  # smallest relative decrease of the cost by a later search
+_RELATIVE_STEP, _SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """A linear model fitted to responses.
+    """A linear model fitted to frequency responses.
 
     Attributes
     ----------
-    names, values, start : of the free parameters, ``(q,)``.
-    covariance : ``(q, q)``, under the errors of the responses.
-    cramer_rao, insensitivity : ``(q,)``, Tischler's.
-    fixed : values that were held.
-    costs : of each response; ``cost`` their mean.
-    responses : of the fitted model at the targets' frequencies.
-    converged : the search ended.
+    names : names of the q free parameters.
+    values : ``(q,)`` estimates.
+    start : ``(q,)`` starting values.
+    covariance : ``(q, q)`` covariance of the estimates from the errors of the responses.
+    cramer_rao, insensitivity : ``(q,)`` Tischler's measures.
+    fixed : fixed parameter -> value.
+    costs : Tischler's cost of each response.
+    responses : ``(F,)`` each, responses of the fitted model at the frequencies of the targets.
+    converged : whether the search ended at a minimum.
     """
 
     names: tuple[str, ...]
@@ -56,17 +62,17 @@ class ModelFit:
 
     @property
     def std(self) -> np.ndarray:
-        """Standard deviations ``(q,)``."""
+        """Standard deviations ``(q,)`` of the estimates."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
     def cost(self) -> float:
-        """Mean of the costs."""
+        """Mean cost of the responses."""
         return float(np.mean(self.costs))
 
     @property
     def as_dict(self) -> dict[str, float]:
-        """All parameters, free and fixed."""
+        """Parameter -> value, of all parameters, free and fixed."""
         return {**self.fixed, **dict(zip(self.names, self.values.tolist(), strict=True))}
 
 
@@ -81,15 +87,18 @@ def fit_model(
 
     Parameters
     ----------
-    responses : from all parameters the complex responses at the targets' frequencies, in their
-        order.
-    start : of the free parameters; each is searched for from itself, 0.7 and 1.4 times itself.
-    fixed : values that are held.
-    low : least values of some.
+    targets : measured responses.
+    responses : function that returns the complex responses of the model, in the order and at the
+        frequencies of the targets, for given values of all parameters.
+    start : free parameter -> starting value. Searches begin from all starting values times each
+        factor of ``SPREAD``.
+    fixed : fixed parameter -> value.
+    low : parameter -> lower bound.
 
     Raises
     ------
-    ModelError : nothing is free, fewer numbers than parameters, no finite response at the start.
+    ModelError : if no parameter is free, if there are fewer numbers than parameters, or if the
+        model has no finite response at the starting values.
     """
     from scipy.optimize import least_squares
 
@@ -99,50 +108,54 @@ def fit_model(
         what = f"{len(names)} free parameters for {count} numbers"
         raise ModelError(what, where="fit", remedy="free a parameter, or fit more responses")
 
-    def of(p: np.ndarray) -> Sequence[np.ndarray]:
+    def model_responses(p: np.ndarray) -> Sequence[np.ndarray]:
         return responses({**fixed, **dict(zip(names, p.tolist(), strict=True))})
 
     def residuals(p: np.ndarray) -> np.ndarray:
         try:
             with np.errstate(all="ignore"):
-                ratios = [
+                log_ratios = [
                     np.log(model / target.response)
-                    for model, target in zip(of(p), targets, strict=True)
+                    for model, target in zip(model_responses(p), targets, strict=True)
                 ]
         except (ModelError, ArithmeticError, np.linalg.LinAlgError):
-            return np.full(count, _FURTHEST)
-        return weighted_errors(targets, ratios)
+            return np.full(count, _LARGEST_ERROR)
+        return weighted_errors(targets, log_ratios)
 
-    begin = np.array([start[name] for name in names])
+    starting_values = np.array([start[name] for name in names])
     bounds = np.array([(low or {}).get(name, -np.inf) for name in names])
-    best, least, ended = begin, math.inf, False
+    lowest_start = np.where(np.isfinite(bounds), bounds + 1e-6, -np.inf)
+    best, least, converged = starting_values, math.inf, False
     for factor in SPREAD:
-        p = np.maximum(factor * begin, np.where(np.isfinite(bounds), bounds + 1e-6, -np.inf))
-        scale = np.maximum(np.abs(p), 1e-2)
-        solution = least_squares(residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=200)
-        if solution.cost < least * (1.0 - 1e-6):
-            best, least, ended = solution.x, float(solution.cost), solution.status > 0
-    if least >= 0.5 * _FURTHEST**2:
+        p = np.maximum(factor * starting_values, lowest_start)
+        scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
+        solution = least_squares(
+            residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=most
+        )
+        if solution.cost < least * (1.0 - _LEAST_IMPROVEMENT):
+            best, least, converged = solution.x, float(solution.cost), solution.status > 0
+    if least >= 0.5 * _LARGEST_ERROR**2:
         what = "the model has no finite responses at its starting values"
         raise ModelError(what, where="fit", remedy="check them in the vehicle file")
     slopes = _slopes(residuals, best)
     hessian = 2.0 * slopes.T @ slopes
     inverse = _inverse(hessian)
     gains = 2.0 * inverse @ slopes.T
+    fitted_responses = model_responses(best)
     return ModelFit(
         names,
         best,
-        begin,
+        starting_values,
         gains @ weighted_noise(targets) @ gains.T,
         2.0 * np.sqrt(np.maximum(np.diag(inverse), 0.0)),
         1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300)),
         dict(fixed),
         tuple(
             mismatch_cost(target.response, model, target.coherence)
-            for target, model in zip(targets, of(best), strict=True)
+            for target, model in zip(targets, fitted_responses, strict=True)
         ),
-        tuple(np.asarray(each) for each in of(best)),
-        ended,
+        tuple(np.asarray(response) for response in fitted_responses),
+        converged,
     )
 
 
@@ -150,17 +163,16 @@ def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.
     """Return the derivatives ``(R, q)`` of the residuals by central differences."""
     columns = []
     for k, value in enumerate(p):
-        step = 1e-5 * max(abs(value), 1e-2)
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = p.copy()
-            moved[k] += sign * step
-            ends.append(residuals(moved))
-        columns.append((ends[0] - ends[1]) / (2.0 * step))
+        step = _RELATIVE_STEP * max(abs(value), _SMALLEST_SCALE)
+        above, below = p.copy(), p.copy()
+        above[k] += step
+        below[k] -= step
+        columns.append((residuals(above) - residuals(below)) / (2.0 * step))
     return np.array(columns).T
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the pseudo-inverse ``(q, q)`` of a symmetric matrix, scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) / np.outer(scale, scale))

@@ -1,12 +1,12 @@
-"""Frequency responses of a stream by recursive Fourier transforms.
+"""Frequency responses of a stream of samples by recursive Fourier transforms.
 
-Every sample is added to the running transforms of the block that it falls into, times
-exp(-i omega t), and is then forgotten (Morelli, "Real-Time Parameter Estimation in the Frequency
-Domain", Journal of Guidance, Control, and Dynamics 23(5), 2000; for loops in flight Bosworth and
-West, "Real-Time Open-Loop Frequency Response Analysis of Flight Test Data", AIAA 86-9738, 1986).
-Four blocks in a row make one Hann window; a straight line is taken off each window. The windows
-that are complete are combined as those of a record are, so that a stream of one window length
-gives what `estimate_responses` gives, but for the line that is taken off.
+Each sample, times exp(-i omega t), is added to the transforms of its block and is then forgotten
+(Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control,
+and Dynamics 23(5), 2000; for loops in flight Bosworth and West, "Real-Time Open-Loop Frequency
+Response Analysis of Flight Test Data", AIAA 86-9738, 1986). Four adjacent blocks make one Hann
+window. A straight line is removed from each window. Complete windows are combined as those of a
+record. With one window length, a stream gives the same responses as `estimate_responses`, except
+for the removal of the lines.
 """
 
 from __future__ import annotations
@@ -32,27 +32,40 @@ from ident.frequency_response.segments import (
 )
 from sim.errors import DeclarationError
 
-HALF_LOBE = 1.0  # over the window's length: half of the half width of a Hann window's main lobe
-ONE_SIDED = 0.3  # over the window's length: mean distance of power that has come from one side only
-WINDOW_MEMORY = 600.0  # s, after which a window is forgotten
-_LINE_ROWS = 2  # rows after the signals: their sums, plain and times the time in the block
+# Limits of the distance of the power from a frequency, times the length of the window:
+# root mean square distance, half of the half width of the main lobe of a Hann window
+HALF_LOBE = 1.0
+ONE_SIDED = 0.3  # mean distance of power on one side only
+WINDOW_MEMORY = 600.0  # s, age after which a window is forgotten
+_HIGHEST_FREQUENCY_SHARE = 0.45  # highest frequency, relative to the sample rate
+_LINE_SUMS = 2  # sums of a block for a straight line: of the samples, and times their number
 
 
 @dataclass
 class _Window:
-    """The running transforms of one window length.
+    """Transforms of S signals at F frequencies with one window length.
 
-    ``blocks`` : the last complete ones, each ``(3, S, F)`` with ``sums`` ``(S, 2)``. ``running``,
-    ``part`` : of the block that is not complete. ``taken`` : its samples. ``first`` : number of the
-    sample that the oldest block begins with. ``rows``, ``starts`` : of complete windows,
-    ``(S, D, F)`` each.
+    Attributes
+    ----------
+    hop : samples of a block, a quarter of a window.
+    lines : ``(2, D, F)`` transforms of a constant and of a straight line over a window.
+    block : ``(3, S, F)`` transforms of the samples so far of the block that is not complete: at the
+        frequencies, and one bin below and above.
+    block_sums : ``(S, 2)`` sums of these samples, and of the samples times their numbers.
+    block_samples : number of these samples.
+    first : number of the first sample of the oldest block.
+    blocks : the last complete blocks, ``(3, S, F)`` each.
+    sums : their sums, ``(S, 2)`` each.
+    rows : ``(S, D, F)`` transforms of each complete window under D windows: the Hann window and its
+        derivatives.
+    starts : number of the first sample of each complete window.
     """
 
     hop: int
     lines: np.ndarray
-    running: np.ndarray
-    part: np.ndarray
-    taken: int = 0
+    block: np.ndarray
+    block_sums: np.ndarray
+    block_samples: int = 0
     first: int = 0
     blocks: list[np.ndarray] = field(default_factory=list)
     sums: list[np.ndarray] = field(default_factory=list)
@@ -62,16 +75,18 @@ class _Window:
 
 @dataclass
 class OnlineResponses:
-    """A stream on its way into frequency responses; ``take`` changes it.
+    """Transforms of a stream of samples; ``take`` adds samples to it.
 
     Attributes
     ----------
-    step : s.
-    frequency : Hz, ``(F,)``.
+    step : sampling interval, s.
+    frequency : ``(F,)``, Hz.
     spectra : window lengths and least coherence.
-    outputs, inputs : how many; with ``joint`` as many references follow as there are inputs.
-    memory : s.
-    samples : taken so far, those left out counted by their place.
+    outputs, inputs : numbers of output and input signals.
+    joint : whether there is a reference signal for each input.
+    memory : age, s, after which a window is forgotten.
+    samples : number of samples so far, lost ones included.
+    windows : transforms with each window length, the longest first.
     """
 
     step: float
@@ -86,7 +101,7 @@ class OnlineResponses:
 
     @property
     def signals(self) -> int:
-        """Rows of a block of samples: outputs, inputs, references."""
+        """Number S of signals: outputs, inputs, references."""
         return self.outputs + self.inputs * (2 if self.joint else 1)
 
 
@@ -101,25 +116,27 @@ def online_responses(
     least_coherence: float = 0.6,
     memory: float = WINDOW_MEMORY,
 ) -> OnlineResponses:
-    """Responses of nothing yet.
+    """Return the transforms of a stream without samples.
 
     Parameters
     ----------
-    step : s, between samples.
-    frequency : Hz, ``(F,)``, below half of the rate.
-    lengths : s, of the Hann windows.
-    outputs, inputs : how many signals; ``joint``: with a reference for each input.
-    memory : s, after which a window is forgotten.
+    step : sampling interval, s.
+    frequency : ``(F,)``, Hz.
+    lengths : lengths of the Hann windows, s.
+    outputs, inputs : numbers of output and input signals.
+    joint : whether there is a reference signal for each input.
+    least_coherence : smallest coherence of a usable response.
+    memory : age, s, after which a window is forgotten.
 
     Raises
     ------
-    DeclarationError : a frequency above 0.45 of the rate.
+    DeclarationError : if a frequency is above 0.45 of the sample rate.
     """
-    if float(np.max(frequency)) * step > 0.45:
+    if float(np.max(frequency)) * step > _HIGHEST_FREQUENCY_SHARE:
         what = f"{float(np.max(frequency)):.4g} Hz is above 0.45 of the rate of {1.0 / step:.4g} Hz"
         raise DeclarationError(what, where="--band", remedy="give a lower one")
     lengths = tuple(sorted(lengths, reverse=True))
-    out = OnlineResponses(
+    stream = OnlineResponses(
         step,
         np.asarray(frequency),
         Spectra(lengths, least_coherence=least_coherence),
@@ -130,42 +147,44 @@ def online_responses(
     )
     for length in lengths:
         hop = max(2, round(length / (STEPS_PER_WINDOW * step)))
-        zero = np.zeros((3, out.signals, out.frequency.size), dtype=complex)
-        lines = unit_rows(step, hop, out.frequency, out.spectra.derivatives)
-        out.windows.append(_Window(hop, lines, zero, np.zeros((out.signals, _LINE_ROWS))))
-    return out
+        block = np.zeros((3, stream.signals, stream.frequency.size), dtype=complex)
+        lines = unit_rows(step, hop, stream.frequency, stream.spectra.derivatives)
+        stream.windows.append(_Window(hop, lines, block, np.zeros((stream.signals, _LINE_SUMS))))
+    return stream
 
 
 def take(stream: OnlineResponses, samples: np.ndarray) -> None:
-    """Take further samples ``(S, N)``: outputs, inputs, references, at even steps."""
+    """Add further samples ``(S, N)`` to the stream: outputs, inputs, references, at even steps."""
+    n = samples.shape[1]
     for window in stream.windows:
-        at = 0
-        while at < samples.shape[1]:
-            count = min(window.hop - window.taken, samples.shape[1] - at)
-            _add(stream, window, samples[:, at : at + count])
-            at += count
-            if window.taken == window.hop:
-                _complete(stream, window)
-    stream.samples += samples.shape[1]
+        begin = 0
+        while begin < n:
+            count = min(window.hop - window.block_samples, n - begin)
+            _add(stream, window, samples[:, begin : begin + count])
+            begin += count
+            if window.block_samples == window.hop:
+                _complete_block(stream, window)
+    stream.samples += n
 
 
 def interrupt(stream: OnlineResponses, lost: int) -> None:
-    """Begin anew after ``lost`` samples that did not come; complete windows stay."""
+    """Begin new windows after a gap of ``lost`` samples; complete windows stay."""
     stream.samples += lost
     for window in stream.windows:
-        window.blocks, window.sums, window.taken = [], [], 0
-        window.running = np.zeros_like(window.running)
-        window.part = np.zeros_like(window.part)
+        window.blocks, window.sums = [], []
+        _clear_block(window)
         window.first = stream.samples
 
 
 def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
-    """Return the responses by the windows that are complete; None while a frequency has none."""
+    """Return the responses from the complete windows, at the frequencies that have a usable window;
+    None if there are none. Windows older than the memory are removed from the stream.
+    """
     oldest = stream.samples - round(stream.memory / stream.step)
     rows, numbers, spans = [], [], []
     for number, window in enumerate(stream.windows):
-        gone = sum(start < oldest for start in window.starts)
-        window.rows, window.starts = window.rows[gone:], window.starts[gone:]
+        outdated = sum(start < oldest for start in window.starts)
+        window.rows, window.starts = window.rows[outdated:], window.starts[outdated:]
         rows += window.rows
         numbers += [number] * len(window.rows)
         spans += [(start, STEPS_PER_WINDOW * window.hop) for start in window.starts]
@@ -174,64 +193,79 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
     overlap = overlap_of(np.array(spans) * stream.step, np.zeros(len(rows), dtype=int))
     transforms = np.stack(rows, axis=2)
     segments = Segments(transforms, np.array(numbers), stream.spectra.windows, overlap)
-    there = segments.usable(stream.frequency).any(axis=0)
-    if not there.any():
+    usable = segments.usable(stream.frequency).any(axis=0)
+    if not usable.any():
         return None
-    present = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
-    frequency = stream.frequency[there]
+    segments = Segments(transforms[..., usable], segments.windows, segments.lengths, overlap)
     result = responses_of_segments(
-        present, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
+        segments,
+        stream.frequency[usable],
+        stream.spectra,
+        stream.outputs,
+        stream.inputs,
+        stream.joint,
     )
-    return replace(result, usable=_excited_runs(stream, present, result))
+    return replace(result, usable=_excited_bands(stream, segments, result))
 
 
-def _excited_runs(
+def _excited_bands(
     stream: OnlineResponses, segments: Segments, responses: FrequencyResponses
 ) -> np.ndarray:
-    """Return the usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
+    """Return the usable bands ``(m, q, F)`` without frequencies that a sweep has not yet passed.
 
-    Before a sweep reaches a frequency, what its transform holds has leaked from where the sweep
-    is: coherent, and the response of there. A component that is d/length off the frequency has
-    2 pi i d/length times as large a transform under the window's derivative. Where the root mean
-    square of d exceeds half of the main lobe, the power lies elsewhere; where its mean is far from
-    zero, the sweep has come but not passed, and the response is extrapolated from one side.
+    Before a sweep reaches a frequency, the transform there is leakage from the present frequency of
+    the sweep: it is coherent, and has the response of that frequency. The distance of the power is
+    known from the derivative of the window: a component at a distance d/length has a transform
+    under it that is 2 pi i d/length times as large as that under the window. The excitation has not
+    reached a frequency where the root mean square of d exceeds half of the main lobe. It has not
+    passed a frequency where the mean of d is far from zero.
     """
     m, q = stream.outputs, stream.inputs
     usable = segments.usable(responses.frequency)
     counts = np.maximum(np.bincount(segments.windows, minlength=len(segments.lengths)), 1)
     share = usable / counts[segments.windows][:, None]
-    length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
-    out = np.zeros_like(responses.usable)
-    log = np.log(responses.frequency)
-    for one in range(q):
-        plain, under = segments.transforms[m + q + one if stream.joint else m + one, :2]
-        power = np.sum(share * np.abs(plain) ** 2, axis=0)
-        away = np.sum(share * np.abs(length * under) ** 2, axis=0)
-        aside = np.sum(share * length * (np.conj(plain) * under).imag, axis=0)
-        excited = (away <= HALF_LOBE**2 * power) & (np.abs(aside) <= ONE_SIDED * power)
-        for output in range(m):
-            out[output, one] = longest_run(responses.usable[output, one] & excited, log)
-    return out
+    scale = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
+    bands = np.zeros_like(responses.usable)
+    log_frequency = np.log(responses.frequency)
+    for j in range(q):
+        excitation = m + q + j if stream.joint else m + j  # the reference, or the input
+        transform, by_derivative = segments.transforms[excitation, :2]
+        power = np.sum(share * np.abs(transform) ** 2, axis=0)
+        square_distance = np.sum(share * np.abs(scale * by_derivative) ** 2, axis=0)
+        distance = np.sum(share * scale * (np.conj(transform) * by_derivative).imag, axis=0)
+        reached = square_distance <= HALF_LOBE**2 * power
+        passed = np.abs(distance) <= ONE_SIDED * power
+        for i in range(m):
+            usable_here = responses.usable[i, j] & reached & passed
+            bands[i, j] = longest_run(usable_here, log_frequency)
+    return bands
 
 
 def _add(stream: OnlineResponses, window: _Window, samples: np.ndarray) -> None:
-    """Add samples that lie in one block."""
+    """Add samples ``(S, n)`` of one block."""
     count = samples.shape[1]
-    index = window.taken + np.arange(count)
-    shift = 1.0 / (STEPS_PER_WINDOW * window.hop * stream.step)
-    for row, each in enumerate((0.0, -shift, shift)):
-        turns = np.exp(-2j * math.pi * stream.step * np.outer(index, stream.frequency + each))
-        window.running[row] += samples @ turns.real + 1j * (samples @ turns.imag)
-    window.part += np.stack([samples.sum(axis=1), samples @ index], axis=1)
-    window.taken += count
+    number = window.block_samples + np.arange(count)
+    bin_width = 1.0 / (STEPS_PER_WINDOW * window.hop * stream.step)  # Hz
+    for row, shift in enumerate((0.0, -bin_width, bin_width)):
+        frequency = stream.frequency + shift
+        harmonics = np.exp(-2j * math.pi * stream.step * np.outer(number, frequency))
+        window.block[row] += samples @ harmonics.real + 1j * (samples @ harmonics.imag)
+    window.block_sums += np.stack([samples.sum(axis=1), samples @ number], axis=1)
+    window.block_samples += count
 
 
-def _complete(stream: OnlineResponses, window: _Window) -> None:
-    """End a block; with four of them a window."""
-    window.blocks.append(window.running)
-    window.sums.append(window.part)
-    window.running, window.part = np.zeros_like(window.running), np.zeros_like(window.part)
-    window.taken = 0
+def _clear_block(window: _Window) -> None:
+    """Begin a new block."""
+    window.block = np.zeros_like(window.block)
+    window.block_sums = np.zeros_like(window.block_sums)
+    window.block_samples = 0
+
+
+def _complete_block(stream: OnlineResponses, window: _Window) -> None:
+    """End a block, and the window if this is its fourth block."""
+    window.blocks.append(window.block)
+    window.sums.append(window.block_sums)
+    _clear_block(window)
     if len(window.blocks) < STEPS_PER_WINDOW:
         return
     rows = hann_of_blocks(
@@ -241,20 +275,22 @@ def _complete(stream: OnlineResponses, window: _Window) -> None:
         stream.frequency,
         stream.spectra.derivatives,
     )[:, :, 0]
-    rows = rows - np.einsum("sk,kdf->sdf", _straight(window), window.lines)
-    start = np.exp(-2j * math.pi * window.first * stream.step * stream.frequency)
-    window.rows.append(rows * start)
+    rows = rows - np.einsum("sk,kdf->sdf", _straight_line(window), window.lines)
+    phase = np.exp(-2j * math.pi * window.first * stream.step * stream.frequency)
+    window.rows.append(rows * phase)
     window.starts.append(window.first)
     del window.blocks[0], window.sums[0]
     window.first += window.hop
 
 
-def _straight(window: _Window) -> np.ndarray:
-    """Level and slope ``(S, 2)`` of the straight line that fits each signal of a window best, by
-    the centred sample numbers that ``lines`` has."""
+def _straight_line(window: _Window) -> np.ndarray:
+    """Return level and slope ``(S, 2)`` of the regression line of each signal over a window. The
+    slope is per sample, and the level that at the middle of the window.
+    """
     hop, size = window.hop, STEPS_PER_WINDOW * window.hop
-    plain = sum(part[:, 0] for part in window.sums)
-    by_time = sum(part[:, 1] + m * hop * part[:, 0] for m, part in enumerate(window.sums))
-    centre = 0.5 * (size - 1)
-    spread = size * (size**2 - 1) / 12.0
-    return np.stack([plain / size, (by_time - centre * plain) / spread], axis=1)
+    total = sum(sums[:, 0] for sums in window.sums)
+    # sum of the samples times their numbers in the window
+    moment = sum(sums[:, 1] + m * hop * sums[:, 0] for m, sums in enumerate(window.sums))
+    middle = 0.5 * (size - 1)
+    number_squares = size * (size**2 - 1) / 12.0
+    return np.stack([total / size, (moment - middle * total) / number_squares], axis=1)

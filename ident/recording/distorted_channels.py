@@ -1,11 +1,13 @@
-"""Distorted channels: flat extremes, steps of the zero, hum, filtered channels.
+"""Search for distorted channels: clipped extremes, steps of the zero, hum, filtered channels.
 
-Steps: two straight lines, through the samples before and after each row, are extrapolated to the
-row. A level, a slope and a curvature cancel in their difference. The part of the difference that
-inputs and other channels explain, by least squares, is subtracted.
+Steps of the zero: two straight lines, fitted to the samples before and after each row, are
+extrapolated to the row. The jump is the difference of the two lines. A level, a slope and a
+curvature of the signal cancel in it. Least squares remove the part of the jump that inputs and
+other channels explain.
 
-White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding
-does so behind any filter. A spectrum that is flat up to a cutoff and empty above it was filtered.
+Filtered channels: white noise of a sensor fills the spectrum up to half the sample rate, and so
+does the rounding of a converter after any filter. A channel whose spectrum is flat up to a cutoff
+and empty above it was filtered after the conversion.
 """
 
 from __future__ import annotations
@@ -29,27 +31,31 @@ from ident.recording.series import (
 from ident.statistics.noise_levels import robust_sigma_about_zero
 from sim.errors import instant
 
-# ---- Flat extremes
+# ---- Clipped extremes: an extreme value at which the channel is flat
 
-FEWEST_AT_LEVEL = 4  # fewest samples at the level
-FEWEST_IN_A_ROW = 3
-CHANCE_OF_PILE = 1e-6
+FEWEST_AT_LEVEL = 4  # fewest samples at the extreme value
+FEWEST_IN_A_ROW = 3  # fewest adjacent samples at the extreme value
+# probability that noise alone puts as many samples at the extreme value
+FALSE_CLIPPING_PROBABILITY = 1e-6
 CORNER_BENDS = 6.0  # smallest slope at a corner, over the usual second difference or the noise
-CORNER_BITS = 3.0
-# distance of a level from the median, in sigmas of the noise: nearer extremes are noise
-CUT_MOTION_SIGMAS = 6.0
-# smallest share of changing samples of an input: commanded square waves change less often
+CORNER_BITS = 3.0  # smallest slope at a corner, in least bits per sample
+CORNER_SAMPLES = 8  # samples on either side of a run that show the usual second difference
+# smallest distance of a clipped value from the median, in sigmas of the noise
+CLIPPED_MOTION_SIGMAS = 6.0
+# smallest share of samples at which an input changes: commanded square waves change less often
 CONTINUOUS_INPUT_SHARE = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Find levels at which a channel is flat, and mask these samples. An input may rest at its
-    stop: its flat levels are reported, not masked.
+    """Return findings of extreme values at which a channel is flat. They mask these samples.
+
+    The samples of an input are not masked, since the input may rest at its stop. ``count`` is the
+    number of rows of the record.
     """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS_INPUT_SHARE:
         return []
-    out = []
-    for sign in (1.0, -1.0):
+    findings = []
+    for sign, extreme in ((1.0, "highest"), (-1.0, "lowest")):
         values = sign * series.values
         level = float(np.max(values))
         at_level = values == level
@@ -62,85 +68,75 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
             or max(e - b for b, e in inside) < FEWEST_IN_A_ROW
         ):
             continue
-        if _piles_up(series, values, level, at_level) or any(
+        if _exceeds_noise(series, values, level, at_level) or any(
             _has_corners(series, values, b, e) for b, e in inside
         ):
-            out.append(
-                _clipping_finding(
-                    series,
-                    at_level,
-                    sign * level,
-                    "highest" if sign > 0 else "lowest",
-                    count,
-                    is_input=is_input,
-                )
+            finding = _clipping_finding(
+                series, at_level, sign * level, extreme, count, is_input=is_input
             )
-    return out
+            findings.append(finding)
+    return findings
 
 
-def _piles_up(series: Series, values: np.ndarray, level: float, at_level: np.ndarray) -> bool:
-    """Return whether more samples are at the level than noise explains."""
-    if not series.resolved or level - float(np.median(values)) < CUT_MOTION_SIGMAS * series.noise:
+def _exceeds_noise(series: Series, values: np.ndarray, level: float, at_level: np.ndarray) -> bool:
+    """Return whether more samples are at the level than noise explains.
+
+    The expected number follows from the samples in three bins below the level.
+    """
+    distance = level - float(np.median(values))
+    if not series.resolved or distance < CLIPPED_MOTION_SIGMAS * series.noise:
         return False
-    width = max(series.least_bit, 0.25 * series.noise)
-    below = np.count_nonzero((values < level) & (values >= level - 3.5 * width))
-    per_level = below / 3.0 * (min(1.0, series.least_bit / width) if series.least_bit else 1e-6)
+    bin_width = max(series.least_bit, 0.25 * series.noise)
+    below = np.count_nonzero((values < level) & (values >= level - 3.5 * bin_width))
+    level_share = min(1.0, series.least_bit / bin_width) if series.least_bit else 1e-6
+    expected = 2.0 * (below / 3.0 * level_share) + 0.5  # twice the expected number, to be safe
     # Poisson probability of at least as many samples at the level.
-    return bool(gammainc(np.count_nonzero(at_level), 2.0 * per_level + 0.5) < CHANCE_OF_PILE)
+    probability = gammainc(np.count_nonzero(at_level), expected)
+    return bool(probability < FALSE_CLIPPING_PROBABILITY)
 
 
 def _has_corners(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
     """Return whether a moving signal meets the level at a corner on both sides."""
     if end - begin < FEWEST_IN_A_ROW or begin < 3 or end + 3 > len(values):
         return False
-    around = np.concatenate([values[max(0, begin - 8) : begin], values[end : end + 8]])
-    before, behind = values[max(0, begin - 8) : begin], values[end : end + 8]
-    bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(behind, 2))])
+    before = values[max(0, begin - CORNER_SAMPLES) : begin]
+    after = values[end : end + CORNER_SAMPLES]
+    bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(after, 2))])
     usual = float(np.median(bends)) if bends.size else math.inf
     # Clipping shortens the first difference beside the level; the next one outwards is complete.
     slopes = (
         abs(float(values[begin - 1] - values[begin - 2])),
         abs(float(values[end + 1] - values[end])),
     )
-    return len(around) > 8 and min(slopes) > max(
+    least_slope = max(
         CORNER_BENDS * usual, CORNER_BITS * series.least_bit, CORNER_BENDS * series.noise
     )
+    return len(before) + len(after) > CORNER_SAMPLES and min(slopes) > least_slope
 
 
 def _clipping_finding(
-    series: Series, at_level: np.ndarray, level: float, word: str, count: int, *, is_input: bool
+    series: Series, at_level: np.ndarray, level: float, extreme: str, count: int, *, is_input: bool
 ) -> RecordFinding:
+    """Return the finding of a channel that is flat at its "highest" or "lowest" value."""
     runs = runs_of(at_level)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": FindingQuantity(level, series.unit)}
     text = (
-        f"flat at its {word} value, {shown(level, series.unit)}, for "
+        f"flat at its {extreme} value, {shown(level, series.unit)}, for "
         f"{int(np.count_nonzero(at_level))} samples"
     )
     if is_input:
         sentence = f"is {text}: at its stop, or clipped by the recorder"
+        remedy = "say which, if you know: a stop is felt by the vehicle"
         return RecordFinding(
-            series.name,
-            Kind.CLIPPED,
-            Certainty.NOTED,
-            sentence,
-            "say which, if you know: a stop is felt by the vehicle",
-            times,
-            numbers,
+            series.name, Kind.CLIPPED, Certainty.NOTED, sentence, remedy, times, numbers
         )
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[at_level]] = True
+    sentence = f"is clipped: {text}"
     remedy = "widen the channel's range, or fly a smaller maneuver"
-    return RecordFinding(
-        series.name,
-        Kind.CLIPPED,
-        Certainty.COSTS_INFORMATION,
-        f"is clipped: {text}",
-        remedy,
-        times,
-        numbers,
-        mask,
-    )
+    costs = Certainty.COSTS_INFORMATION
+    return RecordFinding(series.name, Kind.CLIPPED, costs, sentence, remedy, times, numbers, mask)
 
 
 # ---- Zero steps: a channel jumps within one sample and keeps the offset
@@ -148,18 +144,21 @@ def _clipping_finding(
 LINE_TIME = 0.25  # s, length of each line: a quarter period of a fast short period
 FEWEST_LINE_SAMPLES = 5  # fewest samples of a straight line
 MOST_LINE_SAMPLES = 25  # most samples of a straight line
-STEP_SIGMAS = 8.0  # Smallest step, sigmas: 3000 Gaussian rows reach 4.5, curved motion more.
-STEP_TO_SURROUNDINGS_RATIO = 3.0  # smallest step over the largest jump within SURROUNDINGS_TIME
-SURROUNDINGS_TIME = 1.0  # s
+STEP_SIGMAS = 8.0  # smallest step in sigmas: 3000 Gaussian rows reach 4.5, curved motion more
+# smallest step over the largest jump within SURROUNDINGS_TIME, s
+STEP_TO_SURROUNDINGS_RATIO = 3.0
+SURROUNDINGS_TIME = 1.0
 OTHER_JUMP_SIGMAS = 4.0  # largest jump of another channel at that row, in standard deviations
+EXPLAINED_JUMP_SIGMAS = 4.0  # larger jumps are left out of the regression on other channels
 INPUT_STEP_SHARE = 0.05  # smallest step of an input, as a share of its span
-# smallest distance to an input's step, in line lengths: its effect is removed to first order only
+# smallest distance to the step of an input, in line lengths: the regression removes the effect of
+# the step to first order only
 INPUT_DISTANCE = 0.6
-# largest opposite jump within two windows, as a share: side lobes are 0.35, a pulse has 1
+# largest opposite jump nearby, over the jump: side lobes of a step are 0.35, a pulse has 1
 OPPOSITE_JUMP_RATIO = 0.7
-CORNER_SIGMAS = 4.0
-CORNER_TIME = 0.8  # s, on either side of a jump of nz
-MOST_JUMPS = 3  # most jumps reported of one channel
+CORNER_SIGMAS = 4.0  # smallest corner that tests a load, in standard deviations
+CORNER_TIME = 0.8  # s, time on either side of a jump of nz in which alpha is compared
+MOST_JUMPS = 3  # most steps of one channel: a channel with more steps has none reported
 
 
 def zero_steps(
@@ -168,62 +167,59 @@ def zero_steps(
     masked: Mapping[str, np.ndarray],
     gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Find steps of single channels; each is a warning.
+    """Return a warning for each step of a single channel.
 
-    ``masked``: rows by channel that are masked already. ``gravity_over_speed`` in 1/s: a step of nz
-    counts as a load if alpha changes as the load requires.
+    Parameters
+    ----------
+    masked : channel -> ``(N,)``, True at rows that are masked already.
+    gravity_over_speed : 1/s. A step of nz is a load, and no fault, if alpha changes as the load
+        requires; None leaves out this test.
     """
     if not series or len(series[0].values) < 4 * FEWEST_LINE_SAMPLES:
         return []
     step = float(np.median(np.diff(series[0].time)))
     length = int(np.clip(round(LINE_TIME / step), FEWEST_LINE_SAMPLES, MOST_LINE_SAMPLES))
-    rows = np.unique(np.concatenate([each.rows for each in series]))
+    rows = np.unique(np.concatenate([channel.rows for channel in series]))
     if len(rows) < 6 * length:
         return []
-    values = {
-        each.name: _resampled(each, rows, masked.get(each.name)) for each in (*series, *inputs)
-    }
+    all_series = (*series, *inputs)
+    values = {item.name: _resampled(item, rows, masked.get(item.name)) for item in all_series}
     jumps = {name: _jumps(column, length) for name, column in values.items()}
-    # A control step is a kink of the pitch rate: the input's running sum explains it.
+    # The pitch rate bends at a step of a control, as the running sum of the control does.
     input_sums = [
-        _jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs
+        _jumps(np.cumsum(values[channel.name] - np.mean(values[channel.name])), length)
+        for channel in inputs
     ]
     noise_gain = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
-    quiet = {
-        each.name: max(noise_gain * each.noise + each.least_bit, _robust_std(jumps[each.name]))
-        for each in series
-    }
-    still = _quiet_rows(
-        [values[each.name] for each in inputs], len(rows), round(INPUT_DISTANCE * length)
+    jump_noise = {item.name: noise_gain * item.noise + item.least_bit for item in series}
+    jump_std = {name: max(noise, _robust_std(jumps[name])) for name, noise in jump_noise.items()}
+    without_input_step = _rows_without_input_step(
+        [values[channel.name] for channel in inputs], len(rows), round(INPUT_DISTANCE * length)
     )
-    out = []
-    for each in series:
+    findings = []
+    for channel in series:
+        name = channel.name
         residual = _unexplained_jumps(
-            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *input_sums]
+            jumps[name], [*(jumps[other] for other in jumps if other != name), *input_sums]
         )
-        for peak in _step_rows(
-            residual,
-            noise_gain * each.noise + each.least_bit,
-            length,
-            round(min(SURROUNDINGS_TIME / step, len(residual))),
-        ):
+        surroundings = round(min(SURROUNDINGS_TIME / step, len(residual)))
+        for peak in _step_rows(residual, jump_noise[name], length, surroundings):
+            row, size = rows[peak + length], float(residual[peak])
             near = slice(max(0, peak - 2), peak + 3)
-            calm = all(
-                np.max(np.abs(jumps[other.name][near])) < OTHER_JUMP_SIGMAS * quiet[other.name]
-                for other in series
-                if other is not each
+            others_jump = any(
+                np.max(np.abs(jumps[other][near])) >= OTHER_JUMP_SIGMAS * jump_std[other]
+                for other in jump_std
+                if other != name
             )
-            if each.name == "nz" and _is_load(
-                series, values, rows[peak + length], float(residual[peak]), gravity_over_speed
-            ):
+            if name == "nz" and _is_load(series, values, row, size, gravity_over_speed):
                 continue
             if (
-                calm
-                and still[peak + length]
-                and not _touches(masked.get(each.name), rows[peak : peak + 2 * length])
+                not others_jump
+                and without_input_step[peak + length]
+                and not _any_masked(masked.get(name), rows[peak : peak + 2 * length])
             ):
-                out.append(_zero_steps_finding(each, rows[peak + length], float(residual[peak])))
-    return out
+                findings.append(_zero_steps_finding(channel, row, size))
+    return findings
 
 
 def _is_load(
@@ -236,17 +232,18 @@ def _is_load(
     """Return whether a step of nz is a real load: alpha - int (q - (g/V) nz) dt is then a straight
     line.
 
-    A sensor fault would show a corner of at least ``CORNER_SIGMAS`` standard deviations.
+    If the step is a sensor fault, this difference has a corner at the step. The test requires that
+    the corner of a fault of this ``size`` (g) exceeds ``CORNER_SIGMAS`` standard deviations.
     """
-    known = {each.name: each for each in series}
-    time = known["nz"].time
+    by_name = {channel.name: channel for channel in series}
+    time = by_name["nz"].time
     if (
         gravity_over_speed is None
-        or not {"alpha", "q"} <= set(known)
+        or not {"alpha", "q"} <= set(by_name)
         or len(time) != len(values["nz"])
     ):
         return False
-    step_time = time[np.searchsorted(known["nz"].rows, row)]
+    step_time = time[np.searchsorted(by_name["nz"].rows, row)]
     near = np.abs(time - step_time) < CORNER_TIME
     t = time[near] - step_time
     rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
@@ -256,13 +253,13 @@ def _is_load(
     matrix = np.stack([np.ones(len(t)), t, np.maximum(t, 0.0)])
     inverse = np.linalg.pinv(matrix @ matrix.T)
     corner = float((inverse @ (matrix @ path))[2])
-    std = known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
+    std = by_name["alpha"].noise * float(np.sqrt(inverse[2, 2]))
     expected = abs(gravity_over_speed * size)
     return expected > CORNER_SIGMAS * std and abs(corner) < 0.5 * expected
 
 
-def _quiet_rows(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
-    """Return the rows at which no input steps within ``spacing`` rows."""
+def _rows_without_input_step(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
+    """Return whether no input steps within ``spacing`` rows of each row, ``(count,)``."""
     steps = np.zeros(count)
     for values in inputs:
         steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_STEP_SHARE * float(np.ptp(values))
@@ -270,6 +267,7 @@ def _quiet_rows(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.nd
 
 
 def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
+    """Return the warning of a step by ``size``, in the unit of the channel."""
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
     load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
     text = (
@@ -284,53 +282,50 @@ def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
 
 
 def _resampled(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """Return a channel on common rows: gaps interpolated, single wrong samples removed by a median
-    of three.
+    """Return a channel at given rows. Gaps are interpolated, and a median of three samples removes
+    single wrong ones.
     """
-    good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
-    if np.count_nonzero(good) < 2:
+    usable = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
+    if np.count_nonzero(usable) < 2:
         return np.zeros(len(rows))
-    values = np.interp(rows, series.rows[good], series.values[good])
-    return np.concatenate(
-        [
-            values[:1],
-            np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0),
-            values[-1:],
-        ]
-    )
+    values = np.interp(rows, series.rows[usable], series.values[usable])
+    middle = np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0)
+    return np.concatenate([values[:1], middle, values[-1:]])
 
 
 def _weights(length: int) -> np.ndarray:
-    """Return the weights of samples at 0.5, 1.5, ... that give the value at 0 of their regression
-    line.
+    """Return the weights ``(length,)`` of samples at 0.5, 1.5, ... The weighted sum is the value at
+    0 of their regression line.
     """
     position = np.arange(length) + 0.5
-    matrix = np.stack([np.ones(length), position])
-    return np.asarray(np.linalg.solve(matrix @ matrix.T, matrix)[0])
+    line = np.stack([np.ones(length), position])
+    return np.asarray(np.linalg.solve(line @ line.T, line)[0])
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Return the line after each row minus the line before it, each fitted to ``length`` rows."""
+    """Return the value of the line after each row minus that of the line before it. Each line is
+    fitted to ``length`` rows.
+    """
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))
 
 
 def _unexplained_jumps(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the jumps less what other channels' jumps explain (least squares without the
-    largest).
+    """Return the residual of the jumps of a channel in a regression on the jumps of others. The
+    second of two regressions leaves out large residuals of the first.
     """
-    moving = [other for other in others if np.any(other)]
-    if not moving:
+    regressors = [other for other in others if np.any(other)]
+    if not regressors:
         return jump
-    rows = np.stack(moving).T
-    keep = np.ones(len(jump), dtype=bool)
+    X = np.stack(regressors).T
+    used = np.ones(len(jump), dtype=bool)
     residual = jump
     for _ in range(2):
-        coefficients = np.linalg.lstsq(rows[keep], jump[keep], rcond=None)[0]
-        residual = jump - rows @ coefficients
-        keep = np.abs(residual) < 4.0 * _robust_std(residual)
-        if np.count_nonzero(keep) < 4 * rows.shape[1]:
+        coefficients = np.linalg.lstsq(X[used], jump[used], rcond=None)[0]
+        residual = jump - X @ coefficients
+        used = np.abs(residual) < EXPLAINED_JUMP_SIGMAS * _robust_std(residual)
+        if np.count_nonzero(used) < 4 * X.shape[1]:
             break
     return np.asarray(residual)
 
@@ -340,114 +335,119 @@ def _robust_std(jump: np.ndarray) -> float:
     return max(robust_sigma_about_zero(jump), 1e-300)
 
 
-def _step_rows(residual: np.ndarray, noise: float, length: int, around: int) -> list[int]:
-    """Return the rows of jumps above noise and surroundings, without an opposite jump near."""
+def _step_rows(residual: np.ndarray, noise: float, length: int, surroundings: int) -> list[int]:
+    """Return the positions of jumps that exceed the noise and all jumps in the surroundings, and
+    have no opposite jump nearby. The result is empty if there are more than ``MOST_JUMPS``.
+
+    ``length`` is that of a line, and ``surroundings`` the number of rows on either side.
+    """
     size = np.abs(residual)
-    out: list[int] = []
+    peaks: list[int] = []
     least = STEP_SIGMAS * max(_robust_std(residual), noise)
-    taken = np.zeros(len(residual), dtype=bool)
-    for at in np.argsort(size)[::-1][: 20 * MOST_JUMPS]:
-        if size[at] < least or len(out) > MOST_JUMPS:
+    compared = np.zeros(len(residual), dtype=bool)
+    for i in np.argsort(size)[::-1][: 20 * MOST_JUMPS]:
+        if size[i] < least or len(peaks) > MOST_JUMPS:
             break
-        if taken[at]:
+        if compared[i]:
             continue
-        taken[max(0, at - 2 * length) : at + 2 * length + 1] = True
-        near = slice(max(0, at - 2 * length), at + 2 * length + 1)
-        opposite = float(np.max(-np.sign(residual[at]) * residual[near]))
-        away = np.concatenate(
-            [
-                size[max(0, at - around - length) : max(0, at - length)],
-                size[at + length + 1 : at + length + around + 1],
-            ]
-        )
-        if opposite < OPPOSITE_JUMP_RATIO * size[at] and (
-            not away.size or size[at] > STEP_TO_SURROUNDINGS_RATIO * float(np.max(away))
+        near = slice(max(0, i - 2 * length), i + 2 * length + 1)
+        compared[near] = True
+        opposite = float(np.max(-np.sign(residual[i]) * residual[near]))
+        before = size[max(0, i - surroundings - length) : max(0, i - length)]
+        after = size[i + length + 1 : i + length + surroundings + 1]
+        beside = np.concatenate([before, after])
+        if opposite < OPPOSITE_JUMP_RATIO * size[i] and (
+            not beside.size or size[i] > STEP_TO_SURROUNDINGS_RATIO * float(np.max(beside))
         ):
-            out.append(int(at))
-    return out if len(out) <= MOST_JUMPS else []
+            peaks.append(int(i))
+    return peaks if len(peaks) <= MOST_JUMPS else []
 
 
-def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
+def _any_masked(masked: np.ndarray | None, rows: np.ndarray) -> bool:
     return masked is not None and bool(np.any(masked[rows]))
 
 
 # ---- Hum
 
 LOWEST_HUM = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
-EVEN_TOLERANCE = 0.02  # largest deviation of an evenly sampled step, as a share
+EVEN_TOLERANCE = 0.02  # largest relative deviation of a step from the usual one
 FEWEST_HUM_SAMPLES = 128
 MOST_SAMPLES = 20_000  # most samples that are used
 FLOOR_BINS = 24  # frequencies on either side of a line whose median is the noise floor
 LINE_BINS = 3  # frequencies on either side that belong to a line
-# The power of noise is exponential: threshold ln(frequencies/chance) times FLOOR_SCATTER_FACTOR.
 HUM_CHANCE = 1e-5  # probability of a false line
+# The power of noise is exponential: the threshold over the noise floor is ln(frequencies/chance),
+# times this factor for the scatter of the floor.
 FLOOR_SCATTER_FACTOR = 1.35
-FEWEST_PARTS = 6  # parts of a record in which the amplitude of a line is compared
-MOST_PARTS = 16  # parts for a strong line, so that ringing after steps is recognised
-INFORMATION_PER_PART = 80.0  # N (amplitude/noise)^2 that gives an amplitude to one seventh
+FEWEST_PARTS = 6  # fewest parts of a record in which the amplitude of a line is compared
+MOST_PARTS = 16  # most parts, for a strong line: they show that ringing after steps decays
+FEWEST_PERIODS_PER_PART = 4.0
+# N (amplitude/noise)^2 of a part that gives the amplitude with a standard deviation of one seventh
+INFORMATION_PER_PART = 80.0
 # smallest power of the mean amplitude over the mean power: 1 for a constant phase, 1/6 for noise
 LEAST_COHERENT_SHARE = 0.85
 # largest ratio of the amplitudes of 16 parts: noise gives 1.8 in one of a hundred hums
 LARGEST_AMPLITUDE_RATIO = 2.5
-HUM_TO_NOISE = 0.3  # smallest amplitude over the noise: a smaller one changes no estimate
+HUM_TO_NOISE = 0.3  # smallest amplitude over the noise: a smaller hum changes no estimate
 # smallest amplitude over the least bit: rounding of a periodic motion makes smaller lines
 HUM_TO_BIT = 0.5
-# smallest amplitude of the same line in an input, as a share of its span: the output may respond to
-# it
+# smallest amplitude of a line in an input to which the output may respond, as a share of its span
 INPUT_LINE_SHARE = 1e-4
+LEAST_INPUT_COHERENCE = 0.5  # smallest coherence of such a line
 
 
 def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
-    """Return a warning of a spectral line above the motion, with frequency and amplitude.
+    """Return a warning if the spectrum has a line above the frequencies of the motion; else None.
 
-    A structural mode decays and follows its excitation; a hum does neither.
+    A structural mode is no hum: it is excited and decays, while a hum keeps its amplitude and phase
+    over the record.
     """
     series = replace(series, time=series.time[:MOST_SAMPLES], values=series.values[:MOST_SAMPLES])
-    step = np.diff(series.time)
-    usual = float(np.median(step)) if step.size else 0.0
+    steps = np.diff(series.time)
+    step = float(np.median(steps)) if steps.size else 0.0
     n = len(series.values)
     if (
         n < FEWEST_HUM_SAMPLES
-        or np.max(np.abs(step - usual)) > EVEN_TOLERANCE * usual
-        or 0.5 / usual <= LOWEST_HUM
+        or np.max(np.abs(steps - step)) > EVEN_TOLERANCE * step
+        or 0.5 / step <= LOWEST_HUM
     ):
         return None
     # Second differences suppress the motion at low frequencies; their gain is removed below.
     bent = np.diff(series.values, 2)
     window = np.hanning(len(bent) + 2)[1:-1]
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
-    frequency = np.fft.rfftfreq(len(bent), usual)
+    frequency = np.fft.rfftfreq(len(bent), step)
     first = int(np.searchsorted(frequency, LOWEST_HUM))
     ratio = _power_over_floor(
-        power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first
+        power / np.maximum(2.0 * np.sin(math.pi * frequency * step), 1e-3) ** 4, first
     )
     if not ratio.size:
         return None
     peak = first + int(np.argmax(ratio))
     if ratio[peak - first] < FLOOR_SCATTER_FACTOR * math.log(len(ratio) / HUM_CHANCE):
         return None
-    at = _refine_frequency(bent, usual, float(frequency[peak]), float(frequency[1]))
-    amplitude = float(abs(np.mean(_amplitudes(bent, usual, at, FEWEST_PARTS))))
-    finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / INFORMATION_PER_PART
-    parts = _amplitudes(
-        bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), FEWEST_PARTS, MOST_PARTS))
-    )
-    sizes = np.abs(parts)
+    line_frequency = _refine_frequency(bent, step, float(frequency[peak]), float(frequency[1]))
+    amplitude = float(abs(np.mean(_amplitudes(bent, step, line_frequency, FEWEST_PARTS))))
+    by_noise = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / INFORMATION_PER_PART
+    by_periods = line_frequency * n * step / FEWEST_PERIODS_PER_PART
+    count = int(np.clip(min(by_noise, by_periods), FEWEST_PARTS, MOST_PARTS))
+    amplitudes = _amplitudes(bent, step, line_frequency, count)
+    sizes = np.abs(amplitudes)
     if (
-        _coherence(parts) < LEAST_COHERENT_SHARE
+        _coherence(amplitudes) < LEAST_COHERENT_SHARE
         or np.max(sizes) > LARGEST_AMPLITUDE_RATIO * np.min(sizes)
         or amplitude < max(HUM_TO_NOISE * series.noise, HUM_TO_BIT * series.least_bit)
     ):
         return None
-    if any(_has_line(other, at) for other in inputs):
+    if any(_has_line(control, line_frequency) for control in inputs):
         return None
     text = (
-        f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in "
-        "phase and size throughout"
+        f"hums at {line_frequency:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, "
+        "the same in phase and size throughout; "
+        f"a hum above {0.5 / step:.3g} Hz, half the sample rate, shows as a lower frequency"
     )
-    text += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
     numbers = {
-        "frequency": FindingQuantity(at, "Hz"),
+        "frequency": FindingQuantity(line_frequency, "Hz"),
         "amplitude": FindingQuantity(amplitude, series.unit),
     }
     remedy = (
@@ -458,8 +458,8 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
 
 
 def _power_over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Return the power over the noise floor at each frequency from ``first`` to the last
-    but one.
+    """Return the ratio of the power to the noise floor at each frequency from position ``first`` to
+    the last but one. The floor follows from the median power of the neighbouring frequencies.
     """
     above_lowest = power[first:-1]
     if len(above_lowest) < FLOOR_BINS:
@@ -474,85 +474,93 @@ def _power_over_floor(power: np.ndarray, first: int) -> np.ndarray:
 
 
 def _refine_frequency(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
-    """Return the line's frequency to a fraction of a bin, Hz."""
+    """Return the frequency of the line, Hz, on a grid of a twentieth of the ``spacing`` about the
+    frequency ``near``, Hz.
+    """
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
     grid = near + spacing * np.linspace(-1.0, 1.0, 41)
-    turn = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
-    return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
+    harmonics = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
+    return float(grid[int(np.argmax(np.abs(harmonics @ (window * bent))))])
 
 
 def _amplitudes(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
-    """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
+    """Return the complex amplitude of the line in each of ``count`` parts of a record, from its
+    second differences ``bent``.
+    """
     number = np.arange(len(bent))
-    turned = bent * np.exp(-2j * math.pi * line_frequency * step * number)
+    demodulated = bent * np.exp(-2j * math.pi * line_frequency * step * number)
     gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2
-    parts = []
+    amplitudes = []
     for rows in np.array_split(number, count):
         weights = np.hanning(len(rows) + 2)[1:-1]
-        parts.append(2.0 * complex(np.sum(weights * turned[rows]) / np.sum(weights)) / gain)
-    return np.array(parts)
+        mean = complex(np.sum(weights * demodulated[rows]) / np.sum(weights))
+        amplitudes.append(2.0 * mean / gain)
+    return np.array(amplitudes)
 
 
-def _coherence(parts: np.ndarray) -> float:
-    power = float(np.mean(np.abs(parts) ** 2))
-    return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
+def _coherence(amplitudes: np.ndarray) -> float:
+    """Return the power of the mean amplitude over the mean power of the amplitudes."""
+    power = float(np.mean(np.abs(amplitudes) ** 2))
+    return float(abs(np.mean(amplitudes)) ** 2) / power if power > 0.0 else 0.0
 
 
-def _has_line(other: Series, line_frequency: float) -> bool:
-    """Return whether an input has the same line with a constant phase, at its own sample rate."""
-    step = float(np.median(np.diff(other.time)))
-    parts = _amplitudes(np.diff(other.values[:MOST_SAMPLES], 2), step, line_frequency, FEWEST_PARTS)
-    return abs(np.mean(parts)) > INPUT_LINE_SHARE * other.span and _coherence(parts) > 0.5
+def _has_line(control: Series, line_frequency: float) -> bool:
+    """Return whether an input has a line at this frequency, Hz, with a constant phase."""
+    step = float(np.median(np.diff(control.time)))
+    bent = np.diff(control.values[:MOST_SAMPLES], 2)
+    amplitudes = _amplitudes(bent, step, line_frequency, FEWEST_PARTS)
+    return (
+        abs(np.mean(amplitudes)) > INPUT_LINE_SHARE * control.span
+        and _coherence(amplitudes) > LEAST_INPUT_COHERENCE
+    )
 
 
 # ---- Channels whose noise ends at a frequency
 
 FEWEST_SPECTRUM_SAMPLES = 256
 BAND_COUNT = 40  # bands of equal width up to half the sample rate
-# largest power above the cutoff over the power below it: a noise amplitude of one hundredth
+# largest power above the cutoff over the power below it: noise amplitudes of one to a hundred
 EMPTY_SHARE = 1e-4
-# Smallest ratio of the first empty frequency to the cutoff: two-way Butterworth filters of order 4
-# fall by 1e-4 within 1.8.
+# frequency over the cutoff from which the spectrum must be empty: the power of two-way Butterworth
+# filters of order 4 has fallen to 1e-4 there
 CUTOFF_WIDTH_RATIO = 1.8
 FEWEST_FLAT_BANDS = 4  # fewest bands of noise of one level
 FEWEST_EMPTY_BANDS = 4  # fewest bands without noise
 BAND_LIMITED_CHANCE = 1e-3  # probability that a flat spectrum fails the test
-WINDOW_WIDENING = 2.0  # frequencies of a windowed spectrum per independent one
+# Blackman-Harris window: low side lobes, so that the empty bands show no power of the others
+_WINDOW_COEFFICIENTS = (0.35875, -0.48829, 0.14128, -0.01168)
+WINDOW_WIDENING = 2.0  # number of frequencies that one independent power of this window covers
 
 
 def band_limited(series: Series) -> RecordFinding | None:
     """Return a note if a channel has noise up to a cutoff frequency and none above; else None.
 
-    None also for uneven or few samples, for less steep filters, and where the motion hides the
-    noise.
+    Uneven or few samples, filters that are less steep, and motion that hides the noise give None.
     """
     time, values = series.time[:MOST_SAMPLES], series.values[:MOST_SAMPLES]
-    step = np.diff(time)
-    usual = float(np.median(step)) if step.size else 0.0
-    if (
-        len(values) < FEWEST_SPECTRUM_SAMPLES
-        or np.max(np.abs(step - usual)) > EVEN_TOLERANCE * usual
-    ):
+    steps = np.diff(time)
+    step = float(np.median(steps)) if steps.size else 0.0
+    if len(values) < FEWEST_SPECTRUM_SAMPLES:
         return None
-    levels, bins = _band_powers(values), len(values) / 2.0 / BAND_COUNT
+    if np.max(np.abs(steps - step)) > EVEN_TOLERANCE * step:
+        return None
+    powers, frequencies_per_band = _band_powers(values), len(values) / 2.0 / BAND_COUNT
     for flat in range(BAND_COUNT - FEWEST_EMPTY_BANDS - 1, 2 * FEWEST_FLAT_BANDS - 1, -1):
-        below = levels[flat // 2 : flat]
-        first = int(np.ceil(CUTOFF_WIDTH_RATIO * flat))
-        above = levels[min(first, BAND_COUNT - FEWEST_EMPTY_BANDS) :]
+        # The lower half of the bands below the cutoff may show motion.
+        below = powers[flat // 2 : flat]
+        first_empty = int(np.ceil(CUTOFF_WIDTH_RATIO * flat))
+        above = powers[min(first_empty, BAND_COUNT - FEWEST_EMPTY_BANDS) :]
         if np.max(above) >= EMPTY_SHARE * np.median(below) or not _is_flat(
-            below, 2.0 * bins / WINDOW_WIDENING
+            below, 2.0 * frequencies_per_band / WINDOW_WIDENING
         ):
             continue
-        cutoff = 0.5 * flat / BAND_COUNT / usual
         share = flat / BAND_COUNT
+        cutoff = 0.5 * share / step
         text = (
-            f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that "
-            "its samples could hold"
-        )
-        text += (
-            ": it was filtered or resampled before it was written, and one sample in "
-            f"{1.0 / share:.2g} is independent"
+            f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / step:.3g} Hz that "
+            "its samples could hold: it was filtered or resampled before it was written, and one "
+            f"sample in {1.0 / share:.2g} is independent"
         )
         remedy = (
             "export the channel as it was recorded; else residuals are not white, and sigmas for "
@@ -564,15 +572,12 @@ def band_limited(series: Series) -> RecordFinding | None:
 
 
 def _band_powers(values: np.ndarray) -> np.ndarray:
-    """Return the mean power in each of the bands, ``(BAND_COUNT,)``, of second differences."""
+    """Return the mean power of the values in each band, ``(BAND_COUNT,)``. It is computed from
+    second differences, which suppress the motion, and divided by their gain.
+    """
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
-    window = (
-        0.35875
-        - 0.48829 * np.cos(phase)
-        + 0.14128 * np.cos(2.0 * phase)
-        - 0.01168 * np.cos(3.0 * phase)
-    )
+    window = sum(a * np.cos(k * phase) for k, a in enumerate(_WINDOW_COEFFICIENTS))
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent))))[1:] ** 2
     share = np.arange(1, len(power) + 1) / len(power)
     power = power / (2.0 * np.sin(0.5 * np.pi * share)) ** 4
@@ -583,14 +588,13 @@ def _band_powers(values: np.ndarray) -> np.ndarray:
     )
 
 
-def _is_flat(levels: np.ndarray, freedom: float) -> bool:
-    """Return whether the halves of a part of the spectrum, and its outer quarters, have equal
-    power.
+def _is_flat(powers: np.ndarray, freedom: float) -> bool:
+    """Return whether both halves of some bands, and their outer quarters, have equal powers by an F
+    test. ``freedom`` is the number of degrees of freedom of a band.
     """
-    for count in (len(levels) // 2, max(len(levels) // 4, 1)):
-        ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
-        if max(ratio, 1.0 / ratio) > fdtri(
-            count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE
-        ):
+    for count in (len(powers) // 2, max(len(powers) // 4, 1)):
+        ratio = float(np.mean(powers[:count]) / np.mean(powers[-count:]))
+        limit = fdtri(count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE)
+        if max(ratio, 1.0 / ratio) > limit:
             return False
     return True

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ident.recording.distorted_channels import band_limited, clipped, hum, zero_steps
+from ident.recording.interpolation import interpolated
 from ident.recording.kinematic_relations import height_unit
 from ident.recording.misread_columns import misread
 from ident.recording.missing_samples import (
     dropouts,
     held_samples,
-    interpolated,
     missing_rows,
     stuck,
 )

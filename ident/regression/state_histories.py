@@ -1,18 +1,18 @@
-"""State histories for equation error from a record alone, by local polynomials, and residuals of
-the equations of motion at these states.
+"""State histories for equation error, from local polynomials fitted to the channels of a record,
+and residuals of the equations of motion at these states.
 
-Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew,
-so that sampling may be uneven and samples may be missing. At the ends of a record the window is
-complete and the fit is evaluated off its centre.
+The smoothing is that of Savitzky and Golay, Analytical Chemistry 36(8), 1964. The weights of each
+window are computed for its own sample times, so that sampling may be uneven and samples may be
+missing. Near the ends of a record the window keeps its width and is not centred on the sample.
 
-A state that is measured under its own name is taken from its channel; a state that equals the rate
-of a known one (velocity of an altitude) is that one's slope. Nothing is simulated.
+A state with a channel of its own name is smoothed from this channel. A state that is the rate of
+another state, as velocity of altitude, is the slope of that state. Nothing is simulated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,20 +28,25 @@ from sim.record import Record
 
 _EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even intervals
 _SMOOTHING_DEGREE = 2  # degree of the local polynomials that smooth a channel
-HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
+_SLOPE_STATE_DEGREE = 3  # degree of the local polynomials whose slope is a state
+HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)  # candidate half widths, rows
+_LARGEST_HALF_WIDTH_SHARE = 6  # the largest half width is one sixth of the record
+_LONGEST_WINDOW = 2.0  # longest duration of a window with gaps, relative to one without gaps
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Weights of N windows of W consecutive rows.
+    """Weights of the samples in N moving windows of W consecutive rows, one window for each row.
 
     Attributes
     ----------
     first : ``(N,)`` first row of each window.
-    value, slope : ``(N, W)`` weights that give the fit and its derivative (1/s) at each row; zero
-        for missing samples.
-    usable : ``(N,)`` False where fewer than half the window's samples are there, or a gap stretches
-        it to more than twice its usual length; its weights are then zero.
+    value : ``(N, W)`` weights whose sum of products with the samples is the fit at the row.
+    slope : ``(N, W)`` the same for the slope of the fit, 1/s.
+    usable : ``(N,)`` False where more than half of the samples of the window are missing, or gaps
+        make it more than twice as long as usual. All weights of the window are then zero.
+
+    The weights of missing samples are zero.
     """
 
     first: np.ndarray
@@ -55,28 +60,31 @@ class Windows:
 
 
 def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -> Windows:
-    """Windows of ``2 half_width + 1`` rows about each row of ``time (N,)``, polynomials of
-    ``degree``.
+    """Return the windows of ``2 half_width + 1`` rows for polynomials of a ``degree``.
+
+    ``time (N,)`` is in s, and ``valid (N,)`` is False for missing samples.
     """
     n = len(time)
     width = min(2 * half_width + 1, n)
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
     if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
-        # All windows are equal except for the row of evaluation.
-        few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
+        # The weights depend only on the place of the row in its window. The windows of a short
+        # part of the record have all these places.
+        part = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
-        same = np.where(place <= half_width, place, place + width)
-        return Windows(first, few.value[same], few.slope[same], few.usable[same])
+        row_of_part = np.where(place <= half_width, place, place + width)
+        return Windows(
+            first, part.value[row_of_part], part.slope[row_of_part], part.usable[row_of_part]
+        )
     rows = first[:, None] + np.arange(width)
-    there = valid[rows]
+    present = valid[rows]
     offset = time[rows] - time[:, None]
     span = np.abs(offset).max(axis=1)
-    usable = there.sum(axis=1) >= max(degree + 2, (width + 1) // 2)
-    usable &= (time[rows[:, -1]] - time[rows[:, 0]]) <= 2.0 * (width - 1) * float(
-        np.median(np.diff(time))
-    )
-    powers = (offset / span[:, None])[:, :, None] ** np.arange(degree + 1) * there[:, :, None]
+    usable = present.sum(axis=1) >= max(degree + 2, (width + 1) // 2)
+    longest = _LONGEST_WINDOW * (width - 1) * float(np.median(np.diff(time)))
+    usable &= (time[rows[:, -1]] - time[rows[:, 0]]) <= longest
+    powers = (offset / span[:, None])[:, :, None] ** np.arange(degree + 1) * present[:, :, None]
     normal = np.swapaxes(powers, 1, 2) @ powers
     normal[~usable] = np.eye(degree + 1)
     weights = np.linalg.solve(normal, np.swapaxes(powers, 1, 2)) * usable[:, None, None]
@@ -87,7 +95,9 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
 def smoothed(
     time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int
 ) -> np.ndarray:
-    """Fit at every row, ``(N,)``; where no window is usable, linear between the samples."""
+    """Return the smoothed values ``(N,)`` of a channel. Where the window is not usable, they are
+    interpolated linearly between the valid samples.
+    """
     fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
     return np.where(
         fit.usable,
@@ -97,48 +107,52 @@ def smoothed(
 
 
 def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: np.ndarray) -> int:
-    """Return the half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best
-    predicts each sample from the others.
+    """Return the half width among ``HALF_WIDTHS`` with the least mean square prediction error of
+    each sample from the others.
 
-    Least mean square of (z - fit) / (1 - own weight), the residual with the sample left out (Allen
-    1974, Stone 1974).
+    The prediction error is (z - fit) / (1 - w), where w is the weight of the sample itself in the
+    fit (Allen 1974, Stone 1974).
     """
-    best, least = HALF_WIDTHS[0], np.inf
+    best, least_mean_square = HALF_WIDTHS[0], np.inf
     for half_width in HALF_WIDTHS:
-        if half_width > max(len(time) // 6, HALF_WIDTHS[0]):
+        if half_width > max(len(time) // _LARGEST_HALF_WIDTH_SHARE, HALF_WIDTHS[0]):
             break
         fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
-        at = np.flatnonzero(fit.usable & valid)
-        if at.size == 0:
+        rows = np.flatnonzero(fit.usable & valid)
+        if rows.size == 0:
             continue
-        own = fit.value[at, at - fit.first[at]]
-        left_out = (values[at] - np.sum(fit.value * fit.gather(values), axis=1)[at]) / np.maximum(
-            1.0 - own, 1e-6
-        )
-        score = float(np.mean(left_out**2))
-        if score < least:
-            best, least = half_width, score
+        own_weight = fit.value[rows, rows - fit.first[rows]]
+        residual = values[rows] - np.sum(fit.value * fit.gather(values), axis=1)[rows]
+        mean_square = float(np.mean((residual / np.maximum(1.0 - own_weight, 1e-6)) ** 2))
+        if mean_square < least_mean_square:
+            best, least_mean_square = half_width, mean_square
     return best
 
 
 # ---- State histories for equation error, from a record alone
 
 Function = Callable[[Any, Any, Any, Any], Sequence[Any]]
-SLOPE_FACTOR = 2  # a slope is noisier than a value: its window is this much wider
+SLOPE_FACTOR = 2  # the window of a slope is wider by this factor: slopes are noisier than values
+# A rate relation and a reading are tested at generic points of the states; the numbers of the
+# points are arbitrary.
+_POINT_SHIFTS = (0.37, 0.71)
+_GENERIC_INPUT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class StateData:
-    """One state over a record.
+    """Data of one state over a record.
 
     Attributes
     ----------
-    raw, valid : ``(N,)`` data for the slope of the state, and their validity.
-    smooth : ``(N,)`` values for the regressors.
-    slopes : windows whose ``slope`` weights give the left-hand side of its equation.
-    bias : position among all parameters of the bias of its channel; None without one.
-    rate_state : the state that was taken from the slope of this one, whose own equation is then
-        fulfilled by construction; empty if there is none.
+    raw : ``(N,)`` measured values, or slopes of another state.
+    valid : ``(N,)`` whether a value of ``raw`` is usable.
+    smooth : ``(N,)`` smoothed values for the regressors.
+    slopes : windows whose ``slope`` weights, applied to ``raw``, give the left-hand side of the
+        state equation.
+    bias : position of the bias of the channel among all parameters; None without a bias.
+    rate_state : name of the state that is the slope of this one; empty if there is none. The
+        equation of this state is then satisfied by construction.
     """
 
     raw: np.ndarray
@@ -150,99 +164,93 @@ class StateData:
 
 
 def state_data(record: Record, system: System) -> list[StateData]:
-    """Data of every state of the System.
+    """Return the data of every state of the System, in its order.
 
-    Half widths: of a channel by cross-validation (``half_width_by_cross_validation``), twice that
-    for slopes.
+    The half width of a window is that of ``half_width_by_cross_validation``, and ``SLOPE_FACTOR``
+    times that for slopes.
 
     Raises
     ------
-    ModelError : naming the state that the record does not give.
+    ModelError : if the record has neither a state nor a state of which it is the rate.
     """
     names = system.state_names
-    found: dict[str, StateData] = {}
-    widths: dict[str, int] = {}
+    data: dict[str, StateData] = {}
+    half_widths: dict[str, int] = {}
     for name in names:
         if name in record.output_names and name in system.output_names:
             _require_plain_reading(system, name, record.time)
             channel = record[name]
             half = half_width_by_cross_validation(record.time, channel.values, channel.valid)
-            bias = (
-                system.parameters.index(f"bias_{name}")
-                if f"bias_{name}" in system.parameters
-                else None
-            )
+            bias_name = f"bias_{name}"
+            bias = system.parameters.index(bias_name) if bias_name in system.parameters else None
             smooth = smoothed(record.time, channel.values, channel.valid, half)
             slopes = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
-            found[name], widths[name] = (
-                StateData(channel.values, channel.valid, smooth, slopes, bias),
-                half,
-            )
+            data[name] = StateData(channel.values, channel.valid, smooth, slopes, bias)
+            half_widths[name] = half
     relations = rate_relations(system, record.time)
-    waiting = [name for name in names if name not in found]
-    while waiting:
+    missing = [name for name in names if name not in data]
+    while missing:
         derived = [
             (name, source)
-            for name in waiting
+            for name in missing
             for source, rate in relations.items()
-            if rate == name and source in found
+            if rate == name and source in data
         ]
         if not derived:
-            state = waiting[0]
+            state = missing[0]
             raise ModelError(
                 f"state {state} is neither measured nor the rate of a measured state",
                 where=f"equation error, {record.name}",
                 remedy=f"record a channel {state}, or use output-error or a filter",
             )
         for name, source in derived:
-            half = SLOPE_FACTOR * widths[source]
-            found[name], found[source] = _from_slope(record.time, found[source], half, name)
-            widths[name] = half
-        waiting = [name for name in names if name not in found]
-    return [found[name] for name in names]
+            half = SLOPE_FACTOR * half_widths[source]
+            data[name], data[source] = _from_slope(record.time, data[source], half, name)
+            half_widths[name] = half
+        missing = [name for name in names if name not in data]
+    return [data[name] for name in names]
 
 
 def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
-    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the
-    Jacobian of f, and its values at all ``times``.
+    """Return the states whose rate is exactly another state: ``{"altitude": "velocity"}``.
+
+    The Jacobian of f at two points must show it, and the values of f at all ``times``.
     """
     names, n_x, n_u = system.state_names, len(system.states), len(system.inputs)
     p = system.parameters.values()
-    relations: dict[str, str] = {}
-    for shift in (0.37, 0.71):
-        point = np.concatenate(
-            [_generic_point(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p]
-        )
 
-        def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
-            return system.f(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
+    def rates(a: list) -> list:
+        return system.f(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
 
+    relations_at_points = []
+    for shift in _POINT_SHIFTS:
+        states = _generic_point(system.initial.values(), shift)
+        point = np.concatenate([states, np.full(n_u, _GENERIC_INPUT + shift), p])
         values = _at_all_times(system.f, point, n_x, n_u, times)
         jacobian = complex_step_jacobian(rates, point.tolist())
-        here = {}
+        relations = {}
         for i, name in enumerate(names):
             for j in range(n_x):
-                wanted = np.zeros(len(point))
-                wanted[j] = 1.0
+                unit_row = np.zeros(len(point))
+                unit_row[j] = 1.0
                 if (
                     i != j
-                    and np.array_equal(jacobian[i], wanted)
+                    and np.array_equal(jacobian[i], unit_row)
                     and bool(np.all(values[i] == point[j]))
                 ):
-                    here[name] = names[j]
-        relations = (
-            here
-            if shift == 0.37
-            else {key: value for key, value in relations.items() if here.get(key) == value}
-        )
-    return relations
+                    relations[name] = names[j]
+        relations_at_points.append(relations)
+    first, second = relations_at_points
+    return {name: rate for name, rate in first.items() if second.get(name) == rate}
 
 
 def _from_slope(
     time: np.ndarray, source: StateData, half: int, name: str
 ) -> tuple[StateData, StateData]:
-    """Return the state that is the rate of ``source``, and ``source`` marked as used."""
-    fit = windows(time, source.valid, half, 3)
+    """Return the data of state ``name``, which is the rate of ``source``, and the data of
+    ``source`` with ``name`` as its ``rate_state``.
+    """
+    fit = windows(time, source.valid, half, _SLOPE_STATE_DEGREE)
     if not np.any(fit.usable):
         raise ModelError(
             f"too few samples for the slope that gives state {name}",
@@ -250,46 +258,42 @@ def _from_slope(
             remedy="use a longer record",
         )
     slope = np.sum(fit.slope * fit.gather(source.raw), axis=1)
-    # Its own equation is averaged over a window of the same width, so that neighbouring slopes are
-    # not differenced.
+    # The slope of this state is taken over a window of the same width: differences of neighbouring
+    # slopes would be mostly noise.
     slopes = windows(time, fit.usable, half, 1)
     smooth = np.interp(time, time[fit.usable], slope[fit.usable])
-    used = StateData(source.raw, source.valid, source.smooth, source.slopes, source.bias, name)
-    return StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None), used
+    state = StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None)
+    return state, replace(source, rate_state=name)
 
 
 def _at_all_times(
     function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the values of ``f`` or ``h`` at one point of states, inputs and parameters, an array
-    over the times (or a number) for each.
+    """Return each component of ``f`` or ``h`` over all ``times``, at one ``point`` of states,
+    inputs and parameters. A component that does not depend on time may be a scalar.
     """
     a = point.tolist()
     return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
 
 
 def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None:
-    """The output must be the state itself at all times, apart from its own bias."""
+    """Raise ModelError unless output ``name`` is the state itself at all times, plus its bias."""
     n_x, n_u = len(system.states), len(system.inputs)
-    point = np.concatenate(
-        [
-            _generic_point(system.initial.values(), 0.37),
-            np.full(n_u, 0.1),
-            system.parameters.values(),
-        ]
-    )
+    states = _generic_point(system.initial.values(), _POINT_SHIFTS[0])
+    point = np.concatenate([states, np.full(n_u, _GENERIC_INPUT), system.parameters.values()])
     row = system.output_names.index(name)
 
     def reading(a: list) -> list:
         return [system.h(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])[row]]
 
-    wanted = np.zeros(len(point))
-    wanted[system.state_names.index(name)] = 1.0
+    plain_row = np.zeros(len(point))
+    plain_row[system.state_names.index(name)] = 1.0
     if f"bias_{name}" in system.parameters:
-        wanted[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
+        plain_row[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
     values = _at_all_times(system.h, point, n_x, n_u, times)[row]
     changes = bool(np.any(values != values.flat[0]))
-    if changes or not np.array_equal(complex_step_jacobian(reading, point.tolist())[0], wanted):
+    jacobian = complex_step_jacobian(reading, point.tolist())[0]
+    if changes or not np.array_equal(jacobian, plain_row):
         raise ModelError(
             f"output {name} shows more than state {name}",
             where=f"equation error, state {name}",
@@ -298,7 +302,9 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
 
 
 def _generic_point(start: np.ndarray, shift: float) -> np.ndarray:
-    """Return a point of the states away from special values, such as zero, one and equal states."""
+    """Return a point ``(n_x,)`` of the states away from special values, such as zero, one and equal
+    states; ``shift`` selects one of several points.
+    """
     return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))
 
 

@@ -1,23 +1,22 @@
-"""Standard deviations that count the uncertainty of which terms belong to a coefficient.
+"""Standard deviations of derivatives that include the uncertainty of the model structure.
 
-The terms were chosen from the data that also give their values. A term that was left out although
-the data nearly support it is a bias of its neighbours, and a term that took the place of a similar
-one has a value of which only a part is its own. Other models explain the data almost as well; their
-values are averaged with the probabilities of the models [1]_. The variance of a value is its mean
-square distance from the value of the chosen model,
+The same data determine the terms of a coefficient and their values. A term that was wrongly left
+out biases the values of similar terms, and other models explain the data almost as well. Bayesian
+model averaging [1]_ weights the models by their probabilities P_m. The variance of the value x_i is
+its mean square distance from the value of the chosen model,
 
     s_i^2 = sum_m P_m (s_im^2 + (x_im - x_i)^2),
 
 where a model without the term has x_im = 0 and s_im = 0. The models are the chosen one and those
 that differ from it by one term: added, removed, or exchanged. A product is not exchanged for one of
 its own factors: where the other factor is constant, both explain the same. The probabilities follow
-from the Bayesian information criterion [2]_ with residuals that are not white, and from prior odds:
+from the Bayesian information criterion [2]_, corrected for coloured residuals, and from prior odds:
 1 for each linear term that the symmetry of the aircraft allows, and 1 for all other terms together
 [3]_.
 
-The criterion compares sums of squares from which the noise of the signals is taken out, as from the
-normal equations [4]_. As measured, they contain the noise that passes through the terms, more of it
-in one model than in another whatever is true.
+The criterion compares residual sums of squares without the noise of the measured signals, which is
+subtracted as in the normal equations [4]_. Measured sums of squares also contain the noise that
+passes through the terms, and this part differs between models.
 
 References
 ----------
@@ -47,8 +46,10 @@ from ident.structure.products import (
     variance_of,
 )
 
-NEGLIGIBLE = 1e-3  # probability over that of the likeliest model, below which a model is left out
-CLEARLY_LARGER = 2.0  # ratio of standard deviations, above which the likeliest other model is named
+# models of a smaller probability, relative to the likeliest model, are left out
+NEGLIGIBLE_PROBABILITY_RATIO = 1e-3
+# the likeliest other model is returned if a standard deviation increases by a larger factor
+NOTABLE_STD_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class Alternative:
 
     Attributes
     ----------
-    added, removed : columns; None where there is none.
-    probability : among the models that were averaged.
+    added, removed : positions of the columns; None where no column is added or removed.
+    probability : of this model among all averaged models.
     """
 
     added: int | None
@@ -74,22 +75,23 @@ def averaged_covariance(
     linear: Collection[int],
     constituents: Sequence[Collection[int]],
 ) -> tuple[np.ndarray, Alternative | None]:
-    """Covariance ``(n, n)`` of the chosen values over the models that explain the data as well.
+    """Return the covariance ``(n, n)`` of the chosen values, averaged over similar models.
 
     Parameters
     ----------
-    products : of all offered columns.
-    chosen : columns of the model.
-    covariance : ``(n, n)`` of its values.
-    equal : their variances ``(n,)`` for coloured residuals with equal variances at all samples.
-    linear : columns of linear terms.
-    constituents : by column the terms of its signals or factors alone; a model that contains the
-        column contains them too.
+    products : scalar products of all candidate columns.
+    chosen : positions of the n columns of the chosen model.
+    covariance : ``(n, n)`` of the values of the chosen model.
+    equal : ``(n,)`` variances of these values for coloured residuals with equal variances at all
+        samples.
+    linear : positions of the linear terms.
+    constituents : by column, the positions of its lower-order terms, which a model with this column
+        must contain.
 
     Returns
     -------
-    The covariance with each standard deviation increased as the models require, never decreased;
-    and the likeliest other model where some standard deviation is clearly larger than before.
+    The covariance, in which no standard deviation is decreased; and the likeliest other model, or
+    None if no standard deviation increases by more than ``NOTABLE_STD_RATIO``.
     """
     chosen = list(chosen)
     products = replace(
@@ -99,92 +101,107 @@ def averaged_covariance(
         gram_noise=products.gram_noise.sum(axis=0)[None],
         cross_noise=products.cross_noise.sum(axis=0)[None],
     )
-    values, own = values_of(products, chosen), variance_of(products, chosen)
-    movable = [i for i in chosen if products.terms[i].factors]
-    if not movable:
+    values, unit_variances = values_of(products, chosen), variance_of(products, chosen)
+    removable = [i for i in chosen if products.terms[i].factors]
+    if not removable:
         return covariance, None
-    sse = losses_of(products, chosen)[1]
-    n = float(products.counts.sum())
-    white = sse / max(n - len(chosen), 1.0)
-    colouring = float(np.median(equal / np.maximum(own * white, 1e-300)))
-    models = _neighbours(
-        products, chosen, movable, colouring * white, n / colouring, linear, constituents
+    residual_squares = losses_of(products, chosen)[1]
+    count = float(products.counts.sum())
+    residual_variance = residual_squares / max(count - len(chosen), 1.0)
+    colouring = float(np.median(equal / np.maximum(unit_variances * residual_variance, 1e-300)))
+    models = _similar_models(
+        products,
+        chosen,
+        removable,
+        colouring * residual_variance,
+        count / colouring,
+        linear,
+        constituents,
     )
-    likeliest = max(log for log, _ in models)
-    models = [(log, model) for log, model in models if log > likeliest + math.log(NEGLIGIBLE)]
-    shares = np.exp([log - likeliest for log, _ in models])
-    shares /= shares.sum()
-    square = np.zeros(len(chosen))
-    for share, (_, model) in zip(shares, models, strict=True):
-        at = {column: place for place, column in enumerate(model)}
-        there = values_of(products, model)
-        spread = variance_of(products, model)
-        for place, column in enumerate(chosen):
-            if column in at:
-                larger = spread[at[column]] / max(own[place], 1e-300)
-                off = there[at[column]] - values[place]
-                square[place] += share * (larger * covariance[place, place] + off**2)
-            else:
-                square[place] += share * values[place] ** 2
-    ratio = np.sqrt(np.maximum(square / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    other = _likeliest_other(shares, models, chosen) if ratio.max() > CLEARLY_LARGER else None
-    return np.asarray(covariance * np.outer(ratio, ratio)), other
+    greatest = max(log for log, _ in models)
+    least = greatest + math.log(NEGLIGIBLE_PROBABILITY_RATIO)
+    models = [(log, model) for log, model in models if log > least]
+    probabilities = np.exp([log - greatest for log, _ in models])
+    probabilities /= probabilities.sum()
+    mean_squares = np.zeros(len(chosen))
+    for probability, (_, model) in zip(probabilities, models, strict=True):
+        place_in_model = {column: place for place, column in enumerate(model)}
+        model_values = values_of(products, model)
+        model_variances = variance_of(products, model)
+        for i, column in enumerate(chosen):
+            if column not in place_in_model:
+                mean_squares[i] += probability * values[i] ** 2
+                continue
+            k = place_in_model[column]
+            variance = model_variances[k] / max(unit_variances[i], 1e-300) * covariance[i, i]
+            difference = model_values[k] - values[i]
+            mean_squares[i] += probability * (variance + difference**2)
+    std_ratios = np.sqrt(np.maximum(mean_squares / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    other = None
+    if std_ratios.max() > NOTABLE_STD_RATIO:
+        other = _likeliest_other(probabilities, models, chosen)
+    return np.asarray(covariance * np.outer(std_ratios, std_ratios)), other
 
 
 def _likeliest_other(
-    shares: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
+    probabilities: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
 ) -> Alternative | None:
-    """Return the likeliest of the models that is not the chosen one."""
+    """Return the likeliest model but the chosen one; None if there is no other model."""
     others = [
-        (float(share), model)
-        for share, (_, model) in zip(shares, models, strict=True)
+        (float(probability), model)
+        for probability, (_, model) in zip(probabilities, models, strict=True)
         if set(model) != set(chosen)
     ]
     if not others:
         return None
-    share, model = max(others)
-    added, removed = (sorted(a) for a in (set(model) - set(chosen), set(chosen) - set(model)))
-    return Alternative(added[0] if added else None, removed[0] if removed else None, share)
+    probability, model = max(others)
+    added, removed = sorted(set(model) - set(chosen)), sorted(set(chosen) - set(model))
+    return Alternative(added[0] if added else None, removed[0] if removed else None, probability)
 
 
-def _neighbours(
+def _similar_models(
     products: Products,
     chosen: list[int],
-    movable: Sequence[int],
+    removable: Sequence[int],
     variance: float,
     count: float,
     linear: Collection[int],
     constituents: Sequence[Collection[int]],
 ) -> list[tuple[float, list[int]]]:
-    """Return the chosen model and those with one term added, removed or exchanged, each with the
-    logarithm of its probability over that of the chosen one.
+    """Return the chosen model and the models with one term added, removed or exchanged. The
+    logarithm of the ratio of its probability to that of the chosen model precedes each model.
 
     Parameters
     ----------
-    count : of independent residuals, fewer than the samples if residuals are coloured.
-    variance : of each of these residuals.
+    removable : positions of the chosen columns but the constant.
+    variance : of an independent residual.
+    count : number of independent residuals, which is less than that of the samples if residuals are
+        coloured.
     """
-    others = sum(bool(term.factors) for term in products.terms) - len(linear)
-    prior = [0.0 if i in linear else -math.log(max(others, 1)) for i in range(len(products.terms))]
-    gain_to_enter = np.array(prior) - 0.5 * math.log(max(count, 1.0))
+    nonlinear = sum(bool(term.factors) for term in products.terms) - len(linear)
+    log_odds = np.array(
+        [0.0 if i in linear else -math.log(max(nonlinear, 1)) for i in range(len(products.terms))]
+    )
+    log_odds = log_odds - 0.5 * math.log(max(count, 1.0))  # prior odds and the criterion's penalty
     squares = float(products.squares.sum())
-    left = normal_of(products, chosen).clean_left(squares)
+    chosen_squares = normal_of(products, chosen).clean_left(squares)
 
-    def with_further(model: list[int], base: float) -> list[tuple[float, list[int]]]:
-        n, removed = normal_of(products, model), set(chosen) - set(model)
-        here = base - 0.5 * (n.clean_left(squares) - left) / variance
-        further = further_of(n)
-        logs = here + 0.5 * further.reductions / variance + gain_to_enter
-        every = [
+    def with_one_more(model: list[int], log_prior: float) -> list[tuple[float, list[int]]]:
+        """Return a model, and the models with one column more."""
+        equations, removed = normal_of(products, model), set(chosen) - set(model)
+        log = log_prior - 0.5 * (equations.clean_left(squares) - chosen_squares) / variance
+        further = further_of(equations)
+        logs = log + 0.5 * further.reductions / variance + log_odds
+        larger = [
             (float(logs[i]), [*model, i])
             for i in np.flatnonzero(further.good).tolist()
             if not removed & {i, *constituents[i]}
         ]
-        return [(here, model), *every]
+        return [(log, model), *larger]
 
-    found = with_further(chosen, 0.0)
-    for gone in movable:
-        rest = [i for i in chosen if i != gone]
-        if not any(gone in constituents[i] for i in rest):
-            found += with_further(rest, -float(gain_to_enter[gone]))
-    return found
+    models = with_one_more(chosen, 0.0)
+    for removed in removable:
+        kept = [i for i in chosen if i != removed]
+        if not any(removed in constituents[i] for i in kept):
+            models += with_one_more(kept, -float(log_odds[removed]))
+    return models

@@ -1,7 +1,7 @@
 """Collinearity of terms in the maneuvers, and the maneuver that would separate them.
 
-Variance inflation factors, correlations of pairs, and condition indices of the columns with the
-terms whose variances share one [1]_.
+The measures are variance inflation factors, correlations of pairs of terms, and condition indices
+with the variance proportions of the terms [1]_.
 
 References
 ----------
@@ -17,10 +17,11 @@ import numpy as np
 
 from sim.aerodynamics import Term, parents
 
-HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
-HIGH_CORRELATION = 0.9
-HIGH_INDEX = 30.0  # condition index
-_COLLINEAR_VARIANCE_SHARE = 0.5  # of a variance, that belongs to one index
+HIGH_INFLATION = 10.0  # usual limit of a variance inflation factor
+HIGH_CORRELATION = 0.9  # usual limit of the correlation of two terms
+HIGH_INDEX = 30.0  # usual limit of a condition index
+# smallest variance proportion at a high condition index of a term that is in the collinear group
+_COLLINEAR_VARIANCE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +30,16 @@ class Collinearity:
 
     Attributes
     ----------
-    axis : the coefficient.
-    terms : without the constant.
-    inflation : variance inflation factors, ``(n,)``.
-    correlations : pairs of terms above ``HIGH_CORRELATION``.
+    axis : name of the coefficient.
+    terms : the n chosen terms without the constant.
+    inflation : ``(n,)`` variance inflation factors.
+    correlations : pairs of terms and their correlation, above ``HIGH_CORRELATION`` in size.
     indices : condition indices of the columns at unit length, descending.
-    groups : terms whose variances share a condition index above ``HIGH_INDEX``.
-    advice : maneuvers that would separate them, a sentence each.
-    multiples : chosen terms with offered products of them that were not chosen and are nearly their
-        multiples, as ``alpha*beta`` of ``beta`` where alpha hardly moves.
+    groups : terms with high variance proportions at one condition index above ``HIGH_INDEX``.
+    advice : sentences on the maneuvers that would separate the pairs and groups.
+    multiples : pairs of a chosen term and a product with this term. The product is a candidate that
+        was not chosen and is nearly a multiple of the term: ``alpha*beta`` of ``beta`` where alpha
+        hardly moves.
     """
 
     axis: str
@@ -53,20 +55,20 @@ class Collinearity:
 def collinearity_of(
     axis: str, terms: Sequence[Term], columns: np.ndarray, surfaces: Collection[str]
 ) -> Collinearity:
-    """Collinearity of terms in the maneuvers.
+    """Return the collinearity of the terms of a coefficient in the maneuvers.
 
     Parameters
     ----------
-    axis : the coefficient.
-    terms : n of them.
-    columns : ``(N, n)`` their values.
+    axis : name of the coefficient.
+    terms : the n chosen terms, with the constant.
+    columns : ``(N, n)`` values of the terms.
     surfaces : signals that the pilot moves.
     """
-    places = [i for i, term in enumerate(terms) if term.factors]
-    chosen = tuple(terms[i] for i in places)
+    varying = [i for i, term in enumerate(terms) if term.factors]
+    chosen = tuple(terms[i] for i in varying)
     if not chosen:
         return Collinearity(axis, (), np.zeros(0), (), np.ones(1), (), ())
-    X = columns[:, places]
+    X = columns[:, varying]
     X = X - X.mean(axis=0)
     length = np.sqrt(np.maximum(np.einsum("ij,ij->j", X, X), 1e-300))
     R = (X / length).T @ (X / length)
@@ -77,20 +79,20 @@ def collinearity_of(
         for j in range(i)
         if abs(R[i, j]) > HIGH_CORRELATION
     ]
-    every = columns / np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns), 1e-300))
-    values, vectors = np.linalg.eigh(every.T @ every)
+    scaled = columns / np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns), 1e-300))
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
     values = np.maximum(values, 1e-16)
     indices = np.sqrt(values[-1] / values)
-    shares = vectors**2 / values
-    shares = shares / shares.sum(axis=1, keepdims=True)
+    proportions = vectors**2 / values
+    proportions = proportions / proportions.sum(axis=1, keepdims=True)
     groups = [
-        tuple(terms[i] for i in range(len(terms)) if shares[i, k] > _COLLINEAR_VARIANCE_SHARE)
+        tuple(terms[i] for i in range(len(terms)) if proportions[i, k] > _COLLINEAR_VARIANCE_SHARE)
         for k in range(len(values))
         if indices[k] > HIGH_INDEX
     ]
     groups = [group for group in groups if len(group) > 1]
-    together = [{a, b} for a, b, _ in pairs] + [set(group) for group in groups]
-    advice = [_advice(sorted(each, key=lambda term: term.text), surfaces) for each in together]
+    collinear = [{a, b} for a, b, _ in pairs] + [set(group) for group in groups]
+    advice = [_advice(sorted(group, key=lambda term: term.text), surfaces) for group in collinear]
     return Collinearity(
         axis,
         chosen,
@@ -105,17 +107,19 @@ def collinearity_of(
 def multiples_of(
     terms: Sequence[Term], columns: np.ndarray, chosen: Collection[Term]
 ) -> tuple[tuple[Term, Term], ...]:
-    """Return the chosen terms with products of them, not chosen, that are nearly their multiples.
+    """Return the pairs of `Collinearity.multiples`: a chosen term, and a product that is nearly a
+    multiple of it.
 
     Parameters
     ----------
-    terms : offered.
-    columns : ``(N, k)`` their values.
-    chosen : of the terms.
+    terms : the k candidate terms.
+    columns : ``(N, k)`` values of the terms.
+    chosen : the chosen ones of these terms.
     """
     X = columns - columns.mean(axis=0)
-    square = np.maximum(np.einsum("ij,ij->j", X, X), 1e-300)
-    at = {term: i for i, term in enumerate(terms)}
+    squares = np.maximum(np.einsum("ij,ij->j", X, X), 1e-300)
+    column = {term: i for i, term in enumerate(terms)}
+    least_square_correlation = 1.0 - 1.0 / HIGH_INFLATION
     return tuple(
         (base, term)
         for term in terms
@@ -123,34 +127,36 @@ def multiples_of(
         if base in chosen
         and term not in chosen
         and base.signals < term.signals
-        and (X[:, at[base]] @ X[:, at[term]]) ** 2
-        > (1.0 - 1.0 / HIGH_INFLATION) * square[at[base]] * square[at[term]]
+        and (X[:, column[base]] @ X[:, column[term]]) ** 2
+        > least_square_correlation * squares[column[base]] * squares[column[term]]
     )
 
 
 def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """Return the maneuver that would separate the terms."""
+    """Return a sentence on the maneuver that would separate the terms; empty for terms without
+    signals.
+    """
     signals = sorted(set().union(*(term.signals for term in terms)))
-    moved = [name for name in signals if name in surfaces]
-    flown = [name for name in signals if name not in surfaces]
-    told = ", ".join(term.text for term in terms)
-    if len(moved) > 1:
+    controls = [name for name in signals if name in surfaces]
+    states = [name for name in signals if name not in surfaces]
+    names = ", ".join(term.text for term in terms)
+    if len(controls) > 1:
         return (
-            f"{told}: move {' and '.join(moved)} one after the other, or together by signals "
+            f"{names}: move {' and '.join(controls)} one after the other, or together by signals "
             "without correlation (orthogonal multisines)"
         )
-    if moved and flown:
-        follow = "follows" if len(flown) == 1 else "follow"
+    if controls and states:
+        follow = "follows" if len(states) == 1 else "follow"
         return (
-            f"{told}: move {moved[0]} faster than {' and '.join(flown)} {follow}, by short and "
-            "long pulses in one maneuver (3-2-1-1) or by a sweep"
+            f"{names}: move {controls[0]} faster than {' and '.join(states)} {follow}, by short "
+            "and long pulses in one maneuver (3-2-1-1) or by a sweep"
         )
-    if len(flown) > 1 and "alpha" in flown and "q" in flown:
-        return f"{told}: fly pull-ups and turns at several load factors"
-    if {"beta", "p", "r"} & set(flown) and len(flown) > 1:
-        return f"{told}: add steady sideslips and rolls (bank to bank) to the rudder doublets"
-    if "mach" in flown:
-        return f"{told}: repeat the maneuver at other airspeeds"
-    if flown:
-        return f"{told}: cover a larger range of {' and '.join(flown)}, as in a slow deceleration"
-    return f"{told}: use larger deflections of {' and '.join(moved)}" if moved else ""
+    if len(states) > 1 and "alpha" in states and "q" in states:
+        return f"{names}: fly pull-ups and turns at several load factors"
+    if {"beta", "p", "r"} & set(states) and len(states) > 1:
+        return f"{names}: add steady sideslips and rolls (bank to bank) to the rudder doublets"
+    if "mach" in states:
+        return f"{names}: repeat the maneuver at other airspeeds"
+    if states:
+        return f"{names}: cover a larger range of {' and '.join(states)}, as in a slow deceleration"
+    return f"{names}: use larger deflections of {' and '.join(controls)}" if controls else ""

@@ -1,7 +1,8 @@
-"""Vehicle files of the model ``aircraft``, read and written: airframe, surfaces, sensors, and the
-terms of each coefficient.
+"""Reading and writing of vehicle files of the model ``aircraft``: airframe, surfaces, sensors, and
+the terms of each coefficient.
 
-A library vehicle becomes a vehicle file here, so that its name can stand in place of a path.
+A library vehicle is also converted to a vehicle file here, so that a user may give its name instead
+of a path.
 """
 
 from __future__ import annotations
@@ -71,11 +72,10 @@ def aircraft_schema() -> type[BaseModel]:
     from scenarios.files.schemas import number_of, table_of
 
     texts: Any = list[str]
-    place: Any = table_of("Place", **{axis: (number_of("m"), 0.0) for axis in "xyz"})
-    mounted: Any = table_of(
-        "Mounted", **{axis: (number_of("m"), 0.0) for axis in "xyz"}, estimated=(texts, [])
-    )
-    sensors: Any = table_of("Sensors", **{name: (mounted | None, None) for name in SENSORS})
+    coordinates = {axis: (number_of("m"), 0.0) for axis in "xyz"}
+    place: Any = table_of("Place", **coordinates)
+    sensor: Any = table_of("Mounted", **coordinates, estimated=(texts, []))
+    sensors: Any = table_of("Sensors", **{name: (sensor | None, None) for name in SENSORS})
     thrust: Any = table_of(
         "Thrust",
         input=(str, "thrust"),
@@ -121,7 +121,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
     Parameters
     ----------
     source : the file. Numbers are in SI units, or texts with a unit such as ``"24200 lb"``. The
-        terms of a coefficient stand under ``[aerodynamics.Cm]`` and so on, per radian:
+        tables ``[aerodynamics.Cm]`` and so on have the terms of the coefficients, per radian:
         ``"alpha*elevator" = -0.3``.
 
     Returns
@@ -130,16 +130,16 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
 
     Raises
     ------
-    DeclarationError : the message has file, key and remedy in one line.
+    DeclarationError : if the file has an error. The message has file, key and remedy in one line.
     """
     path, content = source.path, of_terms(toml_of(source), source.path)
     content.pop("model", None)
-    content.pop("uncertainty", None)  # another reader takes it, for every kind of vehicle file
+    content.pop("uncertainty", None)  # `vehicles.py` reads it, for every kind of vehicle file
     coefficients = _aerodynamics(content.pop("aerodynamics", {}), path)
     constraint_tables = {key: content.pop(key) for key in CONSTRAINTS if key in content}
     vehicle = checked(aircraft_schema(), content, path).model_dump(exclude_none=True)
     _refuse_names(vehicle, path)
-    without_terms = _declared(vehicle, {}, path.stem)
+    without_terms = _aircraft_of(vehicle, {}, path.stem)
     terms = {
         axis: {
             parse_term(text, without_terms.signals, f"{path}, key aerodynamics.{axis}"): value
@@ -147,7 +147,7 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
         }
         for axis, table in coefficients.items()
     }
-    aircraft = _declared(vehicle, terms, path.stem)
+    aircraft = _aircraft_of(vehicle, terms, path.stem)
     parameters = {**aircraft.parameters, **aircraft.positions}
     units = {name: unit for name, (_, unit) in parameters.items()}
     starts = {name: value for name, (value, _) in parameters.items()}
@@ -167,16 +167,14 @@ def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
 
 
 def model_of_file(source: Source) -> tuple[str, Model, Constraints]:
-    """Return name, model and constraints of an aircraft's file; raises as ``read_aircraft``."""
+    """Return name, model and constraints of an aircraft from its file, as ``read_aircraft``."""
     aircraft, constraints = read_aircraft(source)
     return aircraft.name, aircraft_model(aircraft), constraints
 
 
 def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """Return the model that a file declares: a user's Python file, or the vehicle file of an
-    aircraft, whose constraints are applied.
-
-    Raises DeclarationError as ``read_user_model`` and ``read_aircraft``.
+    """Return the model of a Python file, or of the vehicle file of an aircraft, constraints
+    included. It raises as ``read_user_model`` and ``read_aircraft``.
     """
     if not str(path).endswith(AIRCRAFT_SUFFIX):
         return read_user_model(path, built_in)
@@ -186,14 +184,14 @@ def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
 
 
 def example() -> Model:
-    """Return the generic airliner of the catalogue, which stands for its model in lists."""
+    """Return the generic airliner of the catalogue, which is the example of its model in lists."""
     resource = files("scenarios").joinpath("catalog", "aircraft", "airliner.toml")
     with as_file(resource) as path:
         return read_model_file(path).model
 
 
 def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
-    """Return the terms of each coefficient as (text of the term -> value, per radian)."""
+    """Return coefficient -> text of a term -> value, per radian."""
     from scenarios.files.schemas import number_in
 
     where = f"{path}, key aerodynamics"
@@ -256,9 +254,8 @@ def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
 
 
 def _refuse_places(vehicle: Mapping[str, Any], path: Path) -> None:
-    """Raise DeclarationError for a sensor place that cannot be estimated.
-
-    Its coordinate is none of x, y and z, or its channel is recorded: then no output depends on it.
+    """Raise DeclarationError for a place of a sensor that cannot be estimated: its coordinate is
+    none of x, y and z, or its channel is an input, so that no output depends on the place.
     """
     for name, place in vehicle.get("sensors", {}).items():
         where = f"{path}, key sensors.{name}.estimated"
@@ -275,20 +272,20 @@ def _refuse_places(vehicle: Mapping[str, Any], path: Path) -> None:
 
 
 def _wind(value: bool | str) -> str:
-    """Return the axes of the wind; ``true`` in a file means axes of the Earth, empty no wind."""
+    """Return the axes of the wind, those of the Earth for ``true``; empty without wind."""
     if isinstance(value, str):
         return value
     return "earth" if value else ""
 
 
-def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
+def _aircraft_of(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
     """Return the aircraft of a checked file.
 
     Parameters
     ----------
-    vehicle : content of the file by the keys of ``aircraft_schema``.
-    terms : values of the terms by coefficient.
-    stem : file name without suffix; the name of an aircraft whose file states none.
+    vehicle : content of the file, with the keys of ``aircraft_schema``.
+    terms : coefficient -> term -> value.
+    stem : name of the file without suffix; the name of an aircraft whose file states none.
     """
     thrust = vehicle.get("thrust", {"input": "none", "arm": 0.0, "angle": 0.0})
     cg = vehicle.get("center_of_gravity", {})
@@ -330,7 +327,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
 
 
 def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
-    """Return the propulsion that the table ``[thrust]`` declares."""
+    """Return the propulsion of the table ``[thrust]``."""
     where = f"{stem}, key thrust"
     thrust_input = table["input"]
     if thrust_input == "none":
@@ -356,16 +353,10 @@ def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
 
 
 def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> str:
-    """Return an aircraft as a vehicle file, with the standard deviations of values as comments.
+    """Return the text of a vehicle file of an aircraft, with standard deviations as comments.
 
-    Parameters
-    ----------
-    aircraft : the aircraft to write.
-    sigmas : standard deviation by parameter, in the parameter's unit; only those that are known.
-
-    Returns
-    -------
-    Text in TOML, which ``read_aircraft`` reads back to the same numbers.
+    ``read_aircraft`` reads the same numbers from it. ``sigmas`` has parameter -> standard
+    deviation, in the unit of the parameter, for parameters with a known one.
     """
     import tomlkit
     from tomlkit.items import KeyType, SingleKey
@@ -394,11 +385,11 @@ def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = N
     tables: dict[str, Any] = {
         "trim": {name: float(start[name]) for name in inputs if name in start},
         "surfaces": aircraft.surfaces,
-        "mixes": {name: _numbers(parts) for name, parts in aircraft.mixes.items()},
+        "mixes": {name: _floats(parts) for name, parts in aircraft.mixes.items()},
         "thrust": thrust,
         "center_of_gravity": {axis: c[f"cg_{axis}"] for axis in "xyz"},
         "sensors": {
-            name: _written_place(name, place, aircraft.estimated)
+            name: _place_table(name, place, aircraft.estimated)
             for name, place in aircraft.with_values({}).sensors.items()
         },
     }
@@ -418,18 +409,24 @@ def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = N
     return tomlkit.dumps(document)
 
 
-def _numbers(table: Mapping[str, Any]) -> dict[str, float]:
+def _floats(table: Mapping[str, Any]) -> dict[str, float]:
+    """Return a table with its values as floats."""
     return {name: float(value) for name, value in table.items()}
 
 
-def _written_place(name: str, place: Point, estimated: Collection[str]) -> dict[str, Any]:
-    free = [axis for axis in "xyz" if f"{name}_{axis}" in estimated]
-    numbers: dict[str, Any] = _numbers(dict(zip("xyz", place, strict=True)))
-    return {**numbers, "estimated": free} if free else numbers
+def _place_table(name: str, place: Point, estimated: Collection[str]) -> dict[str, Any]:
+    """Return the table of the place of a sensor. ``estimated`` are the estimated coordinates of all
+    sensors, such as ``nz_x``.
+    """
+    table: dict[str, Any] = _floats(dict(zip("xyz", place, strict=True)))
+    estimated_axes = [axis for axis in "xyz" if f"{name}_{axis}" in estimated]
+    if estimated_axes:
+        table["estimated"] = estimated_axes
+    return table
 
 
 _LONGEST_NAME = 60  # letters of a library name; a longer text is a path
-# Constants of an elastic mode: name in the library -> key in a vehicle file.
+# constants of an elastic mode: name in the library -> key in a vehicle file
 _MODE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 
 # ---- A name or a file
@@ -442,7 +439,7 @@ def is_library_name(given: str | Path | Any) -> bool:
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
-    """Return a vehicle file as it is, or the file of a library vehicle.
+    """Return the source of a vehicle file, or of a library vehicle in the form of a vehicle file.
 
     Parameters
     ----------
@@ -451,8 +448,7 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
     Raises
     ------
-    DeclarationError
-        There is no such file or vehicle.
+    DeclarationError : if there is no such file or vehicle.
     """
     if isinstance(given, Source):
         return given
@@ -470,7 +466,7 @@ def source_of_content(name: str, content: Mapping[str, Any], model: str) -> Sour
 
 
 def content_of_library(name: str) -> dict[str, Any]:
-    """Return the content of the vehicle file of a library vehicle. Raises DeclarationError."""
+    """Return the content of a vehicle file for a library vehicle. Raises DeclarationError."""
     names = vehicle_names()
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or list(names)
@@ -483,7 +479,7 @@ def content_of_library(name: str) -> dict[str, Any]:
 
 
 def content_of(data: VehicleData) -> dict[str, Any]:
-    """Return the values of a library vehicle, SI, under the keys of a vehicle file."""
+    """Return the values of a library vehicle in SI units, with the keys of a vehicle file."""
     _, constants, derivatives = FAMILIES[data.equations]
     values = {number.name: number.value for number in data.numbers}
     content: dict[str, Any] = {
@@ -510,9 +506,10 @@ def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, flo
     constants = {
         f"{local}{number}": key for local, key in _MODE_KEYS.items() if local in MODE_CONSTANTS
     }
+    names = [name for name, _, _ in mode_units(modes)]
+    # The derivatives of forces and of Cm by the mode precede the others.
     first = (f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}")
     last = (f"Cm_etadot{number}", f"Ceta{number}_")
-    names = [name for name, _, _ in mode_units(modes)]
     derivatives = [
         name for prefixes in (first, last) for name in names if name.startswith(prefixes)
     ]
@@ -526,9 +523,11 @@ def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, flo
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """Return the text of a vehicle file: plain keys first, then tables, then lists of tables.
+    """Return the text of a vehicle file: plain keys first, then tables and lists of tables.
 
-    Raises DeclarationError for a value that TOML does not have.
+    Raises
+    ------
+    DeclarationError : for a value that TOML does not have.
     """
     plain_lines = [
         f"{_key(key)} = {toml_value(value, key)}"
@@ -562,14 +561,14 @@ def _is_table(value: Any) -> bool:
 
 
 def _key(key: Any) -> str:
-    """Return a key as TOML writes it: bare if it may be, else in quotes."""
+    """Return a key in TOML, in quotes if it needs them."""
     text = str(key)
     is_bare = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
     return text if is_bare else _quoted(text)
 
 
 def toml_value(value: Any, key: Any) -> str:
-    """Return a value as TOML writes it; ``key`` names it in errors."""
+    """Return a value in TOML; ``key`` is its key, for messages."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -589,8 +588,7 @@ def toml_value(value: Any, key: Any) -> str:
             where=f"key {key}",
             remedy="give a number or a text",
         ) from None
-    # Python writes finite numbers, "inf", "-inf" and "nan" as TOML does.
-    return repr(number)
+    return repr(number)  # Python and TOML have the same form of numbers, also of inf and nan
 
 
 def _quoted(text: str) -> str:

@@ -1,6 +1,7 @@
-"""Read users' TOML and Python files. Every error names file, key and remedy in one line.
+"""Reading of users' TOML and Python files, and channel maps.
 
-Also the channels that a record may have, and the channel map: which column is which channel.
+Every error states file, key and remedy in one line. A channel map assigns columns of a file to the
+channels that a record may have.
 """
 
 from __future__ import annotations
@@ -35,11 +36,12 @@ _LIMITS = {
     "less_than_equal": ("is above {le}", "give {le} or less"),
     "finite_number": ("is not a finite number", "give a finite number"),
 }
-# Errors that are reported before others. A misspelt key is both unknown and missing: the unknown
-# key is reported.
+# Errors that are reported before others. A misspelt key causes an unknown and a missing key: the
+# unknown one is reported.
 _FIRST_ERRORS = ("extra_forbidden", "missing")
-# Where a value may have several types, pydantic appends the type to the location of an error.
+# If a value may have several types, pydantic appends the type to the location of an error.
 _TYPES_IN_LOCATIONS = ("float", "int", "str", "constrained-str")
+_LONGEST_SHOWN = 40  # letters of a value in a message
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -51,9 +53,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_toml_source(path: str | Path | Source) -> Source:
-    """Read a TOML file, or return it if already read.
+    """Return the source of a TOML file. An open file is returned as it is.
 
-    Raises DeclarationError if it is missing or unreadable.
+    Raises DeclarationError if the file is missing or unreadable.
     """
     if isinstance(path, Source):
         return path
@@ -65,8 +67,8 @@ def toml_of(source: Source) -> dict[str, Any]:
 
     Raises
     ------
-    DeclarationError : the file is not UTF-8 or not TOML (with line and column), or ``toml_value``
-        refuses its content.
+    DeclarationError : if the file is not UTF-8 or not TOML, with line and column, or if
+        ``toml_value`` refuses its content.
     """
     where = str(source.path)
     try:
@@ -82,7 +84,7 @@ def toml_of(source: Source) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def named_after(file: str) -> Iterator[None]:
-    """Name the file in errors of the body that do not name it."""
+    """Add the name of the file to errors of the body that do not have it."""
     try:
         yield
     except FlightidError as error:
@@ -97,12 +99,12 @@ def checked(
 ) -> Schema:
     """Return the content as an instance of a schema.
 
-    ``inside``: the table in which the content stands, such as ``"modes[1]"``; for errors.
+    ``inside`` is the table that has the content, such as ``"modes[1]"``, for messages.
 
     Raises
     ------
-    DeclarationError : the content does not fit the schema. The message names the first unknown key;
-        without one the missing keys; without any the first wrong value.
+    DeclarationError : if the content does not agree with the schema. The message has the first
+        unknown key, else all missing keys, else the first wrong value.
     """
     from pydantic import ValidationError
 
@@ -143,7 +145,7 @@ def key_path(parts: Iterable[str | int]) -> str:
 def _one_line(
     error: ValidationError, schema: type[BaseModel], path: str | Path, inside: str
 ) -> DeclarationError:
-    """Return pydantic's errors as one error with what, where and remedy; as ``checked``."""
+    """Return the errors of pydantic as the error of ``checked``."""
     faults = sorted(
         error.errors(include_url=False),
         key=lambda fault: (*_FIRST_ERRORS, fault["type"]).index(fault["type"]),
@@ -199,20 +201,20 @@ def _one_line(
 
 
 def _shown(value: object) -> str:
-    """Return a value as errors show it, shortened to 40 letters."""
+    """Return a value as a short text for messages."""
     text = f"{value:g}" if isinstance(value, float) else repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."
+    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
 
 
 def _keys(schema: type[BaseModel] | None) -> list[str]:
-    """Return the keys of a schema, as files write them."""
+    """Return the keys of a schema in files."""
     if schema is None:
         return []
     return [field.alias or name for name, field in schema.model_fields.items()]
 
 
 def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:
-    """Return the schema of the table at a location, through nested tables."""
+    """Return the schema of the table at a location in nested tables; None if there is none."""
     from pydantic import BaseModel
 
     table: type[BaseModel] | None = schema
@@ -232,18 +234,20 @@ def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[B
 # ---- Python files of users
 
 WANTED = "a Python file"
-# Prefix of modules from users' files, by which tracebacks are recognised.
+# prefix of the names of modules from users' files, which identifies them in tracebacks
 MODULE = "flightid_of_user_"
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
     """Run a user's Python file and return its module.
 
-    ``kind``: what the file declares, such as ``"effects"``; a part of the module's name.
+    ``kind`` is what the file declares, such as ``"effects"``. It is a part of the name of the
+    module.
 
     Raises
     ------
-    DeclarationError : the file is no Python file, or an exception occurs in it; with its line.
+    DeclarationError : if the file is no Python file, or if an exception occurs in it; the message
+        has the line.
     """
     path, where = source.path, str(source.path)
     if path.suffix != ".py":
@@ -254,9 +258,9 @@ def run_python(source: Source, kind: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # a dataclass looks for its module there
+    sys.modules[name] = module  # a dataclass needs its module there
     try:
-        # Runs the bytes that were hashed; the file may have changed since.
+        # These bytes were hashed; the file itself may have changed.
         exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)
     except FlightidError as error:
         inside = f"{error.where}: " if error.where else ""
@@ -266,12 +270,11 @@ def run_python(source: Source, kind: str) -> ModuleType:
     except BaseException as error:  # a user's file may raise anything
         if not raised_by(error, where):
             raise
-        line = (
-            f", line {error.lineno}"
-            if isinstance(error, SyntaxError) and error.lineno
-            else _line(error, path)
-        )
-        text = error.msg if isinstance(error, SyntaxError) else str(error)
+        line, text = _line(error, path), str(error)
+        if isinstance(error, SyntaxError):
+            text = error.msg
+            if error.lineno:
+                line = f", line {error.lineno}"
         what = " ".join(f"{type(error).__name__}: {text}".split())
         raise DeclarationError(what, where=f"{where}{line}", remedy="mend that line") from None
     finally:
@@ -363,14 +366,14 @@ class ColumnChoice:
     column : header of the column, with or without its unit in brackets; in a log of several topics
         ``topic.field``. Or the number of the column, counted from 1, or an expression over columns
         (``scenarios.files.measured.expressions``). Empty: the channel is not read.
-    unit : unit of the column or of the expression; None: the unit in the file.
+    unit : unit of the column or of the expression; None takes the unit in the file.
     scale : factor of the column: the channel is ``scale * column + offset``.
-    offset : summand of the channel, in ``unit``, in SI units if ``unit`` is None.
+    offset : see ``scale``; in ``unit``, or in SI units if ``unit`` is None.
     delay : s; the channel at ``t`` is the column at ``t + delay``.
-    table : calibration ``(x1, ...), (y1, ...)``, linear between its points, in ``unit``; it applies
-        before ``scale`` and ``offset``.
-    hold : ``"previous"`` or ``"linear"``: inputs between samples of a slower column; None: as
-        the data suggest.
+    table : calibration ``(x1, ...), (y1, ...)``, linear between its points, in ``unit``; it is
+        applied before ``scale`` and ``offset``.
+    hold : ``"previous"`` or ``"linear"``, for an input between the samples of a slower column; None
+        takes that which the data suggest.
     """
 
     column: str | int
@@ -417,8 +420,8 @@ def read_channel_map(
 
     Raises
     ------
-    DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the
-        wrong kind.
+    DeclarationError : if the file cannot be read, or if a channel or key is unknown, missing or of
+        the wrong kind.
     """
     from scenarios.files.schemas import channel_map
 
@@ -444,14 +447,16 @@ def read_channel_map(
 
 
 def _may_be_surface(key: str, known: Iterable[str]) -> bool:
-    """Return whether an unknown key of a channel map is a surface and no misspelt channel."""
+    """Return whether an unknown key of a channel map is a surface, and no misspelt channel."""
     if any(key.startswith(f"{name}_") or key.endswith(f"_{name}") for name in known):
         return True
     return not difflib.get_close_matches(key.lower(), list(known), n=1, cutoff=0.8)
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
-    """Return an entry of a channel map: ``bias`` goes into the offset, ``sign`` into the scale."""
+    """Return the choice of an entry of a channel map. A ``bias`` is subtracted from the offset, and
+    a ``sign`` is a factor of the scale.
+    """
     from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:
@@ -471,9 +476,11 @@ def _choice(entry: ColumnEntry) -> ColumnChoice:
 
 
 def of_terms(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the content if it is a vehicle file of the model ``aircraft``, which has terms.
+    """Return the content of a vehicle file of the model ``aircraft``, which has terms.
 
-    Raises DeclarationError for a vehicle file of another model, which has derivatives.
+    Raises
+    ------
+    DeclarationError : for a vehicle file of another model, which has derivatives.
     """
     if "derivatives" in content and not {"aerodynamics", "surfaces", "model"} & {*content}:
         raise DeclarationError(

@@ -27,15 +27,16 @@ from scenarios.files.measured.columns import (
     refuse_unknown_units,
 )
 from scenarios.files.measured.derived import with_derived
-from scenarios.files.measured.grid import clock_of, clock_place, leaps, stated_unit
+from scenarios.files.measured.grid import clock_of, clock_place, moves_in_steps, stated_unit
 from scenarios.files.units import to_si
 from sim.errors import RecordError, time_span
 from sim.record import Channel, Hold, Record
 
 P = ParamSpec("P")
 # Longest interval between samples of an input at a lower rate, over their median interval: one
-# lost sample doubles an interval, and half an interval more allows for uneven rows.
+# lost sample doubles an interval, and uneven rows add half of one.
 _LONGEST_GAP = 2.5
+_LONGEST_SHOWN_CELL = 40  # characters of a cell in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +45,11 @@ class Window:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, increasing.
-    rows : the block of rows, in the file's order.
-    order : shape ``(N,)``, row of each sample, counted in the block; None if the block is already
-        in the order of time.
-    notes : sentences on the changes to the time stamps.
+    time : ``(N,)``, s, increasing.
+    rows : block of rows of the file.
+    order : ``(N,)`` position of each sample in the block; None if the block is in the order of
+        time.
+    notes : sentences on changes of the time stamps.
     """
 
     time: np.ndarray
@@ -56,10 +57,10 @@ class Window:
     order: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """Return the samples of a column in the window."""
-        cut = values[self.rows]
-        return cut if self.order is None else cut[self.order]
+    def samples_of(self, values: np.ndarray) -> np.ndarray:
+        """Return the samples ``(N,)`` of a column in the window, in the order of time."""
+        block = values[self.rows]
+        return block if self.order is None else block[self.order]
 
 
 def read_with_notes(
@@ -115,30 +116,29 @@ def read_with_notes(
     refuse_unknown_units(
         file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
-    hold_as = None if hold is None else hold.value
+    hold_word = None if hold is None else hold.value
     file, channel_map = with_derived(
         file,
         channel_map,
         model_inputs,
         possible_outputs,
         rate=rate,
-        hold=hold_as,
+        hold=hold_word,
         channel_units=channel_units,
     )
     table = file.table
     names = (model_inputs, model_outputs, optional)
-    columns, outputs, dropped_if_empty = _chosen(
+    columns, outputs, dropped_if_empty = _columns_to_read(
         file, names, instead or {}, channel_map, channel_units
     )
-    window = _time(table, _clock_column(file, channel_map, channel_units, rate), start, stop, rate)
-    outputs = [
-        name
-        for name in outputs
-        if name not in dropped_if_empty or not _empty(table, _present(columns[name]), window.rows)
-    ]
+    clock = _clock_column(file, channel_map, channel_units, rate)
+    window = _checked_window(table, clock, start, stop, rate)
+    for name in dropped_if_empty.intersection(outputs):
+        if _is_empty(table, _present(columns[name]), window.rows):
+            outputs.remove(name)
     notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
-        chosen_hold = getattr((channel_map or {}).get(name), "hold", None) or hold_as
+        chosen_hold = getattr((channel_map or {}).get(name), "hold", None) or hold_word
         channel, note = _input(table, _present(columns[name]), window, chosen_hold)
         inputs.append(channel)
         if note:
@@ -150,39 +150,41 @@ def read_with_notes(
     return record, tuple(notes)
 
 
-def _chosen(
+def _columns_to_read(
     file: RecordFile,
     names: tuple[Sequence[str], Sequence[str], Sequence[str]],
     instead: Mapping[str, str],
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> tuple[dict[str, SourceColumn | None], list[str], set[str]]:
-    """Find the columns of the channels to read.
+    """Return channel -> column (None if the file has none), the outputs to read, and the outputs
+    that are not read if their column is empty.
 
-    ``names``: inputs, outputs and optional channels.
+    ``names`` are the inputs, the outputs and the optional channels.
 
-    Returns the column by channel (None if the file has none), the outputs to read, and those that
-    are not read if their column is empty. Raises RecordError if an input or every output has no
-    column.
+    Raises
+    ------
+    RecordError : if an input or every output has no column.
     """
     inputs, model_outputs, optional = names
     dropped_if_empty: set[str] = set()
     if model_outputs:
         dropped_if_empty = {name for name in optional if name not in (*inputs, *model_outputs)}
-    added = [name for name in optional if name not in model_outputs]
+    further = [name for name in optional if name not in model_outputs]
     columns = _columns(
-        file, [*inputs, *model_outputs, *added], dropped_if_empty, channel_map, channel_units
+        file, [*inputs, *model_outputs, *further], dropped_if_empty, channel_map, channel_units
     )
     substitutes = [
-        other
-        for name, other in instead.items()
-        if columns.get(name, ...) is None and other not in columns
+        substitute
+        for name, substitute in instead.items()
+        if columns.get(name, ...) is None and substitute not in columns
     ]
     columns |= _columns(file, substitutes, set(), channel_map, channel_units)
     for name in inputs:
         if columns[name] is None:
             raise missing_column(name, file.table.header, file.table.file)
-    outputs = [name for name in (*model_outputs, *added, *substitutes) if columns[name] is not None]
+    candidates = (*model_outputs, *further, *substitutes)
+    outputs = [name for name in candidates if columns[name] is not None]
     required = (*model_outputs, *substitutes) if model_outputs else outputs
     if not any(name in required for name in outputs) and (model_outputs or optional):
         missing = (*model_outputs, *optional)[0]
@@ -206,23 +208,23 @@ read_record = _without_notes(read_with_notes)
 def window_of(
     file: RecordFile, start: float | None = None, stop: float | None = None
 ) -> tuple[np.ndarray, slice]:
-    """Return the time stamps of a file from ``start`` to ``stop``, shape ``(N,)``, s, checked as in
-    ``read_record``, and their rows. Raises RecordError.
+    """Return the time stamps ``(N,)`` of a file from ``start`` to ``stop``, s, and their rows. They
+    are checked as in ``read_record``, which may raise RecordError.
     """
-    window = _time(
+    window = _checked_window(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None
     )
     return window.time, window.rows
 
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
-    """Return the numbers of a column in the unit of the file, shape ``(N,)``; NaN if a cell has no
-    number. Raises RecordError.
+    """Return the numbers ``(N,)`` of a column in the unit of the file, NaN where a cell has no
+    number. The time stamps are checked as in ``read_record``.
     """
-    window = _time(
+    window = _checked_window(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
     )
-    return window.of(numbers(file.table, index).values)
+    return window.samples_of(numbers(file.table, index).values)
 
 
 def refuse_without_clock(file: RecordFile) -> None:
@@ -245,16 +247,18 @@ def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None =
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError if a user gives a rate to a search for maneuvers in a file with a clock."""
+    """Raise RecordError if a file has a clock, so that a rate given by the user has no meaning."""
     if has_clock(file, channel_map):
         where, remedy = f"{file.path}, --rate", "leave --rate out: nothing is resampled here"
         raise RecordError("the file has a clock of its own", where=where, remedy=remedy)
 
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
-    """Return the column of a channel by the file's own channel map.
+    """Return the column of a channel by the channel map of the file.
 
-    Raises RecordError if the file has no such column, and as ``find_column``.
+    Raises
+    ------
+    RecordError : if the file has no such column, and as ``find_column``.
     """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -269,8 +273,8 @@ def _columns(
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Return the column of each channel, None if the file has none; a channel of ``optional``
-    counts as absent if the only similar header has another meaning.
+    """Return channel -> column, None if the file has none. A channel in ``optional`` counts as
+    absent if the only similar header has another meaning.
     """
     header = file.table.header
     columns: dict[str, SourceColumn | None] = {}
@@ -294,8 +298,11 @@ def _columns(
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
     """Return the block of rows from ``start`` to ``stop`` that the fewest time stamps contradict.
 
-    ``time``: ``(N,)``, s; NaN are ignored. ``start`` and ``stop``: s, inclusive; the first and the
-    last row of a block with such an end lie between them.
+    Parameters
+    ----------
+    time : ``(N,)``, s; NaN are ignored.
+    start, stop : s, inclusive; None for the first or last row of the file. The time of the first
+        and last row of the block is between them.
     """
     low = -math.inf if start is None else start
     high = math.inf if stop is None else stop
@@ -313,12 +320,12 @@ def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> s
 
 
 def _boundary(before: np.ndarray, after: np.ndarray) -> int:
-    """Return the first row k with the fewest rows of ``after`` in front of k and of ``before`` from
-    k on.
+    """Return the row at which a block best begins: rows marked in ``before (N,)`` should be earlier
+    than it, and rows marked in ``after (N,)`` should not. The first of equally good rows is taken.
     """
-    wrong_ahead = np.concatenate([[0], np.cumsum(after)])
-    wrong_behind = np.concatenate([np.cumsum(before[::-1])[::-1], [0]])
-    return int(np.argmin(wrong_ahead + wrong_behind))
+    wrong_earlier_rows = np.concatenate([[0], np.cumsum(after)])
+    wrong_later_rows = np.concatenate([np.cumsum(before[::-1])[::-1], [0]])
+    return int(np.argmin(wrong_earlier_rows + wrong_later_rows))
 
 
 def _clock_column(
@@ -365,15 +372,16 @@ def missing_clock(table: CellTable) -> RecordError:
     )
 
 
-def _time(
+def _checked_window(
     table: CellTable,
     column: SourceColumn | None,
     start: float | None,
     stop: float | None,
     rate: float | None,
 ) -> Window:
-    """Return the rows from ``start`` to ``stop``, s, with their time stamps, checked and in order;
-    without a clock (``column`` is None) ``rate``, Hz, gives the time.
+    """Return the rows from ``start`` to ``stop``, s, with their checked time stamps.
+
+    ``column`` is that of the clock. If it is None, the time follows from the ``rate``, Hz.
     """
     for option, bound in (("--from", start), ("--to", stop)):
         if bound is not None and (not isinstance(bound, int | float | np.number) or bound != bound):
@@ -390,41 +398,38 @@ def _time(
         stamps, column = Numbers(time, {}), SourceColumn(TIME, TIME, 0, "s", "s")
     else:
         if len(table.columns[column.index]) != table.rows.size:
-            _sized(table, column)
+            _numbers_of_all_rows(table, column)
         clock = clock_of(table, column.index, column.unit or None)
         time, notes = clock.time, list(clock.notes)
         texts = numbers(table, column.index).texts if not np.all(np.isfinite(time)) else {}
         stamps = Numbers(time, texts)
     rows = rows_between(time, start, stop)
-    cut = time[rows]
-    finite = time[np.isfinite(time)]
-    if cut.size == 0:
-        span = (
-            f"the record covers {time_span(finite.min(), finite.max())}"
-            if finite.size
-            else "no row of the record has a time"
-        )
+    block_time = time[rows]
+    if block_time.size == 0:
+        finite, span = time[np.isfinite(time)], "no row of the record has a time"
+        if finite.size:
+            span = f"the record covers {time_span(finite.min(), finite.max())}"
         raise RecordError("there is no row between --from and --to", where=table.file, remedy=span)
     _check_cells(table, column, stamps, rows)
-    for position in np.flatnonzero(~np.isfinite(cut)):
+    for position in np.flatnonzero(~np.isfinite(block_time)):
         where = _cell(table, column, rows.start + int(position))
-        remedy = "give every row a time, or cut with --from and --to"
+        remedy = "give every row a time, or block_time with --from and --to"
         raise RecordError("time is missing", where=where, remedy=remedy)
-    if cut.size == 1:
+    if block_time.size == 1:
         where = _cell(table, column, rows.start)
         remedy = "a record needs at least two rows"
         raise RecordError("one sample only", where=where, remedy=remedy)
-    regular = grid_of_coarse_stamps(cut)
+    regular = grid_of_coarse_stamps(block_time)
     if regular is not None:
         return Window(regular[0], rows, None, (*notes, regular[1]))
-    wrong = np.flatnonzero(np.diff(cut) <= 0)
+    wrong = np.flatnonzero(np.diff(block_time) <= 0)
     if not wrong.size:
-        return Window(cut, rows, None, tuple(notes))
-    ordered = sorted_rows(cut, _repeats(table, cut, rows))
+        return Window(block_time, rows, None, tuple(notes))
+    ordered = sorted_rows(block_time, _repeats(table, block_time, rows))
     if ordered is not None:
         return Window(ordered.time, rows, ordered.order, (*notes, *ordered.notes))
     first = int(wrong[0])
-    earlier, later = cut[first], cut[first + 1]
+    earlier, later = block_time[first], block_time[first + 1]
     what = "time is repeated" if earlier == later else "time goes back"
     where = _cell(table, column, rows.start + first + 1)
     more = f", and in {wrong.size - 1} more rows" if wrong.size > 1 else ""
@@ -438,9 +443,8 @@ def _time(
 
 
 def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
-    """Return which rows repeat time and cells of the row before them, in the order of time.
-
-    ``time``: shape ``(N,)``, s. Returns booleans, shape ``(N,)``, by position in the block.
+    """Return whether each row of a block repeats the time and all cells of the row before it in the
+    order of time, ``(N,)``. ``time (N,)``, s, is that of the block.
     """
     order = np.argsort(time, kind="stable")
     repeated = np.zeros(time.size, dtype=bool)
@@ -457,14 +461,15 @@ def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
 def _input(
     table: CellTable, column: SourceColumn, window: Window, hold: str | None
 ) -> tuple[Channel, str]:
-    """Return an input, and a sentence on how it continues between samples, or an empty text.
+    """Return an input, and a sentence on its interpolation; empty if it has a sample in each row.
 
-    An input may be sampled at a lower rate than the rows: then it is held or joined by lines
-    (``hold``; None: held if it leaps). A gap beyond ``_LONGEST_GAP`` is an error instead.
+    An input with a lower rate than the rows is held, or joined by lines, between its samples.
+    ``hold`` says which; None holds an input that moves in steps. A gap beyond ``_LONGEST_GAP`` is
+    an error.
     """
-    content = _sized(table, column)
+    content = _numbers_of_all_rows(table, column)
     _check_cells(table, column, content, window.rows)
-    values = window.of(content.values)
+    values = window.samples_of(content.values)
     finite_rows = np.flatnonzero(np.isfinite(values))
     if finite_rows.size in (0, values.size):
         return _channel(table, column, window), ""
@@ -478,9 +483,9 @@ def _input(
         or max(float(intervals.max()), gap_at_ends) > _LONGEST_GAP * usual
     ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
-        remedy = "fill the gap, or cut the record there with --from and --to"
+        remedy = "fill the gap, or block_time the record there with --from and --to"
         raise RecordError("an input sample is missing", where=where, remedy=remedy)
-    chosen = hold or ("previous" if leaps(values[finite_rows]) else "linear")
+    chosen = hold or ("previous" if moves_in_steps(values[finite_rows]) else "linear")
     if chosen == "previous":
         latest = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
         filled = values[finite_rows[np.clip(latest, 0, finite_rows.size - 1)]]
@@ -491,27 +496,27 @@ def _input(
         f"{column.channel} has a sample every {usual:.3g} s; between them it is {word} (hold in "
         "the channel map, or --hold, decides otherwise)"
     )
-    return _converted(table, column, filled), note
+    return _channel_in_si(table, column, filled), note
 
 
 def _channel(table: CellTable, column: SourceColumn, window: Window) -> Channel:
     """Return the samples of a column in the window, in SI; NaN where a sample is missing."""
-    content = _sized(table, column)
+    content = _numbers_of_all_rows(table, column)
     rows = window.rows
     _check_cells(table, column, content, rows)
-    values = window.of(content.values)
+    values = window.samples_of(content.values)
     if np.all(np.isnan(values)):
         span = f" from row {table.rows[rows.start]} to row {table.rows[rows.stop - 1]}"
         place = column_place(table.file, column)
-        raise RecordError(
-            f"not a single number{span}",
-            where=place,
-            remedy="leave the column out, or read other rows with --from and --to",
-        )
-    return _converted(table, column, values)
+        remedy = "leave the column out, or read other rows with --from and --to"
+        raise RecordError(f"not a single number{span}", where=place, remedy=remedy)
+    return _channel_in_si(table, column, values)
 
 
-def _converted(table: CellTable, column: SourceColumn, values: np.ndarray) -> Channel:
+def _channel_in_si(table: CellTable, column: SourceColumn, values: np.ndarray) -> Channel:
+    """Return a channel with values in its unit in the program, or in that of the file if it has
+    none.
+    """
     if not column.inside:
         return Channel.of(column.channel, column.unit, values)
     return Channel.of(
@@ -526,14 +531,14 @@ def _row_of(window: Window, sample: int) -> int:
     return window.rows.start + (sample if window.order is None else int(window.order[sample]))
 
 
-def _empty(table: CellTable, column: SourceColumn, rows: slice) -> bool:
+def _is_empty(table: CellTable, column: SourceColumn, rows: slice) -> bool:
     """Return whether a column has neither a number nor a text in the rows."""
     content = numbers(table, column.index)
     has_text = any(position in range(rows.start, rows.stop) for position in content.texts)
     return not has_text and bool(np.all(np.isnan(content.values[rows])))
 
 
-def _sized(table: CellTable, column: SourceColumn) -> Numbers:
+def _numbers_of_all_rows(table: CellTable, column: SourceColumn) -> Numbers:
     """Return the cells of a column; raise RecordError unless it has one for each row."""
     content = numbers(table, column.index)
     if content.values.size != table.rows.size:
@@ -565,9 +570,10 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
         text = content.texts[position]
         if (fault := mark_fault(table, text)) is not None:
             raise RecordError(fault[0], where=where, remedy=fault[1])
-        shown = repr(text if len(text) <= 40 else text[:37] + "...")
+        if len(text) > _LONGEST_SHOWN_CELL:
+            text = text[: _LONGEST_SHOWN_CELL - 3] + "..."
         remedy = "write a number, or leave the cell empty where the sample is missing"
-        raise RecordError(f"{shown} is not a number", where=where, remedy=remedy)
+        raise RecordError(f"{text!r} is not a number", where=where, remedy=remedy)
     if column.channel == TIME:
         remedy = "give every row a finite time"
         raise RecordError("time is infinite", where=where, remedy=remedy)
@@ -582,11 +588,11 @@ def _row_remedy(table: CellTable, position: int) -> str:
 
 
 def _cell(table: CellTable, column: SourceColumn, position: int) -> str:
-    """Return the place of a cell as errors name it."""
+    """Return the place of a cell in the words of messages."""
     return f"{table.file}, row {table.rows[position]}, column {column.header!r}"
 
 
 def _present(column: SourceColumn | None) -> SourceColumn:
-    """Return a column that ``_chosen`` has found; for the type checker."""
+    """Return a column that is known to exist, with a type that excludes None."""
     assert column is not None
     return column

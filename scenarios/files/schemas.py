@@ -33,11 +33,14 @@ from sim.vehicles.other_vehicles import DELAY, LAG
 # ---- Channel maps
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
-ABSENT = "\0"  # stands for the column of a channel that a map declares absent; no header is this
+ABSENT = "\0"  # column of a channel that a map declares absent; no header is equal to it
+LONGEST_COLUMN = 500  # letters of the name of a column or of an expression
+MOST_SUMMANDS = 20  # most columns in a sum
+LONGEST_NUMBER = 1023  # bits of a whole number that is converted to a float
 
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
-_Text = Annotated[str, Field(min_length=1, max_length=500)]
+_Text = Annotated[str, Field(min_length=1, max_length=LONGEST_COLUMN)]
 
 
 class ColumnEntry(BaseModel):
@@ -47,7 +50,7 @@ class ColumnEntry(BaseModel):
 
     model_config = STRICT
     column: _Text | Annotated[int, Field(ge=1)] | None = None
-    sum: Annotated[list[_Text], Field(min_length=1, max_length=20)] | None = None
+    sum: Annotated[list[_Text], Field(min_length=1, max_length=MOST_SUMMANDS)] | None = None
     unit: str | None = None
     scale: _Number = 1.0
     offset: _Number = 0.0
@@ -59,7 +62,9 @@ class ColumnEntry(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> ColumnEntry:
-        """Refuse an entry without one source, or with a table that is no calibration."""
+        """Refuse an entry with neither or both of column and sum, or with a table that is no
+        calibration.
+        """
         if (self.column is None) == (self.sum is None):
             context = {
                 "what": "neither column nor sum, or both",
@@ -102,12 +107,12 @@ _Entry = Annotated[ColumnEntry | None, BeforeValidator(_as_table)]
 
 
 def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
-    """Return the schema of a map of these channels.
+    """Return the schema of a channel map for these channels.
 
-    Aliases are used, since a user's model may have names that pydantic reserves.
+    The names are aliases of its fields: a user's model may have names that pydantic reserves.
     """
     fields: dict[str, Any] = {
-        f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(allowed)
+        f"channel_{i}": (_Entry, Field(None, alias=name)) for i, name in enumerate(allowed)
     }
     return create_model("ChannelMap", __config__=STRICT, **fields)
 
@@ -119,7 +124,7 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)
 
 
 def quantity_in(target: str) -> Callable[[object], float]:
-    """Return a validator that turns a number or a text such as ``"24200 lb"`` into the unit
+    """Return a validator that converts a number, or a text such as ``"24200 lb"``, to the unit
     ``target``.
     """
 
@@ -141,7 +146,9 @@ def quantity_in(target: str) -> Callable[[object], float]:
 
     def converted(value: object) -> float:
         if isinstance(value, float) or (
-            isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023
+            isinstance(value, int)
+            and not isinstance(value, bool)
+            and abs(value) < 2**LONGEST_NUMBER
         ):
             return float(value)
         match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
@@ -175,9 +182,12 @@ def is_quantity(text: str) -> bool:
 
 
 def number_in(value: object, unit: str, where: str) -> float:
-    """Return a number, or a text such as ``"24200 lb"``, in ``unit``.
+    """Return the number of a value, which is a number or a text such as ``"24200 lb"``, in
+    ``unit``.
 
-    Raises DeclarationError; ``where`` is its place.
+    Raises
+    ------
+    DeclarationError : if the value is no such quantity. ``where`` is the place of the value.
     """
     try:
         number = quantity_in(unit)(value)
@@ -205,8 +215,8 @@ def number_of(target: str, gt: float | None = None, ge: float | None = None) -> 
     return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
 
 
-def _required(types: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields of pydantic that a file must have, from their types."""
+def _required_fields(types: Mapping[str, Any]) -> dict[str, Any]:
+    """Return required fields of pydantic from their types."""
     return {name: (field_type, ...) for name, field_type in types.items()}
 
 
@@ -216,8 +226,8 @@ def table_of(title: str, **fields: Any) -> type[BaseModel]:
 
 
 _NAME = (Annotated[str, Field(min_length=1)] | None, None)
-_PURE, _PER_ANGLE = number_of("1"), number_of("1/rad")
-_AIRFRAME = _required(
+_PURE_NUMBER, _PER_ANGLE = number_of("1"), number_of("1/rad")
+_AIRFRAME = _required_fields(
     {
         "mass": number_of("kg", gt=0.0),
         "wing_area": number_of("m2", gt=0.0),
@@ -229,20 +239,22 @@ _AIRFRAME = _required(
 )
 _RIGID_STARTS = table_of(
     "RigidDerivatives",
-    **_required({f"C{axis}_{by}": _PER_ANGLE for axis in "Lm" for by in ("alpha", "q", "de")}),
+    **_required_fields(
+        {f"C{axis}_{by}": _PER_ANGLE for axis in "Lm" for by in ("alpha", "q", "de")}
+    ),
 )
 _LOES_STARTS = table_of(
     "LoesDerivatives",
-    **_required(
+    **_required_fields(
         {
             "L_alpha": number_of("1/s"),
             "M_alpha": number_of("1/s2"),
             "L_delta": number_of("1/s"),
             "M_delta": number_of("1/s2"),
-            "L_q": _PURE,
+            "L_q": _PURE_NUMBER,
         }
     ),
-    **_required(
+    **_required_fields(
         {
             "M_q": number_of("1/s"),
             "inv_tau": number_of("1/s", gt=0.0),
@@ -251,20 +263,22 @@ _LOES_STARTS = table_of(
     ),
 )
 _BALLISTIC_STARTS = table_of(
-    "BallisticDerivatives", **_required({"beta": number_of("kg/m2", gt=0.0)})
+    "BallisticDerivatives", **_required_fields({"beta": number_of("kg/m2", gt=0.0)})
 )
 
 
 AircraftClass = Literal["I", "II", "II-C", "II-L", "III", "IV"]
 FlightPhase = Literal["A", "B", "C"]
-_FLOWN: dict[str, Any] = {
+_FLYING_QUALITIES: dict[str, Any] = {
     "aircraft_class": (AircraftClass | None, None),
     "flight_phase": (FlightPhase | None, None),
 }
 
 
 def _whole_axes(model: str) -> type[BaseModel]:
-    """Return the schema for equations with required constants and optional derivatives."""
+    """Return the schema of a model in ``WHOLE_AXES``, with required constants and optional
+    derivatives.
+    """
     _, constants, derivatives = WHOLE_AXES[model]
     title = model.capitalize()
     lowest = dict.fromkeys((LAG, DELAY), 0.0)
@@ -280,34 +294,44 @@ def _whole_axes(model: str) -> type[BaseModel]:
         for name, unit in constants.items()
     }
     return table_of(
-        f"{title}Vehicle", name=_NAME, **_required(kinds), **_FLOWN, derivatives=(starts, ...)
+        f"{title}Vehicle",
+        name=_NAME,
+        **_required_fields(kinds),
+        **_FLYING_QUALITIES,
+        derivatives=(starts, ...),
     )
 
 
 SCHEMAS: Mapping[str, type[BaseModel]] = {
     "rigid": table_of(
-        "RigidVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...)
+        "RigidVehicle",
+        name=_NAME,
+        **_AIRFRAME,
+        **_FLYING_QUALITIES,
+        derivatives=(_RIGID_STARTS, ...),
     ),
     "flexible": table_of(
         "FlexibleVehicle",
         name=_NAME,
         **_AIRFRAME,
-        **_FLOWN,
+        **_FLYING_QUALITIES,
         derivatives=(_RIGID_STARTS, ...),
         modes=(list[dict[str, Any]], ...),
     ),
     "loes": table_of(
         "LoesVehicle",
         name=_NAME,
-        **_required({"airspeed": number_of("m/s", gt=0.0), "gravity": number_of("m/s2", gt=0.0)}),
+        **_required_fields(
+            {"airspeed": number_of("m/s", gt=0.0), "gravity": number_of("m/s2", gt=0.0)}
+        ),
         vane_arm=(number_of("m") | None, None),
-        **_FLOWN,
+        **_FLYING_QUALITIES,
         derivatives=(_LOES_STARTS, ...),
     ),
     "ballistic": table_of(
         "BallisticVehicle",
         name=_NAME,
-        **_required(
+        **_required_fields(
             {
                 "air_density_reference": number_of("kg/m3", gt=0.0),
                 "density_scale_height": number_of("m", gt=0.0),
@@ -320,7 +344,7 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
 }
 
 
-# A vehicle file that has only the keys for a kinematic check.
+# vehicle file that has only the keys for a check of the kinematics
 CHECK_ONLY = table_of(
     "CheckedVehicle",
     name=_NAME,
@@ -333,9 +357,9 @@ CHECK_ONLY = table_of(
 
 
 def mode_schema(number: int, count: int) -> type[BaseModel]:
-    """Return the schema of the table of elastic mode ``number`` of ``count``.
+    """Return the schema of the table of elastic mode ``number`` of ``count`` modes.
 
-    The starts of its own derivatives are required, those of couplings to other modes are not.
+    The starts of couplings to other modes are optional, and all others are required.
     """
     own = {
         "frequency": number_of("rad/s", gt=0.0),
@@ -352,16 +376,18 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
         if other != number
         for by in ("eta", "etadot")
     ]
-    optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
+    optional: dict[str, Any] = {key: (_PURE_NUMBER | None, None) for key in couplings}
     return table_of(
-        f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional
+        f"Mode{number}",
+        **_required_fields({**own, **{key: _PURE_NUMBER for key in starts}}),
+        **optional,
     )
 
 
 def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
-    """Return the SI unit of each parameter of a model that can be estimated.
+    """Return parameter -> SI unit for all parameters of a model that can be estimated.
 
-    ``modes``: the list of elastic modes in the file.
+    ``modes`` is the list of elastic modes in the file.
     """
     kind = "rigid" if model == "flexible" else model
     count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
@@ -424,10 +450,10 @@ class FileEntry(BaseModel):
 
 # ---- Survey files
 
-FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # name of a flight, whose results have such a folder
+FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # name of a flight and of the folder of its results
 
 
-def _day(value: object) -> object:
+def _date_text(value: object) -> object:
     """Return a date of TOML as a text."""
     return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
 
@@ -455,7 +481,7 @@ class FlightEntry(Reading):
     records: Annotated[list[Name], Field(min_length=1)] | None = None
     vehicle: dict[str, Any] = {}
     condition: dict[str, float | str] = {}
-    date: Annotated[str | None, BeforeValidator(_day)] = None
+    date: Annotated[str | None, BeforeValidator(_date_text)] = None
     tail: Name | None = None
 
 

@@ -1,6 +1,7 @@
-"""Read files once: bytes and hashes, escaped text, JSON and TOML as plain values, versions.
+"""Reading of files: bytes and hashes, escaped texts, JSON and TOML as plain values, versions.
 
-The size of a compressed file is checked before the file is unpacked, since it may be huge.
+Each file is read only once. The unpacked size of a compressed file is checked before the file is
+unpacked.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from sim.errors import DeclarationError, FlightidError, RecordError
 
 # ---- Control characters in texts from files
 
-# Control characters, line separators and marks of writing direction.
-_HIDDEN = (
+# codes of control characters, line separators and marks of writing direction
+_HIDDEN_CODES = (
     *range(0x20),
     *range(0x7F, 0xA0),
     0x2028,
@@ -40,21 +41,20 @@ _HIDDEN = (
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 )
-_SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in "\n\t"}
+_ESCAPES = {number: f"\\u{number:04x}" for number in _HIDDEN_CODES if chr(number) not in "\n\t"}
 
 
 def escaped(text: str) -> str:
-    """Return the text with control characters written as ``\\u001b`` and so on.
-
-    Line ends and tabs stay. JSON reads the escaped text back as it was.
+    """Return the text with control characters written as ``\\u001b`` and so on, except line ends
+    and tabs. JSON reads the original text from the escaped one.
     """
     if text.isascii() and text.isprintable():
         return text
-    return text.translate(_SHOWN)
+    return text.translate(_ESCAPES)
 
 
 class EscapedStream:
-    """A text stream that escapes its text; all other calls go to the stream ``inner``."""
+    """A text stream that writes escaped texts to the stream ``inner``."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -75,7 +75,7 @@ class EscapedStream:
 
 @contextmanager
 def escaped_streams() -> Iterator[None]:
-    """Context manager that escapes text printed on stdout and stderr."""
+    """Escape the texts that the body prints on stdout and stderr."""
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (
         None if stream is None else cast(Any, EscapedStream(stream)) for stream in (out, err)
@@ -87,16 +87,16 @@ def escaped_streams() -> Iterator[None]:
 
 
 def styled_stream(stream: Any) -> Any:
-    """Return the stream without escaping, for callers that escape texts themselves."""
+    """Return the stream without escaping, for functions that escape their texts."""
     return stream.inner if isinstance(stream, EscapedStream) else stream
 
 
 # ---- Files read once
 
 LARGEST_NUMBER = 1e50  # powers and products of larger numbers could overflow
-MOST_RECORD = 1 << 30  # bytes of a record file, also unpacked; several copies fit into memory
-MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file; a million take a second to parse
-MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of flightid, with figures
+MOST_RECORD = 1 << 30  # most bytes of a record file, unpacked: several copies fit into memory
+MOST_DECLARED = 1 << 22  # most bytes of a TOML or Python file: parsing a million takes a second
+MOST_DOCUMENT = 1 << 27  # most bytes of a JSON file of flightid, with figures
 PIPE_TIMEOUT = 5.0  # s, longest wait for the first data from a pipe
 _PIECE_BYTES = 1 << 20  # bytes that are read at a time
 
@@ -121,27 +121,28 @@ class Source:
 def read_source(
     path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED
 ) -> Source:
-    """Read a file.
+    """Return the content and hash of a file.
 
     Parameters
     ----------
-    path : the file, or a pipe that a program writes into.
-    error : type of the errors to raise.
-    wanted : what the user should name if ``path`` is no file, such as ``"a TOML file"``.
+    path : the file, or a pipe into which a program writes.
+    error : type of the errors.
+    wanted : what the user should give if ``path`` is no file, such as ``"a TOML file"``.
     most : largest number of bytes that is read.
 
     Raises
     ------
-    FlightidError : an error of the type ``error``: there is no such file; it is a folder, a device
-        or a pipe that no program writes into; it has more than ``most`` bytes; it cannot be read.
+    FlightidError : an error of the type ``error``, if the file is missing, a folder, a device, or a
+        pipe into which no program writes; if it has more than ``most`` bytes; or if it cannot be
+        read.
     """
     path = Path(path)
     content = read_content(path, error, wanted, most)
     return Source(path, content, InputFile(path.name, hashlib.sha256(content).hexdigest()))
 
 
-def _similar(path: Path) -> str:
-    """Return the remedy for a missing file: a similar name in its folder, if there is one."""
+def _similar_name(path: Path) -> str:
+    """Return the remedy for a missing file, with a similar name in its folder if there is one."""
     try:
         names = [file.name for file in path.parent.iterdir() if file.suffix == path.suffix]
     except OSError:
@@ -151,12 +152,12 @@ def _similar(path: Path) -> str:
 
 
 def read_content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
-    """Return the bytes of a file. Parameters and errors as ``read_source``."""
+    """Return the bytes of a file, with parameters and errors as in ``read_source``."""
     where = str(path)
     try:
         return _content(path, error, wanted, most)
     except (FileNotFoundError, NotADirectoryError):
-        raise error("there is no such file", where=where, remedy=_similar(path)) from None
+        raise error("there is no such file", where=where, remedy=_similar_name(path)) from None
     except IsADirectoryError:
         raise error("this is a folder", where=where, remedy=f"name {wanted} in it") from None
     except OSError as fault:
@@ -168,7 +169,7 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
 
 
 def resolved(path: str | Path) -> Path:
-    """Return a path without links in it; a circle of links stays, and opening it is an error."""
+    """Return a path without links in it. A circle of links remains, and cannot be opened."""
     return Path(os.path.realpath(path))
 
 
@@ -177,7 +178,8 @@ def too_large(
 ) -> FlightidError:
     """Return the error for a file of more than ``most`` bytes.
 
-    ``size``: subject of the sentence, such as ``"2048 MiB"``. ``remedy``: empty for the usual one.
+    ``size`` is the subject of the sentence, such as ``"2048 MiB"``. An empty ``remedy`` gives the
+    usual one.
     """
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"
     return error(
@@ -188,8 +190,8 @@ def too_large(
 
 
 def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
-    """Return the bytes of a file or pipe; operating system errors are not translated."""
-    # Non-blocking, so that a pipe without a writer does not hang.
+    """Return the bytes of a file or pipe. Errors of the operating system are raised as they are."""
+    # Opening must not block: a pipe may have no writer.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
         status = os.fstat(handle)
@@ -216,7 +218,7 @@ def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> 
 
 
 def _piece(handle: int) -> bytes:
-    """Return the next bytes, none at the end; wait for them if a program writes into a pipe."""
+    """Return the next bytes, none at the end. Wait for the next bytes of a pipe."""
     while True:
         try:
             return os.read(handle, _PIECE_BYTES)
@@ -254,11 +256,11 @@ def json_value(content: bytes | str) -> Any:
 
     Raises
     ------
-    DocumentError : the text is not UTF-8 or no JSON, is nested deeper than ``DEEPEST_NESTING``, or
-        has a number that is not finite or has too many digits.
+    DocumentError : if the text is not UTF-8 or no JSON, is nested deeper than ``DEEPEST_NESTING``,
+        or has a number that is not finite or has too many digits.
     """
     try:
-        value = json.loads(content, parse_int=_whole, parse_constant=_constant)
+        value = json.loads(content, parse_int=_whole_number, parse_constant=_constant)
     except DocumentError:
         raise
     except RecursionError:
@@ -276,8 +278,8 @@ def toml_value(text: str) -> dict[str, Any]:
 
     Raises
     ------
-    DocumentError : the text is no TOML, is nested deeper than ``DEEPEST_NESTING``, or has a whole
-        number of too many digits.
+    DocumentError : if the text is no TOML, is nested deeper than ``DEEPEST_NESTING``, or has a
+        whole number with too many digits.
     """
     try:
         value = tomllib.loads(text)
@@ -285,7 +287,7 @@ def toml_value(text: str) -> dict[str, Any]:
         raise DocumentError(f"nested deeper than {DEEPEST_NESTING} levels") from None
     except tomllib.TOMLDecodeError as error:
         raise DocumentError(f"not valid TOML: {' '.join(str(error).split())}") from None
-    except ValueError:  # Python's own limit of digits, and dates that no calendar has
+    except ValueError:  # more digits than Python converts, or an impossible date
         raise DocumentError(
             f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date"
         ) from None
@@ -300,8 +302,8 @@ def read_json(
 
     Raises
     ------
-    FlightidError : an error of the type ``error``: the file cannot be read, or ``json_value``
-        refuses its content. ``wanted`` is what the user should name instead.
+    FlightidError : an error of the type ``error``, if the file cannot be read, or if ``json_value``
+        refuses its content. ``wanted`` is what the user should give instead.
     """
     content = read_content(path, error, wanted, MOST_DOCUMENT)
     try:
@@ -322,20 +324,22 @@ def json_or_none(path: Path) -> Any:
         return None
 
 
-def _whole(text: str) -> int:
+def _whole_number(text: str) -> int:
+    """Return a whole number of JSON. Raise DocumentError if it has too many digits."""
     if len(text) > MOST_DIGITS:
         raise DocumentError(f"a number of {len(text)} digits")
     return int(text)
 
 
 def _constant(word: str) -> float:
+    """Raise DocumentError for ``NaN`` and ``Infinity``, which Python would accept."""
     raise DocumentError(f"{word} is not a finite number")
 
 
 def _refuse_extremes(value: Any, *, finite: bool) -> None:
     """Raise DocumentError for deep nesting, too many digits and, if ``finite``, infinite numbers.
 
-    Goes through the values level by level: a recursion could exceed the limit of Python.
+    The values are visited level by level, since a recursion could exceed the limit of Python.
     """
     level, depth = [("", value)], 0
     while level:
@@ -418,7 +422,7 @@ def refuse_oversized(path: Path, content: bytes) -> None:
 
 
 def _bytes_in_zip(content: bytes) -> int:
-    """Return the bytes of an unpacked spreadsheet, as its index states them; 0 if damaged."""
+    """Return the unpacked bytes of a ZIP archive by its index; 0 if it is damaged."""
     import zipfile
 
     try:
@@ -429,7 +433,9 @@ def _bytes_in_zip(content: bytes) -> int:
 
 
 def _numbers_in_parquet(content: bytes) -> int:
-    """Return rows times columns, as the index of the file states them; 0 if damaged."""
+    """Return the number of rows times that of columns by the index of the file; 0 if it is
+    damaged.
+    """
     try:
         import pyarrow.parquet
 
@@ -445,17 +451,17 @@ def _bytes_in_mat(content: bytes) -> int:
     The count stops once it exceeds ``MOST_RECORD``.
     """
     order: Literal["little", "big"] = "little" if content[126:128] == b"IM" else "big"
-    at, total = _MAT_HEADER, 0
-    while at + 8 <= len(content) and total <= MOST_RECORD:
-        # An element: its type and size in 4 bytes each, then its body.
-        element_type = int.from_bytes(content[at : at + 4], order)
-        size = int.from_bytes(content[at + 4 : at + 8], order)
-        body = content[at + 8 : at + 8 + size]
+    position, total = _MAT_HEADER, 0
+    while position + 8 <= len(content) and total <= MOST_RECORD:
+        # An element has its type and size in 4 bytes each, then its body.
+        element_type = int.from_bytes(content[position : position + 4], order)
+        size = int.from_bytes(content[position + 4 : position + 8], order)
+        body = content[position + 8 : position + 8 + size]
         if element_type == COMPRESSED_TYPE:
             total += _unpacked_size(body, MOST_RECORD - total)
         else:
             total += len(body)
-        at += 8 + size
+        position += 8 + size
     return total
 
 

@@ -1,6 +1,7 @@
-"""Convert the units of a user's file to ours.
+"""Conversion of the units in files to SI units.
 
-Products of SI units and degrees need no library; pint is imported only for others.
+Products of SI units and degrees are converted here. The library pint is imported for other units
+only.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ Number = TypeVar("Number", float, np.ndarray)
 
 LOAD_FACTOR = "g"
 
-QUANTITIES = {  # Quantity that each of our units measures, and units a user may write for it.
+# unit of the program -> quantity that it measures, and units that a file may have for it
+QUANTITIES = {
     "1": ("a pure number", "no unit"),
     "s": ("a time", "s, ms or min"),
     "rad": ("an angle", "rad, deg or mrad"),
@@ -42,7 +44,8 @@ QUANTITIES = {  # Quantity that each of our units measures, and units a user may
     "kg/m3": ("a density", "kg/m3 or slug/ft3"),
     "kg m2": ("a moment of inertia", "kg m2 or slug ft2"),
 }
-_SI = {
+# exponents of metre, second, kilogram and radian
+_SI_EXPONENTS = {
     "1": (0, 0, 0, 0),
     "rad": (0, 0, 0, 1),
     "m": (1, 0, 0, 0),
@@ -52,18 +55,18 @@ _SI = {
     "deg": (0, 0, 0, 1),
     "Pa": (-1, -2, 1, 0),
 }
-_CAPITALS = {name.upper(): name for name in _SI}
-_DEGREE = math.pi / 180.0
+_CAPITALS = {name.upper(): name for name in _SI_EXPONENTS}
+_DEGREE = math.pi / 180.0  # rad
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
 _LONGEST_UNIT = 40  # longest text of a unit, in characters
-# Huge powers are refused, since the library would compute them.
-_EXPLOSIVE = re.compile(
+# powers that may be huge, which the library would compute
+_HUGE_POWER = re.compile(
     r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}",
     re.ASCII,
 )
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
 _ALIASES = {"°": "deg", "lbm": "lb", "psf": "lbf/ft**2", "NM": "nautical_mile"}
-_ANGLES = (
+_ANGLES = (  # in pint
     "radian",
     "degree",
     "arcminute",
@@ -75,8 +78,10 @@ _ANGLES = (
 )
 
 
-class _Size(NamedTuple):
-    """Exponents of metre, second, kilogram and radian, and how many of the last are degrees."""
+class _Exponents(NamedTuple):
+    """Exponents of metre, second, kilogram and angle in a unit. ``deg`` is the part of the exponent
+    of angles that belongs to degrees.
+    """
 
     m: int
     s: int
@@ -88,31 +93,33 @@ class _Size(NamedTuple):
 def to_si(
     value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError
 ) -> Number:
-    """Convert a value, or an array of any shape with NaN kept, to one of our units.
+    """Return a value, or an array of any shape, in the unit ``target``. NaN remains NaN.
 
     Parameters
     ----------
-    value : the number as the file has it.
-    unit : its unit as the file has it; ``""`` means that it is in ``target`` already.
-    target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or
-        the unit that an own model declares.
+    value : number in the file.
+    unit : unit in the file; ``""`` means ``target``.
+    target : one of ``QUANTITIES``: an SI unit, with radians, or ``"g"`` (9.80665 m/s2) for a load
+        factor; or a unit that a model in Python declares.
     where : file and column or key, for the message.
-    error : what to raise.
-
-    Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A
-    pound is a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2)
-    given for a mass per area is divided by g0, which leaves the number of pounds. A radian may be
-    left out, a degree may not. Hz is a number of turns a second, so it is 2 pi rad/s, and no plain
-    1/s.
+    error : type of the error.
 
     Raises
     ------
-    FlightidError (``error``) : the unit is unknown, or measures another quantity.
+    FlightidError (``error``) : if the unit is unknown, or measures another quantity.
+
+    Notes
+    -----
+    ``g`` is the standard gravity if ``target`` is an acceleration, and a gram otherwise. A pound is
+    a force if ``target`` is a force or a pressure, and a mass otherwise. A weight per area, as
+    lbf/ft2, is divided by g0 if ``target`` is a mass per area, so that the number of pounds remains
+    the same. A radian may be left out, a degree may not. Hz is turns per second: it is converted to
+    2 pi rad/s, and not to 1/s.
     """
     text = normal_form(unit)
     if text in ("", normal_form(target)):
         return value
-    if not _is_tame(text):
+    if not _can_be_parsed(text):
         examples = QUANTITIES.get(target, ("", f"it in {target}, or leave the unit out"))[1]
         raise error(
             f"unknown unit {unit[:_LONGEST_UNIT]!r}", where=where, remedy=f"write {examples}"
@@ -127,27 +134,27 @@ def to_si(
 
 
 def is_unit(unit: str) -> bool:
-    """Return whether a unit is known, so that others are converted into it; any other is a label
-    that all must share.
-    """
+    """Return whether a unit is known, so that other units can be converted to it."""
     text = normal_form(unit)
-    if not _is_tame(text):
+    if not _can_be_parsed(text):
         return False
-    return (
-        text == LOAD_FACTOR or _si_size(text) is not None or _parsed(_registry(), text) is not None
-    )
+    if text == LOAD_FACTOR or _si_exponents(text) is not None:
+        return True
+    return _parsed(_registry(), text) is not None
 
 
-def _is_tame(text: str) -> bool:
-    """Return whether a unit is a short product of small powers in plain letters; only such a text
-    is parsed.
+def _can_be_parsed(text: str) -> bool:
+    """Return whether a unit is a short text with small powers and ASCII digits. No other text is
+    given to the parser.
     """
-    foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
-    return len(text) <= _LONGEST_UNIT and not foreign and _EXPLOSIVE.search(text) is None
+    foreign_digits = any(letter.isdecimal() and not letter.isascii() for letter in text)
+    return len(text) <= _LONGEST_UNIT and not foreign_digits and _HUGE_POWER.search(text) is None
 
 
 def normal_form(unit: str) -> str:
-    """A unit as products and powers of names: ``"kg m^2"`` and ``"kg-m2"`` are ``"kg*m**2"``."""
+    """Return a unit as products and powers of names: ``"kg*m**2"`` for ``"kg m^2"`` and
+    ``"kg-m2"``.
+    """
     text = unit.strip().translate(str.maketrans("·²³−⁻¹", "*23--1")).replace("^", "**")
     text = re.sub(r"\s*([*/()])\s*", r"\1", text)
     text = re.sub(r"\s+", "*", text)
@@ -165,62 +172,68 @@ def _converted(
     where: str,
     error: type[FlightidError],
 ) -> Number:
+    """Return a value in the unit ``target``. ``text`` is the normal form of its ``unit``, and
+    ``shown`` the target in messages.
+    """
     kind, examples = QUANTITIES.get(
         shown, (f"what is declared in {shown!r}", f"it in {shown}, or leave the unit out")
     )
     wrong = error(f"unit {unit!r} does not measure {kind}", where=where, remedy=f"write {examples}")
-    size, due = _si_size(text), _si_size(normal_form(target))
-    if size is not None and due is not None:
-        if size[:3] == due[:3] and (
-            size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg and not due.deg)
-        ):
-            return value * _DEGREE ** (size.deg - due.deg) if size.deg != due.deg else value
-        raise wrong
+    source, due = _si_exponents(text), _si_exponents(normal_form(target))
+    if source is not None and due is not None:
+        radian_left_out = 0 in (source.rad, due.rad) and not source.deg and not due.deg
+        if source[:3] != due[:3] or not (source.rad == due.rad or radian_left_out):
+            raise wrong
+        if source.deg == due.deg:
+            return value
+        return value * _DEGREE ** (source.deg - due.deg)
     if re.search(r"hz|hertz", text, re.IGNORECASE):
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
             return value * (2.0 * math.pi)
         raise wrong
-    if text.isupper():  # in headers in capitals, not siemens and petaampere
+    if text.isupper():  # a header in capitals: M/S is no mega per siemens
         usual = re.sub(r"[A-Z]+", lambda word: _CAPITALS.get(word[0], word[0]), text)
-        if (
-            usual != text
-            and (size := _si_size(usual)) is not None
-            and due is not None
-            and size[:4] == due[:4]
-        ):
+        source = _si_exponents(usual) if usual != text else None
+        if source is not None and due is not None and source[:4] == due[:4]:
             return _converted(value, unit, usual, target, shown, where, error)
     units = _registry()
-    goal, parsed = _parsed(units, normal_form(target)), _parsed(units, _pounds(text, target))
-    if goal is None:
+    target_unit = _parsed(units, normal_form(target))
+    parsed = _parsed(units, _pounds(text, target))
+    if target_unit is None:
         remedy = (
             f"leave the unit out: the numbers are taken in {target}, which has no conversion here"
         )
         raise error(f"unit {unit!r} is not the declared {target!r}", where=where, remedy=remedy)
     if parsed is None:
         raise error(f"unknown unit {unit!r}", where=where, remedy=f"write {examples}")
-    if parsed.dimensionality != goal.dimensionality or _angle_power(parsed) != _angle_power(goal):
+    if parsed.dimensionality != target_unit.dimensionality:
+        raise wrong
+    if _angle_power(parsed) != _angle_power(target_unit):
         raise wrong
     try:
-        return units.Quantity(value, parsed).to(goal).magnitude
-    except Exception:  # logarithmic and offset units fail in ways of their own
+        return units.Quantity(value, parsed).to(target_unit).magnitude
+    except Exception:  # logarithmic units and units with an offset raise various errors
         raise wrong from None
 
 
-def _si_size(text: str) -> _Size | None:
-    """Exponents of a product of SI units and degrees, None for any other unit."""
-    total, degrees, at = np.zeros(4, dtype=int), 0, 0
-    while at < len(text):
-        match = _FACTOR.match(text, at)
-        if match is None or (at == 0) != (match[1] == ""):
+def _si_exponents(text: str) -> _Exponents | None:
+    """Return the exponents of a product of SI units and degrees; None for other units."""
+    total, degrees, position = np.zeros(4, dtype=int), 0, 0
+    while position < len(text):
+        match = _FACTOR.match(text, position)
+        if match is None or (position == 0) != (match[1] == ""):
             return None
         power = int(match[3] or 1) * (-1 if match[1] == "/" else 1)
-        total += np.array(_SI[match[2]]) * power
+        total += np.array(_SI_EXPONENTS[match[2]]) * power
         degrees += power if match[2] == "deg" else 0
-        at = match.end()
-    return _Size(*(int(power) for power in (*total, degrees))) if text else None
+        position = match.end()
+    return _Exponents(*(int(power) for power in (*total, degrees))) if text else None
 
 
 def _pounds(text: str, target: str) -> str:
+    """Return a unit with pounds as forces where ``target`` needs a force, and as masses where it
+    needs a mass per area.
+    """
     if target in ("Pa", "N"):
         return re.sub(r"\b(lb|pound|pounds)\b", "lbf", text)
     if target == "kg/m2":
@@ -236,18 +249,17 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
-    """Return the unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
+    """Return the unit of a text, also in capitals (``"DEG/S"``); None if there is no such unit."""
     if not re.fullmatch(r"[\w*/().%-]+", text):
         return None
     for spelling in (text, text.lower()):
         try:
             return units.parse_units(spelling)
-        # the parser raises many kinds of errors
-        except Exception:
+        except Exception:  # the parser raises various errors
             continue
     return None
 
 
 def _angle_power(unit: Any) -> float:
-    """Return the power of an angle in a unit; pint counts angles as pure numbers."""
+    """Return the power of angles in a unit. In pint an angle is a pure number."""
     return sum(power for name, power in unit._units.items() if name.endswith(_ANGLES))

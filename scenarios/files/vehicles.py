@@ -43,12 +43,12 @@ MODELS = (
     "multirotor",
     "aircraft",
 )
-BESIDE_RECORD = "vehicle.toml"  # name of a vehicle file that is found beside a record
+BESIDE_RECORD = "vehicle.toml"  # name of a vehicle file that is read from the folder of a record
 AIRCRAFT = "aircraft"
 UNCERTAINTY = "uncertainty"
 FLYING_QUALITIES_KEYS = ("aircraft_class", "flight_phase")
-# Model -> (key at the top of the file, whether a file of this model has it). Together these keys
-# tell the models apart; a file that fits no line is of the rigid model.
+# Model -> (key at the top of the file, whether a file of this model has it). A file that agrees
+# with no line is of the rigid model.
 _DISTINGUISHING_KEYS = {
     "flexible": (("modes", True),),
     "lateral": (("span", True),),
@@ -63,12 +63,12 @@ _OWN_KEYS = {
     "ballistic": ("density_scale_height",),
     "rigid": ("pitch_inertia", "airspeed"),
 }
-# Model -> models that read its files, if there are others than itself.
+# Model -> models that read its files, if others do too.
 _READERS = {"rigid": ("rigid", "flexible")}
 _PERCENT = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
-RELATIVE_PRIOR = 0.5  # prior standard deviation over starting value: files may be 30 % wrong
-TYPICAL_SHARE = 0.01  # size that stands for a start of zero, as a share of the largest start
+RELATIVE_PRIOR = 0.5  # prior standard deviation over starting value: values may be 30 % wrong
+TYPICAL_SHARE = 0.01  # size that replaces a start of zero, as a share of the largest start
 LARGEST_UNCERTAINTY = 0.5  # standard deviation over value of a constant that must be positive
 
 
@@ -78,14 +78,14 @@ class VehicleFile:
 
     Attributes
     ----------
-    name : name of the vehicle; if the file states none, the name of the file.
+    name : name of the vehicle, or of the file if it states none.
     model : name of the model for which the file was read.
     constants : fixed values in SI units; ``docs/nomenclature.md`` has their names and meanings. A
         file of the loes model may omit ``vane_arm``.
     derivatives : starting values in SI units, per radian (loes: per unit of the stick).
-    modes : for each elastic mode of the flexible model its number, from 1, and its values:
-        ``frequency`` (rad/s), ``damping`` (1), ``generalized_mass`` (kg m2), the starts of its
-        derivatives, and the couplings ``Ceta1_eta2 ...`` that the file gives.
+    modes : number, from 1, and values of each elastic mode of the flexible model: ``frequency``
+        (rad/s), ``damping`` (1), ``generalized_mass`` (kg m2), the starts of its derivatives, and
+        the couplings ``Ceta1_eta2 ...`` in the file.
     identity : name and hash of the file, or None.
     own : a user's model with these numbers; None for a built-in model.
     own_file : name and hash of the file of the user's model; None for a built-in model.
@@ -93,8 +93,8 @@ class VehicleFile:
     flight_phase : category A to C of MIL-F-8785C, or None.
     constraints : parameters that are fixed, bounded or tied; their starts are in ``derivatives``.
     text : content of the file, or empty.
-    uncertainty : standard deviation by constant, SI, of the table ``[uncertainty]``; a constant
-        without an entry is exact.
+    uncertainty : constant -> standard deviation in SI units, from the table ``[uncertainty]``; a
+        constant without an entry is exact.
     """
 
     name: str
@@ -138,10 +138,11 @@ ALSO_READ = "also read, because found beside the records"
 
 
 def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
-    """Return a sentence on the files that were read although the user did not name them.
+    """Return a sentence on the files that were read although the user did not name them; no
+    sentence without such files.
 
-    These are the vehicle file that ``vehicle_next_to`` found (``vehicle``; None if the user named
-    one) and the sidecars of records. Without any the result is empty.
+    These are the sidecars of the records, and the ``vehicle`` file that ``vehicle_next_to`` found;
+    it is None if the user named one.
     """
     names = [str(vehicle)] if vehicle is not None else []
     names += [
@@ -163,9 +164,9 @@ def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
 
 
 def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
-    """Read a vehicle file for a built-in model or a user's model.
+    """Return the vehicle of a file for a built-in model or a user's model.
 
-    ``path`` may be None for a user's model, which has values of its own. Raises DeclarationError.
+    ``path`` may be None for a user's model, which has its own values. Raises DeclarationError.
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
@@ -183,10 +184,12 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """Return a user's model with the values of a vehicle file.
+    """Return a user's model with the values of a vehicle file, or its own values without a file.
 
-    Without a file the model keeps its own values. Raises DeclarationError if the file has the
-    aerodynamics of an aircraft and the model is a Python file.
+    Raises
+    ------
+    DeclarationError : if the file has the aerodynamics of an aircraft and the model is a Python
+        file.
     """
     if source is not None and "aerodynamics" in toml_of(source):
         if not own.identity.name.endswith(AIRCRAFT_SUFFIX):
@@ -221,7 +224,9 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
 
 
 def with_plain_terms(source: Source) -> Source:
-    """Return the file of an aircraft with a term of zero for each coefficient that has no terms."""
+    """Return the file of an aircraft with a constant term of zero for each coefficient without
+    terms.
+    """
     content = toml_of(source)
     table = content.get("aerodynamics", {})
     if not isinstance(table, dict):
@@ -257,8 +262,10 @@ def aircraft_vehicle(source: Source) -> VehicleFile:
 def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
     """Return the vehicle with the standard deviations of its constants, from its file.
 
-    Raises DeclarationError for an unknown constant, a wrong unit, a number that is not positive, or
-    a standard deviation of more than half of a constant that must be positive.
+    Raises
+    ------
+    DeclarationError : for an unknown constant, a wrong unit, a number that is not positive, or a
+        standard deviation of more than half of a constant that must be positive.
     """
     from scenarios.files.schemas import number_in
 
@@ -300,9 +307,9 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """Read a vehicle file of any model of an aircraft; its keys show which model it is.
+    """Return the vehicle of a file of any model of an aircraft, which follows from its keys.
 
-    A file that has only the values for a kinematic check gets an empty text as model. Raises
+    The model is an empty text if the file has only the values for a check of the kinematics. Raises
     DeclarationError.
     """
     from scenarios.files.schemas import CHECK_ONLY
@@ -331,12 +338,12 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     """Return the vehicle of an open file for one of ``MODELS``.
 
     A value is a number in SI units, or a text with a unit such as ``"24200 lb"``. Starts of an
-    elastic mode are in its ``[[modes]]`` table or under ``[derivatives]``.
+    elastic mode are in its ``[[modes]]`` table or in ``[derivatives]``.
 
     Raises
     ------
-    DeclarationError : the file is not TOML; an unknown or missing key; a value of the wrong kind,
-        unit or sign. The message has file, key and remedy in one line.
+    DeclarationError : if the file is not TOML, if a key is unknown or missing, or if a value has
+        the wrong kind, unit or sign. The message has file, key and remedy in one line.
     """
     if model == AIRCRAFT:
         return aircraft_vehicle(source)
@@ -388,7 +395,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file of another model, as its key ``model`` or its keys show."""
+    """Raise DeclarationError for a file of another model, as its keys show."""
     named = content.get("model")
     if isinstance(named, str) and named in MODELS and named != model:
         raise DeclarationError(
@@ -406,7 +413,9 @@ def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> N
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:
-    """Return the ``[[modes]]`` tables, completed by modal starts under ``[derivatives]``."""
+    """Return the ``[[modes]]`` tables with the starts of modes that are in ``[derivatives]``, which
+    are removed from there.
+    """
     modes = content.get("modes")
     if (
         not isinstance(modes, list)
@@ -440,9 +449,9 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
 
 
 def with_priors(model: Model, free: Sequence[str]) -> Model:
-    """Return the model with only the named parameters free, each with a prior about its start.
+    """Return the model with only the parameters ``free`` free, each with a prior about its start.
 
-    The prior standard deviation is half the starting value (``RELATIVE_PRIOR``).
+    The prior standard deviation is ``RELATIVE_PRIOR`` times the starting value.
     """
     parameters = model.parameters.only_free(free)
     largest = max((abs(parameters[name].value) for name in free), default=1.0)

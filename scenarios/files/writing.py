@@ -1,4 +1,4 @@
-"""Write records and results as files, and study folders as a whole."""
+"""Writing of records and results as files, and of study folders as a whole."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from scenarios.files.sources import escaped, json_or_none, resolved
 from sim.errors import FlightidError
 from sim.record import Record
 
-# ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
+# ---- Records and results as files: CSV with exact numbers, and strict JSON
 
-# Letters of a name that the name of its temporary file or folder keeps: a longer one could exceed
-# what the file system allows.
+# Letters of a name in the name of its temporary file or folder: more could exceed the limit of the
+# file system.
 _TEMPORARY_NAME_LETTERS = 40
 RESPONSE = "response"  # file of a study's outputs over time
 PREDICTED = "predicted_"  # prefix of predicted outputs
@@ -42,9 +42,9 @@ def write_record(
 ) -> tuple[Path, Path]:
     """Write ``stem.csv`` and ``stem.json`` and return their paths.
 
-    The CSV file has names without units, and values in SI. Each number has the shortest decimal
-    form that reads back as the same float; the cell of a missing sample is empty. The JSON file has
-    the name, the hold of the inputs, the units, and for ``simulated`` data their origin.
+    The CSV file has names without units, and values in SI units. Each number has the shortest
+    decimal form of its float, and the cell of a missing sample is empty. The JSON file has the
+    name, the hold of the inputs, the units, and the origin of ``simulated`` data.
     """
     table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
     columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
@@ -76,12 +76,12 @@ def write_responses(
 ) -> None:
     """Write time, inputs and outputs of a record with the predicted and the true outputs.
 
-    Columns: ``time``, the inputs, and for each predicted output ``NAME``, ``predicted_NAME`` and,
-    if known, ``true_NAME``; SI and radians. A missing number leaves an empty cell.
+    The columns are ``time``, the inputs, and for each predicted output ``NAME``, ``predicted_NAME``
+    and, if known, ``true_NAME``, in SI units and radians. The cell of a missing number is empty.
 
     Parameters
     ----------
-    predicted, true : values by output at the record's samples, each of shape ``(N,)``.
+    predicted, true : output -> ``(N,)`` values at the samples of the record.
     """
     columns: dict[str, np.ndarray] = {TIME: record.time}
     columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
@@ -97,21 +97,21 @@ def write_responses(
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write strict JSON: the same content always gives the same bytes.
+    """Write strict JSON. The same content always gives the same bytes.
 
-    Keys are sorted; a list without tables or lists in it stands on one line. NumPy numbers and
-    arrays, tuples, enums and paths are written as their values.
+    Keys are sorted, and a list without tables or lists has one line. NumPy numbers and arrays,
+    tuples, enums and paths are written as their values.
 
     Raises
     ------
-    FlightidError : the content has a NaN, an infinity, a None, a key that is no text, or an object
-        that JSON does not know. Then nothing is written.
+    FlightidError : if the content has a NaN, an infinity, a None, a key that is no text, or an
+        object that JSON does not have. Nothing is written then.
     """
     write_text(Path(path), json_text(content, str(path)) + "\n")
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
-    """Return the text that ``write_json`` writes; ``where`` names the file in errors."""
+    """Return the text of ``write_json``; ``where`` is the file, for messages."""
     return escaped(_indented(_json_value(content, where, ""), ""))
 
 
@@ -127,7 +127,7 @@ def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 file completely or not at all, by renaming a temporary file. Raises OSError.
 
-    Bytes of file names that are not UTF-8 are written as ``\\udcff``, which JSON restores.
+    Bytes of names of files that are not UTF-8 are written as ``\\udcff``, as JSON reads them.
     """
     write_content(path, text.encode("utf-8", "backslashreplace"))
 
@@ -142,17 +142,17 @@ def write_content(path: Path, content: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-# Names of devices on Windows, where no file can have them.
+# names of devices on Windows, where no file can have them
 _DEVICES = frozenset(
     {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 )
 
 
 def unportable(name: str) -> str:
-    """Return why a file or folder cannot have this name on every system; empty if it can.
+    """Return the reason why a file or folder cannot have this name on every system, as the end of a
+    sentence; empty if it can.
 
-    The reason is the end of a sentence. Windows refuses some characters, names of devices, and a
-    final point or space.
+    Windows refuses some characters, names of devices, and a final point or space.
     """
     refused = next((letter for letter in name if letter in '<>:"/\\|?*' or ord(letter) < 32), "")
     if refused:
@@ -167,9 +167,9 @@ def unportable(name: str) -> str:
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:
-    """Return a part of a file name for each name, of letters, digits and ``_``.
+    """Return name -> part of a file name of letters, digits and ``_``.
 
-    The parts differ by more than upper and lower case, which some systems do not tell apart.
+    The parts differ in more than upper and lower case, which some systems do not distinguish.
     """
     stems: dict[str, str] = {}
     for name in dict.fromkeys(names):
@@ -181,7 +181,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
 
 
 def _json_value(value: Any, where: str, key: str) -> Any:
-    """Return a value in the types of JSON; ``where`` and ``key`` are its file and key in errors."""
+    """Return a value in the types of JSON; ``where`` and ``key`` are for messages."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -236,17 +236,17 @@ def _indented(value: Any, indent: str) -> str:
 
 MANIFEST = "files"
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-# Signals that end the program, as far as the system has them.
+# signals of the system that end the program
 _ENDING_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 
 
 class _Scratch:
-    """A temporary folder.
+    """A temporary folder, which can also be removed when the program has opened as many files as
+    the system allows.
 
-    It keeps two files open. Its removal closes them, since it has to open folders, which fails in
-    a program that has opened as many files as the system allows.
+    Its removal opens folders. For this purpose two files are kept open, and are closed first.
     """
 
     def __init__(self, parent: Path, name: str) -> None:
@@ -267,21 +267,21 @@ class _Scratch:
 def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     """Give the body a temporary folder for a study, and move its files into ``path`` at the end.
 
-    If the body raises, ``path`` is not changed. Files of an older run are removed if its ``main``
-    lists them, the new run did not write them, and no other study in the folder lists them. Other
-    files stay.
+    If the body raises, ``path`` is not changed. A file of an older run is removed if the ``main``
+    of that run lists it, the new run did not write it, and no other study in the folder lists it.
+    Other files remain.
 
     Parameters
     ----------
-    path : folder of the study; it may be missing, be empty or hold an older run.
-    main : name of the study's JSON file, such as ``diagnosis.json``. The body must write it. It
-        receives the list of all files under the key ``files``, and it is moved last: a folder with
-        a new ``main`` is complete.
+    path : folder of the study, which may be missing, be empty or have an older run.
+    main : name of the JSON file of the study, such as ``diagnosis.json``. The body must write it.
+        The list of all files is added to it under the key ``files``, and it is moved last: a folder
+        with a new ``main`` is complete.
 
     Raises
     ------
-    FlightidError : ``path`` is a file or cannot be written, or a folder in it has the name of a
-        file of the study.
+    FlightidError : if ``path`` is a file or cannot be written, or if a folder in it has the name of
+        a file of the study.
     """
     target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
@@ -382,9 +382,8 @@ def _is_ours(path: Path) -> bool:
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """Delay signals that end the program while the body moves files: a study is complete or absent.
-
-    After the body, the signals take effect. ``path`` is named in the message.
+    """Delay signals that end the program until the body has moved files, so that a study is
+    complete or absent. ``path`` is for the message.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread can set handlers of signals
@@ -422,7 +421,7 @@ def listed_files(main: Path) -> frozenset[str]:
 def _move_into_folder(scratch: Path, target: Path, main: str, created: list[Path]) -> None:
     """Move the files of a study from ``scratch`` into ``target``, ``main`` last.
 
-    Removes stale files of an older run. Folders that had to be created are added to ``created``.
+    Outdated files of an older run are removed. New folders are appended to ``created``.
     """
     written = sorted(entry.name for entry in scratch.iterdir())
     if main not in written:
@@ -454,7 +453,7 @@ def _move_into_folder(scratch: Path, target: Path, main: str, created: list[Path
 
 
 def _refuse_unportable(names: Sequence[str]) -> None:
-    """Raise ValueError if a name of a study's file is not allowed on every system."""
+    """Raise ValueError if the name of a file of a study is not possible on every system."""
     for name in names:
         if reason := unportable(name):
             raise ValueError(f"the name of the file {name!r} {reason}")
@@ -463,6 +462,7 @@ def _refuse_unportable(names: Sequence[str]) -> None:
 
 
 def _move_file(source: Path, target: Path) -> None:
+    """Move a file, also to another disk."""
     try:
         os.replace(source, target)
     except OSError as error:
@@ -490,12 +490,12 @@ def _remove_created(created: list[Path]) -> None:
 
 
 def _is_bare_name(name: str) -> bool:
-    """Return whether a name has no folder in it: a study may list files of its own folder only."""
+    """Return whether a name has no folder: a study may list files of its own folder only."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
 def unwritable(path: str | Path, error: OSError) -> FlightidError:
-    """Return the error for a place that cannot be written, with the operating system's reason."""
+    """Return the error for a place that cannot be written, with the reason of the system."""
     remedy = (
         "make room, or name a place on another disk"
         if error.errno in _DISK_FULL

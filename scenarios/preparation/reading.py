@@ -14,7 +14,7 @@ from math import pi
 
 import numpy as np
 
-from ident.recording.kinematic_relations import LENGTHS
+from ident.recording.kinematic_relations import LENGTH_UNITS
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.user_models import channel_units, is_own
@@ -73,7 +73,7 @@ LARGEST = {
 LIMIT_PERCENTILE = 97.0
 # Ranges of the median specific force of a flight, about one g, if its column is in g or in ft/s2.
 IN_G = (0.7, 1.6)
-IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
+IN_FEET = (0.9 * G0 / LENGTH_UNITS["ft"], 1.1 * G0 / LENGTH_UNITS["ft"])
 # Two surfaces move together if a smaller share of the motion of one is independent of the other.
 # Noise alone gives a larger share.
 LEAST_UNSHARED_MOTION = 1e-6

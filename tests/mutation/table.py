@@ -341,7 +341,10 @@ IDENT = (
     *changes(
         "ident/recording/kinematic_relations.py",
         ("tests/unit/ident/recording/test_readings.py",),
-        ("float(off @ off) / len(left) * lag", "float(off @ off) / len(left)"),
+        (
+            "float(residual @ residual) / len(residual) * lag",
+            "float(residual @ residual) / len(residual)",
+        ),
     ),
     *changes(
         "ident/recording/misread_columns.py",
@@ -524,8 +527,8 @@ IDENT = (
     *changes(
         "ident/banks/online.py",
         ("tests/unit/ident/banks/test_online_bank.py",),
-        ("gaps / (1.5 * bank.interval)", "gaps / (3.5 * bank.interval)"),
-        ("wild[k] & (streak < LONGEST_SPIKE)", "wild[k] & (streak <= LONGEST_SPIKE)"),
+        ("LONGEST_STEP = 1.5 ", "LONGEST_STEP = 3.5 "),
+        ("outside[k] & (streak < LONGEST_SPIKE)", "outside[k] & (streak <= LONGEST_SPIKE)"),
     ),
     *changes(
         "ident/filters/smoother.py",
@@ -540,8 +543,8 @@ IDENT = (
     *changes(
         "ident/regression/state_histories.py",
         ("tests/unit/ident/regression/test_local_polynomial.py",),
-        ("1.0 - own, 1e-6", "1.0, 1e-6"),
-        ("2.0 * (width - 1) * float(", "20.0 * (width - 1) * float("),
+        ("1.0 - own_weight, 1e-6", "1.0, 1e-6"),
+        ("_LONGEST_WINDOW * (width - 1)", "10.0 * _LONGEST_WINDOW * (width - 1)"),
     ),
     *changes(
         "ident/whole_record/layout.py",
@@ -568,7 +571,7 @@ SCENARIOS = (
     *changes(
         "scenarios/files/units.py",
         ("tests/unit/scenarios/files/test_units.py",),
-        ("_DEGREE ** (size.deg - due.deg)", "_DEGREE ** (due.deg - size.deg)"),
+        ("_DEGREE ** (source.deg - due.deg)", "_DEGREE ** (due.deg - source.deg)"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",

@@ -16,14 +16,14 @@ from ident.compatibility.instruments import instruments_of, weigher
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
 from ident.compatibility.six_degrees.fitting import (
-    Linear,
+    FaultLinearisation,
     NormalEquations,
-    added,
-    by_output_error,
-    coloured,
     fit,
-    linear,
+    gradient_covariance,
+    linearise_faults,
+    output_error_equations,
     output_error_gram,
+    sum_of_equations,
 )
 from ident.compatibility.six_degrees.kinematics import (
     BEYOND,
@@ -37,10 +37,10 @@ from ident.compatibility.six_degrees.kinematics import (
 from ident.compatibility.six_degrees.search import (
     SECANT_STEP,
     SixDegreeSearch,
-    alike,
-    clocks,
-    fitted,
+    confusable_faults,
+    fit_sets,
     search,
+    timed_channels,
 )
 from ident.compatibility.trials import (
     CheckResult,
@@ -72,8 +72,8 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
     innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
     flat = white.reshape(-1, white.shape[2])
     inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
-    scatter = sum(coloured(white[i], innovations[i]) for i in range(len(innovations))) + np.diag(
-        prior
+    scatter = np.diag(prior) + sum(
+        gradient_covariance(columns, e) for columns, e in zip(white, innovations, strict=True)
     )
     variances = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
     gram, gradient, spread = output_error_gram(
@@ -123,7 +123,7 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
 
 
 def bias_findings(
-    lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
+    linear: FaultLinearisation, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
 ) -> tuple[SensorFinding, ...]:
     """Return the biases of record ``r`` that are large and significant, each with the faults that
     explain the record as well. ``false_alarm`` is the probability of any false finding.
@@ -136,7 +136,7 @@ def bias_findings(
         excess = max(abs(size.value) - fault.smallest_finding, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.determined and item.agrees and p * len(estimates) < false_alarm:
-            group = instead_of(lines, r, item.channel, false_alarm)
+            group = faults_instead_of_bias(linear, r, item.channel, false_alarm)
             findings.append(
                 SensorFinding(
                     item.channel,
@@ -153,16 +153,18 @@ def bias_findings(
     return tuple(findings)
 
 
-def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
+def faults_instead_of_bias(
+    linear: FaultLinearisation, r: int, channel: str, false_alarm: float
+) -> tuple[str, ...]:
     """Return the faults that, added to the accepted ones, explain record ``r`` as well as the bias
     of a channel does.
     """
-    information, gradient = lines.whole[r]
-    own, faults = lines.fit.own[r], lines.faults
+    information, gradient = linear.full_equations[r]
+    own, faults = linear.fit.own[r], linear.faults
     n = len(own)
-    b = [item.key for item in unknowns_of(lines.fit.signals[r])].index((channel, BIAS))
-    members = [n + faults.index(fault) for fault in lines.fit.faults]
-    best, _, _ = _least([*range(n), *members], information, gradient)
+    b = [item.key for item in unknowns_of(linear.fit.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in linear.fit.faults]
+    gain_with_bias, _, _ = _gain_value_variance([*range(n), *members], information, gradient)
     # The bias is set to zero by a step of minus its value.
     others = [*(i for i in range(n) if i != b), *members]
     gradient_without = gradient + information[:, b] * own[b]
@@ -170,16 +172,18 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     losses = []
     for j, fault in enumerate(faults):
         if n + j not in members and information[n + j, n + j] > 0:
-            gain, size, variance = _least([*others, n + j], information, gradient_without)
+            gain, size, variance = _gain_value_variance(
+                [*others, n + j], information, gradient_without
+            )
             notable = fault.smallest_finding < abs(size) < fault.largest
             possible_sign = size > 0 or not fault.one_sided
             if notable and possible_sign and variance < fault.plausible**2:
-                losses.append((best - gain + loss_without, fault.name))
+                losses.append((gain_with_bias - gain + loss_without, fault.name))
     chance = confusable_loss(false_alarm, len(faults))
     return tuple(name for loss, name in sorted(losses) if loss <= chance)
 
 
-def _least(
+def _gain_value_variance(
     free: Sequence[int], information: np.ndarray, gradient: np.ndarray
 ) -> tuple[float, float, float]:
     """Return the gain of log likelihood by the unknowns ``free``, and the value and variance of the
@@ -196,17 +200,15 @@ def _least(
 def estimates_and_findings(
     search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
-    """Return the estimates of every fault by both methods, and the findings, accepted ones
-    first.
-    """
-    lines, faults = search_result.lines, search_result.lines.faults
+    """Return the estimates of every fault by both methods, and all findings, accepted first."""
+    linear, faults = search_result.lines, search_result.lines.faults
     accepted = _accepted_and_loss(search_result)
-    output_error = added(search_result.output_error)
+    output_error = sum_of_equations(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
     losses: dict[int, float | None] = {}
     for j in search_result.common:
         context, losses[j] = _context(search_result, j, accepted)
-        estimates[j] = _estimate(lines.joint, output_error, faults, context, j)
+        estimates[j] = _estimate(linear.joint, output_error, faults, context, j)
     findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
@@ -252,7 +254,7 @@ def _context(
     members = [*(k for k in standing if k != i), j]
     if (i, j) in search_result.lateness:
         return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
-    pair = fitted(
+    pair = fit_sets(
         search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
     )
     return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
@@ -267,15 +269,15 @@ def _estimate(
 ) -> SensorEstimate:
     """Return the estimate of fault ``j``, the last of the set ``context``, by both methods."""
     fault, members = faults[j], np.array([context])
-    with_fault = fitted(smoother, faults, members, early=False)
-    without = fitted(smoother, faults, members[:, :-1], early=False)
-    by_output_error = fitted(output_error, faults, members, early=False)
+    with_fault = fit_sets(smoother, faults, members, early=False)
+    without = fit_sets(smoother, faults, members[:, :-1], early=False)
+    other_estimate = fit_sets(output_error, faults, members, early=False)
     size, variance = float(with_fault.sizes[0, -1]), float(with_fault.variances[0, -1])
     determined = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
     widening = float(with_fault.widening[0, -1])
     other_variance = max(_sandwich(output_error, context), 0.0) * widening
     gain = max(float(with_fault.gain[0] - without.gain[0]), 0.0) / widening
-    other_size = float(np.clip(by_output_error.sizes[0, -1], -fault.largest, fault.largest))
+    other_size = float(np.clip(other_estimate.sizes[0, -1], -fault.largest, fault.largest))
     size = float(np.clip(size, -fault.largest, fault.largest))
     difference = 0.0
     if determined:
@@ -332,30 +334,31 @@ def _finding(
     )
 
 
-def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
+def estimates_of_record(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
     """Return the estimates of all faults from record ``r`` alone, each in the same set as in the
     joint check.
     """
-    lines = search_result.lines
+    linear = search_result.lines
     accepted = _accepted_and_loss(search_result)
-    smoother, output_error = lines.smoother[r], search_result.output_error[r]
+    smoother, output_error = linear.smoother[r], search_result.output_error[r]
     return tuple(
-        _estimate(smoother, output_error, lines.faults, _context(search_result, j, accepted)[0], j)
+        _estimate(smoother, output_error, linear.faults, _context(search_result, j, accepted)[0], j)
         for j in search_result.common
     )
 
 
-def drift_of(
+def drift_finding(
     search_result: SixDegreeSearch, r: int, false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """Return the drift of record ``r`` in addition to all accepted faults; empty where none is
-    significant. ``false_alarm`` is the probability of a false drift.
+    """Return the finding of a drift in record ``r`` in addition to all accepted faults, or no
+    finding. ``false_alarm`` is the probability of a false drift.
     """
-    lines, faults, members = search_result.lines, search_result.lines.faults, search_result.standing
+    linear, members = search_result.lines, search_result.standing
+    faults = linear.faults
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # This selection takes the noise as white: a drift itself makes residuals coloured.
-    sets = fitted(
-        replace(lines.smoother[r], scatter=lines.smoother[r].information),
+    sets = fit_sets(
+        replace(linear.smoother[r], scatter=linear.smoother[r].information),
         faults,
         np.array([[*members, j] for j in drifts]),
         early=False,
@@ -363,22 +366,26 @@ def drift_of(
     gains = np.where(sets.sound, sets.gain, 0.0)
     j = drifts[int(np.argmax(gains))]
     charge = charge_of(false_alarm, len(drifts))
-    if float(np.max(gains)) - _gain_of(lines.smoother[r], faults, members) < charge:
+    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < charge:
         return ()
-    begin = replace(lines.fit, signals=(lines.fit.signals[r],), own=(lines.fit.own[r],))
-    with_drift = linear(
-        fit(begin.signals, [faults[i] for i in (*members, j)], begin),
+    record_fit = replace(linear.fit, signals=(linear.fit.signals[r],), own=(linear.fit.own[r],))
+    with_drift = linearise_faults(
+        fit(record_fit.signals, [faults[i] for i in (*members, j)], record_fit),
         faults,
         np.full(len(faults), SECANT_STEP),
     )
-    item = _estimate(with_drift.joint, by_output_error(with_drift, 0), faults, [*members, j], j)
+    item = _estimate(
+        with_drift.joint, output_error_equations(with_drift, 0), faults, [*members, j], j
+    )
     if (
         not item.determined
         or item.gain < charge
         or abs(item.smoother.value) < faults[j].smallest_finding
     ):
         return ()
-    rivals = alike(with_drift, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts)
+    rivals = confusable_faults(
+        with_drift, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts
+    )
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
 
 
@@ -387,11 +394,11 @@ def _gain_of(
 ) -> float:
     """Return the gain of log likelihood by a set of faults."""
     fault_sets = np.array([members], dtype=int).reshape(1, -1)
-    return float(fitted(normal, faults, fault_sets, early=False).gain[0])
+    return float(fit_sets(normal, faults, fault_sets, early=False).gain[0])
 
 
 def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
-    """Return the channels that some of these faults delay."""
+    """Return the channels that have a delay or lag among these faults."""
     return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
 
 
@@ -421,11 +428,11 @@ def check(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
 ) -> Compatibility:
     """Return the result of `ident.compatibility.check.compatibility` for records with six degrees
-    of freedom; ``each`` : also of every record alone.
+    of freedom. Where ``each`` is True, the result also has every record alone.
     """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
-    joined = relations(channels, speed=known_speed)
+    related = relations(channels, speed=known_speed)
     prepared = [
         ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -443,7 +450,7 @@ def check(
             for name, count in s.spikes.items()
             if count
         ]
-    lacking = [name for name in relations(channels, speed=True) if name not in joined]
+    lacking = [name for name in relations(channels, speed=True) if name not in related]
     if lacking:
         notes.append(
             f"{NO_AIRSPEED}, without which these relations cannot be used: {', '.join(lacking)}"
@@ -472,7 +479,7 @@ def check(
         single = tuple(
             CheckResult(
                 (names[r],),
-                by_itself(search_result, r),
+                estimates_of_record(search_result, r),
                 biases[r],
                 _single_record_results(
                     search_result, r, biases[r], settings.false_alarm, len(signals)
@@ -492,12 +499,12 @@ def check(
         single = (joint,)
     notes += _notes(search_result, signals)
     unobservable = (
-        *_unreached(channels, joined),
+        *_channels_without_relation(channels, related),
         *_unobservable(search_result, signals[0]),
         STEADY_WIND,
     )
     return Compatibility(
-        channels, joined, joint, single, _reconstructions(base, final), unobservable, tuple(notes)
+        channels, related, joint, single, _reconstructions(base, final), unobservable, tuple(notes)
     )
 
 
@@ -509,7 +516,7 @@ def _single_record_results(
     count: int,
 ) -> tuple[SensorFinding, ...]:
     """Return the biases and the drift of one record of several."""
-    drift = drift_of(search_result, r, false_alarm / count)
+    drift = drift_finding(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (
         *(
@@ -532,8 +539,8 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
             "and load most likely, so that no further fault is named"
         )
     delayed = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
-    on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in delayed]
-    if delayed & set(clocks(tuple(signals[0].channels))) and on_time:
+    on_time = [name for name in timed_channels(tuple(signals[0].channels)) if name not in delayed]
+    if delayed & set(timed_channels(tuple(signals[0].channels))) and on_time:
         notes.append(
             f"times count from {', '.join(on_time)}, which agree: a delay common to "
             "all channels cannot be detected from kinematics"
@@ -548,7 +555,7 @@ def _unobservable(search_result: SixDegreeSearch, s: KinematicSignals) -> tuple[
     mounts = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *mounts, "wind")
     return unobservable_faults(
-        search_result.lines.free * np.outer(size, size),
+        search_result.lines.information_with_biases * np.outer(size, size),
         faults,
         [name for name in channels if _has_fault(name, faults)],
     )
@@ -558,24 +565,31 @@ def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
     return any(fault.channel == name for fault in faults)
 
 
-def _unreached(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _channels_without_relation(
+    channels: Sequence[str], related: dict[str, tuple[str, ...]]
+) -> tuple[str, ...]:
     """Return a sentence on each channel that is in no relation."""
-    reached = {name for names in joined.values() for name in names}
+    named = {name for names in related.values() for name in names}
     return tuple(
         f"{name}: nothing can be told, no relation that these channels close has it"
         for name in channels
-        if name not in reached
+        if name not in named
     )
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    out = []
-    for s, plain, y, residual in zip(
+    """Return the reconstructions of each record, from a fit without faults and from the final
+    fit.
+    """
+    reconstructions = []
+    for s, without_faults, y, residual in zip(
         final.signals, base.outputs, final.outputs, final.residuals, strict=True
     ):
         smooth = y + smoothed_walk(s, final.noise, residual)
         rows = list(enumerate(s.outputs))
         measured = {name: s.channels[name] for name in s.outputs}
-        shown = [{name: values[i] for i, name in rows} for values in (plain, y, smooth, s.valid)]
-        out.append(Reconstruction(s.name, s.time, measured, *shown))
-    return tuple(out)
+        by_output = [
+            {name: values[i] for i, name in rows} for values in (without_faults, y, smooth, s.valid)
+        ]
+        reconstructions.append(Reconstruction(s.name, s.time, measured, *by_output))
+    return tuple(reconstructions)

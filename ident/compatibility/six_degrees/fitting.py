@@ -1,6 +1,7 @@
 """Fits of the kinematics of six degrees of freedom, in full and to first order, and their noise.
 
-Times are linearised by secants: at zero a lag is a delay.
+Slopes with respect to delays and lags are secants: at size zero, the derivatives of a delay and of
+a lag are equal.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ident.compatibility.fitting import (
     MOST_PASSES,
     KinematicDescent,
     KinematicFit,
-    descended,
+    descend,
     least_misfit,
     misfit,
     residual_of,
@@ -38,18 +39,22 @@ from ident.statistics.residual_spectrum import autocovariance
 
 # ---- Variances of white noise and walk
 
-# tried ratios of walk variance over one second to white variance, times the step: all possible ones
+# grid of ratios: variance that the walk gains over one step, over the white variance
 _WALK_TO_WHITE_RATIOS = np.logspace(-6.0, 4.0, 21)
-_ALIKE = 1e-10
+_ROUNDING_EIGENVALUE_SHARE = 1e-10  # smallest eigenvalue above rounding, relative to the largest
 _LEAST_WALK_SHARE = 0.1  # smallest walk, relative to the noise of its inputs by their roughness
-# standard deviation of the logarithm of the random walk's level, below the level expected
+# prior of the walk's level: standard deviation of its logarithm below the expected level
 _LOG_LEVEL_STD_BELOW = 0.5
-_LOG_LEVEL_STD_ABOVE = 3.0  # the same above it: other errors add to the noise of inputs
+_LOG_LEVEL_STD_ABOVE = 3.0  # the same above that level: other errors add to the noise of inputs
+_GOLDEN_SECTION, _GOLDEN_SECTION_STEPS = 0.382, 12  # search for the best ratio between grid points
+_FEWEST_NOISE_SAMPLES = 5  # fewest samples, less the fitted unknowns, that give a noise level
+_LEAST_WHITE_SHARE = 1e-3  # smallest white variance, relative to that from the roughness
+_MISSING_VARIANCE = 1e8  # variance of a missing sample, relative to a valid one
 
 
-def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
-    """Return the channels whose noise causes a random walk in an output: the inputs of each
-    output's relation.
+def walk_inputs(s: KinematicSignals) -> tuple[str, ...]:
+    """Return the channels whose noise causes a random walk in an output: the inputs of all
+    relations, each once.
     """
     return tuple(
         dict.fromkeys(
@@ -60,7 +65,7 @@ def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
 
 def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
     """Return starting values of the noise from the roughness of the channels."""
-    outputs, inputs = signals[0].outputs, inputs_among(signals[0])
+    outputs, inputs = signals[0].outputs, walk_inputs(signals[0])
     rough = [
         float(np.mean([roughness(s.channels[name]) for s in signals]))
         for name in (*outputs, *inputs)
@@ -74,21 +79,33 @@ def settled_noise(
     signals: Sequence[KinematicSignals],
     residuals: Sequence[np.ndarray],
     columns: Sequence[np.ndarray],
-    begun: RelationNoise,
+    starting_noise: RelationNoise,
 ) -> RelationNoise:
-    """Return the variances of greatest restricted likelihood, each output by itself.
+    """Return the noise variances that maximise the restricted likelihood of each output by itself.
 
-    residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The
-    walk of an output comes from its inputs. Inputs whose noise another output determines keep that
-    value; the first remaining one gets the rest.
+    The walk of an output is the integral of the noise of its inputs. A relation with one input
+    gives the noise of that input. In the other relations, the known inputs are subtracted, and the
+    remaining walk scales the starting values of the unknown inputs.
+
+    Parameters
+    ----------
+    residuals : ``(m, N)`` of each record.
+    columns : ``(m, N, c)`` of each record, derivatives of the outputs with respect to the fitted
+        unknowns.
+    starting_noise : noise from the roughness of the channels.
     """
-    white, walk = np.empty(len(begun.outputs)), np.empty(len(begun.outputs))
-    gains = np.mean([walk_gains(s, begun) for s in signals], axis=0)
-    for i in range(len(begun.outputs)):
-        white[i], walk[i] = _output_noise(
-            i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density)
+    white, walk = np.empty(len(starting_noise.outputs)), np.empty(len(starting_noise.outputs))
+    gains = np.mean([walk_gains(s, starting_noise) for s in signals], axis=0)
+    for i in range(len(starting_noise.outputs)):
+        white[i], walk[i] = _noise_of_output(
+            i,
+            signals,
+            residuals,
+            columns,
+            starting_noise.white[i],
+            float(gains[i] ** 2 @ starting_noise.density),
         )
-    density, alone = begun.density.copy(), np.count_nonzero(gains, axis=1) == 1
+    density, alone = starting_noise.density.copy(), np.count_nonzero(gains, axis=1) == 1
     known: set[int] = set()
     for i in np.flatnonzero(alone).tolist():
         j = int(np.flatnonzero(gains[i])[0])
@@ -96,28 +113,25 @@ def settled_noise(
         known.add(j)
     for i in np.flatnonzero(~alone).tolist():
         free = [j for j in np.flatnonzero(gains[i]) if j not in known]
-        rest = walk[i] - sum(
+        unexplained = walk[i] - sum(
             gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known
         )
         if free:
-            # Noise of a load causes the least walk: the rest beyond a rate's share is divided by
-            # roughness.
-            share = gains[i, free] ** 2 * begun.density[free]
-            density[free] = (
-                np.maximum(rest / float(share.sum()), _LEAST_WALK_SHARE) * begun.density[free]
-            )
-        elif rest > 0:
-            factor = walk[i] / (walk[i] - rest)
+            expected = float((gains[i, free] ** 2 * starting_noise.density[free]).sum())
+            factor = np.maximum(unexplained / expected, _LEAST_WALK_SHARE)
+            density[free] = factor * starting_noise.density[free]
+        elif unexplained > 0:
+            factor = walk[i] / (walk[i] - unexplained)
             density[np.flatnonzero(gains[i])] *= factor
-    # A record cannot show less noise than its columns resolve.
+    # A record cannot show less noise than the resolution of its columns.
     white, density = (
-        np.maximum(white, floors(signals, begun.outputs)),
-        np.maximum(density, floors(signals, begun.inputs)),
+        np.maximum(white, floors(signals, starting_noise.outputs)),
+        np.maximum(density, floors(signals, starting_noise.inputs)),
     )
-    return RelationNoise(begun.outputs, begun.inputs, white, density)
+    return RelationNoise(starting_noise.outputs, starting_noise.inputs, white, density)
 
 
-def _output_noise(
+def _noise_of_output(
     i: int,
     signals: Sequence[KinematicSignals],
     residuals: Sequence[np.ndarray],
@@ -125,58 +139,65 @@ def _output_noise(
     rough: float,
     expected: float,
 ) -> tuple[float, float]:
-    """Return the white variance, and the walk variance over one second, of one output of all
-    records; ``expected``: walk from the noise of its inputs.
+    """Return the white variance of output ``i`` of all records, and the variance of the noise of
+    its rate. A step of the walk is this noise times the sampling interval.
+
+    Parameters
+    ----------
+    rough : white variance from the roughness of the channel, returned where samples are too few.
+    expected : variance of the noise of the rate, from the noise of the inputs.
     """
     parts = []
     for s, residual, slopes in zip(signals, residuals, columns, strict=True):
-        basis = _spanned(np.where(s.valid[i][:, None], slopes[i], 0.0))
+        basis = _orthonormal_basis(np.where(s.valid[i][:, None], slopes[i], 0.0))
         flat = differences(np.concatenate([residual[i][None, :, None], basis[None]], axis=2))
         parts.append((s, s.valid[i], np.asfortranarray(flat)))
     count = sum(int(np.count_nonzero(valid)) - flat.shape[1] + 1 for _, valid, flat in parts)
-    if count < 5:
+    if count < _FEWEST_NOISE_SAMPLES:
         return rough, expected
     step = float(np.median(np.concatenate([s.steps for s, _, _ in parts])))
 
     def cost(ratio: float) -> float:
-        likelihood, variance = _cost(parts, count, ratio)
-        away = math.log(ratio * variance / expected)
-        return (
-            likelihood
-            + 0.5 * (away / (_LOG_LEVEL_STD_BELOW if away < 0 else _LOG_LEVEL_STD_ABOVE)) ** 2
-        )
+        likelihood_cost, variance = _restricted_misfit(parts, count, ratio)
+        log_excess = math.log(ratio * variance / expected)
+        std = _LOG_LEVEL_STD_BELOW if log_excess < 0 else _LOG_LEVEL_STD_ABOVE
+        return likelihood_cost + 0.5 * (log_excess / std) ** 2
 
     ratios = _WALK_TO_WHITE_RATIOS / step**2
     best = int(np.argmin([cost(ratio) for ratio in ratios.tolist()]))
     low, high = math.log(ratios[max(best - 1, 0)]), math.log(ratios[min(best + 1, len(ratios) - 1)])
-    for _ in range(12):
-        one, two = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        if cost(math.exp(one)) < cost(math.exp(two)):
-            high = two
+    for _ in range(_GOLDEN_SECTION_STEPS):
+        lower = low + _GOLDEN_SECTION * (high - low)
+        upper = low + (1.0 - _GOLDEN_SECTION) * (high - low)
+        if cost(math.exp(lower)) < cost(math.exp(upper)):
+            high = upper
         else:
-            low = one
+            low = lower
     ratio = math.exp(0.5 * (low + high))
-    white = max(_cost(parts, count, ratio)[1], 1e-3 * rough, 1e-20)
+    white = max(_restricted_misfit(parts, count, ratio)[1], _LEAST_WHITE_SHARE * rough, 1e-20)
     return white, max(ratio * white, _LEAST_WALK_SHARE * expected)
 
 
-def _cost(
+def _restricted_misfit(
     parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float
 ) -> tuple[float, float]:
-    """Return minus the restricted log likelihood at a ratio of walk to white variance, and the best
-    white variance.
+    """Return minus the restricted log likelihood at a ratio of rate noise to white variance, and
+    the white variance that maximises it.
+
+    ``parts`` has for each record its signals, the valid samples ``(N,)``, and the differences ``(N,
+    1 + c)`` of the residual and of the columns. ``count`` is the number of degrees of freedom.
     """
     from scipy.linalg.lapack import dpbtrf, dtbtrs
 
     squares = logs = 0.0
     for s, valid, flat in parts:
-        own = np.where(valid, 1.0, 1e8)
-        band = np.zeros((2, len(own)))
-        band[0] = own
-        band[0, 1:] += own[:-1] + ratio * s.steps**2
-        band[1, :-1] = -own[:-1]
-        factor, fault = dpbtrf(band, lower=1)
-        if fault:
+        variances = np.where(valid, 1.0, _MISSING_VARIANCE)
+        band = np.zeros((2, len(variances)))
+        band[0] = variances
+        band[0, 1:] += variances[:-1] + ratio * s.steps**2
+        band[1, :-1] = -variances[:-1]
+        factor, failure = dpbtrf(band, lower=1)
+        if failure:
             return math.inf, 1.0
         white = dtbtrs(factor, flat, uplo="L")[0]
         e, q = white[:, 0], white[:, 1:]
@@ -191,20 +212,22 @@ def _cost(
     return 0.5 * (count * math.log(variance) + logs), variance
 
 
-def _spanned(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns ``(N, c)``."""
+def _orthonormal_basis(columns: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis ``(N, r)`` of the columns ``(N, c)``."""
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    determined = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
+    largest = max(float(values[-1]), 1e-300) if len(values) else 1.0
+    determined = values > _ROUNDING_EIGENVALUE_SHARE * largest
     return np.asarray(columns @ (vectors[:, determined] / np.sqrt(values[determined])))
 
 
 # ---- Fits of the kinematics of six degrees of freedom
 
-_MOST_STEPS = 4
-_NEGLIGIBLE_GAIN = 2e-3  # smallest gain of a step, times two
-_SETTLED_LOG_VARIANCE = 0.05  # change of the logarithm of a variance
+_MOST_STEPS = 4  # most Gauss-Newton steps under one noise
+_STEP_SHARES = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in turn until one gains
+_NEGLIGIBLE_GAIN = 2e-3  # a descent ends after a smaller gain of log likelihood
+_SETTLED_LOG_CHANGE = 0.05  # a fit ends when the logarithms of all noise variances change less
 
 
 def fit(
@@ -212,20 +235,21 @@ def fit(
     faults: Sequence[SensorFault] = (),
     begin: KinematicFit | None = None,
 ) -> KinematicFit:
-    """Fit of R records with some faults; ``begin`` gives starts for all that it has, and the
-    noise.
+    """Return the smoother fit of R records with some faults.
+
+    ``begin`` is a fit of the same records. It gives the noise, and starting values of the unknowns
+    and of the faults that it has; other faults start at zero. None takes first samples.
     """
     unknowns = [unknowns_of(s) for s in signals]
-    own = [
-        np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
-        for r, s in enumerate(signals)
-    ]
-    sizes_by_fault = (
-        dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
-    )
-    sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
-    first_levels = first_noise(signals)
-    noise = begin.noise if begin is not None else first_levels
+    if begin is None:
+        own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
+        sizes = np.zeros(len(faults))
+    else:
+        own = [np.array(values) for values in begin.own]
+        sizes_by_fault = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
+        sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
+    starting_noise = first_noise(signals)
+    noise = begin.noise if begin is not None else starting_noise
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
     lines = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
@@ -237,19 +261,19 @@ def fit(
         tuple(priors),
         evaluate,
         linearised,
-        (1.0, 0.5, 0.2, 0.05),
+        _STEP_SHARES,
         _MOST_STEPS,
         _NEGLIGIBLE_GAIN,
     )
     for _ in range(MOST_PASSES):
         whiteners = [shortened(s, noise) for s in signals]
-        own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
+        own, sizes, lines = descend(search, (own, sizes, lines), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
         before, noise = (
             noise,
-            settled_noise(signals, residuals, [slope for _, slope in lines], first_levels),
+            settled_noise(signals, residuals, [slope for _, slope in lines], starting_noise),
         )
-        if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_VARIANCE):
+        if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_CHANGE):
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
     whiteners = [shortened(s, noise) for s in signals]
@@ -268,33 +292,42 @@ def fit(
     )
 
 
-def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Minus the log likelihood of each of some fits of the same records, but for a constant; with
-    instruments half their misfit's projection, all under the noise of the likeliest."""
-    whole = np.array(
+def negative_log_likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
+    """Return minus the log likelihood of each of some fits of the same records, up to a constant.
+
+    Records with instruments are compared by their projected misfits, all under the noise of the
+    likeliest fit.
+    """
+    costs = np.array(
         [
-            each.cost + 0.5 * sum(whitener(s, each.noise).log_determinant for s in each.signals)
-            for each in fits
+            candidate.cost
+            + 0.5 * sum(whitener(s, candidate.noise).log_determinant for s in candidate.signals)
+            for candidate in fits
         ]
     )
     if not instrumented(fits[0].signals):
-        return whole
-    whiteners = [shortened(s, fits[int(np.argmin(whole))].noise) for s in fits[0].signals]
-    priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in fits[0].signals]
-    return np.array([least_misfit(each, whiteners, priors) for each in fits])
+        return costs
+    likeliest = fits[int(np.argmin(costs))]
+    whiteners = [shortened(s, likeliest.noise) for s in likeliest.signals]
+    priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in likeliest.signals]
+    return np.array([least_misfit(candidate, whiteners, priors) for candidate in fits])
 
 
 # ---- All faults, linearised at a fit
 
-LEAST_SECANT = 0.02  # s
+_FEWEST_LAGS, _SAMPLES_PER_LAG = 10, 5  # lags of the autocovariance of a residual
+LEAST_SECANT = 0.02  # s: the slope of a time shift is a secant over at least this size
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of k faults where each record's own unknowns are free.
+    """Normal equations of k faults, with the unknowns of each record projected out.
 
-    ``information (k, k)`` and ``gradient (k,)`` count from sensors without a fault; ``scatter (k,
-    k)`` is the covariance of the gradient.
+    Attributes
+    ----------
+    information : ``(k, k)``.
+    gradient : ``(k,)`` of the log likelihood at sensors without a fault.
+    scatter : ``(k, k)`` covariance of the gradient; with white residuals it equals ``information``.
     """
 
     information: np.ndarray
@@ -302,7 +335,7 @@ class NormalEquations:
     scatter: np.ndarray
 
     def plus(self, other: NormalEquations) -> NormalEquations:
-        """Normal equations of two records together."""
+        """Return the normal equations of two records together."""
         return NormalEquations(
             self.information + other.information,
             self.gradient + other.gradient,
@@ -311,89 +344,101 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
-    """Linearisation by all ``faults`` at a fit, of each record: ``smoother`` under its noise.
+class FaultLinearisation:
+    """Linearisation of the outputs with respect to k faults at a fit.
 
-    ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``),
-    whose priors do not count, starts and levels free. ``whole``: of each record information and
-    gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as
-    found.
+    Attributes
+    ----------
+    fit : the fit.
+    faults : the k faults, among them those of the fit.
+    smoother : normal equations of each record under the noise of the fit.
+    biases : the b biases of a record.
+    information_with_biases : ``(k + b, k + b)`` information of the faults, then of the biases
+        without their priors. All other unknowns of the records are projected out.
+    full_equations : information ``(n + k, n + k)`` and gradient ``(n + k,)`` of each record, of its
+        unknowns, then of the faults, with priors. The gradient is taken at the unknowns of the fit
+        and at sensors without a fault.
+    columns : ``(m, N, n + k + 1)`` of each record: derivatives with respect to its unknowns and to
+        the faults, then the residual without faults.
     """
 
     fit: KinematicFit
     faults: tuple[SensorFault, ...]
     smoother: tuple[NormalEquations, ...]
     biases: tuple[SensorFault, ...]
-    free: np.ndarray
-    whole: tuple[tuple[np.ndarray, np.ndarray], ...]
+    information_with_biases: np.ndarray
+    full_equations: tuple[tuple[np.ndarray, np.ndarray], ...]
     columns: tuple[np.ndarray, ...]
 
     @property
     def joint(self) -> NormalEquations:
-        """Normal equations of all records together."""
-        return added(self.smoother)
+        """The normal equations of all records together."""
+        return sum_of_equations(self.smoother)
 
 
-def linear(
+def linearise_faults(
     kinematic_fit: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray
-) -> Linear:
-    """Linearise all ``faults`` about a fit; ``secants (k,)``: s, over which the slope of a time
-    shift is taken.
+) -> FaultLinearisation:
+    """Linearise the outputs with respect to all ``faults`` at a fit.
+
+    ``secants (k,)`` are the sizes, s, over which the slopes of time shifts are taken.
     """
-    smoother, free, whole, projected = [], [], [], []
+    smoother, bias_information, full_equations, all_columns = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(kinematic_fit.signals):
         unknowns = unknowns_of(s)
-        slopes, at_rest = _slopes(kinematic_fit, r, faults, secants)
-        own, extra = kinematic_fit.own[r], slopes[:, :, len(kinematic_fit.own[r]) :]
-        at = [faults.index(fault) for fault in kinematic_fit.faults]
-        residual = np.where(
-            s.valid, kinematic_fit.residuals[r] + extra[:, :, at] @ kinematic_fit.sizes, 0.0
-        )
+        slopes, delay_slopes = _fault_slopes(kinematic_fit, r, faults, secants)
+        own, fault_slopes = kinematic_fit.own[r], slopes[:, :, len(kinematic_fit.own[r]) :]
+        members = [faults.index(fault) for fault in kinematic_fit.faults]
+        fault_part = fault_slopes[:, :, members] @ kinematic_fit.sizes
+        residual = np.where(s.valid, kinematic_fit.residuals[r] + fault_part, 0.0)
         prior = np.array([item.prior**-2 for item in unknowns])
         columns = np.concatenate(
             [np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2
         )
-        more = np.where(s.valid[:, :, None], at_rest, 0.0)
-        white, other = np.split(
-            weigher(s, kinematic_fit.noise)(np.concatenate([columns, more], axis=2)),
+        delay_columns = np.where(s.valid[:, :, None], delay_slopes, 0.0)
+        white, white_delays = np.split(
+            weigher(s, kinematic_fit.noise)(np.concatenate([columns, delay_columns], axis=2)),
             [columns.shape[2]],
             axis=2,
         )
-        left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
-        smoother.append(_linear_normal(white, prior, own, left))
-        projected.append(columns)
-        named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
-        biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
+        innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])
+        smoother.append(_fault_equations(white, prior, own, innovations[:, :, 0]))
+        all_columns.append(columns)
+        bias_places = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
+        biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in bias_places)
         flat = white.reshape(-1, white.shape[2])
         gram = flat.T @ flat
-        flat[:, [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]] = (
-            other.reshape(len(flat), -1)
-        )
-        free.append(_without(flat[:, :-1].T @ flat[:, :-1], prior, named))
-        extended = np.append(prior, np.zeros(len(faults)))
-        whole.append(
+        extended_prior = np.append(prior, np.zeros(len(faults)))
+        full_equations.append(
             (
-                gram[:-1, :-1] + np.diag(extended),
-                gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults))),
+                gram[:-1, :-1] + np.diag(extended_prior),
+                gram[:-1, -1] - extended_prior * np.append(own, np.zeros(len(faults))),
             )
         )
-    return Linear(
+        # Secants of a delay that is common to all channels differ; their derivatives do not.
+        delays = [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]
+        flat[:, delays] = white_delays.reshape(len(flat), -1)
+        bias_information.append(
+            _information_with_biases(flat[:, :-1].T @ flat[:, :-1], prior, bias_places)
+        )
+    return FaultLinearisation(
         kinematic_fit,
         tuple(faults),
         tuple(smoother),
         biases,
-        np.sum(free, axis=0),
-        tuple(whole),
-        tuple(projected),
+        np.sum(bias_information, axis=0),
+        tuple(full_equations),
+        tuple(all_columns),
     )
 
 
-def _slopes(
+def _fault_slopes(
     kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves
-    those at what stands: secants of a common delay differ.
+    """Return the slopes ``(m, N, n + k)`` with respect to the unknowns of record ``r`` and to the
+    faults, those of time shifts as secants; and the derivatives ``(m, N, d)`` with respect to the d
+    delays at the fit.
     """
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
@@ -402,27 +447,31 @@ def _slopes(
         sizes[list(faults).index(fault)] = size
     _, slopes = linearised(s, unknowns, faults, own, sizes)
     n = len(own)
-    at_rest = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
+    delay_slopes = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
     for j, fault in enumerate(faults):
         if fault.kind in (DELAY, LAG):
-            # From none to its size, the others as they stand but for other ways in which the same
-            # channel is late.
-            ends = np.where(
-                [other.channel == fault.channel and other.kind in (DELAY, LAG) for other in faults],
-                0.0,
-                np.stack([sizes, sizes]),
-            )
+            # The secant begins without any time shift of this channel.
+            shifts_channel = [
+                item.channel == fault.channel and item.kind in (DELAY, LAG) for item in faults
+            ]
+            ends = np.where(shifts_channel, 0.0, np.stack([sizes, sizes]))
             ends[1, j] = secants[j]
             y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
             slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
-    return slopes, at_rest
+    return slopes, delay_slopes
 
 
-def _linear_normal(
-    white: np.ndarray, prior: np.ndarray, own: np.ndarray, left: np.ndarray
+def _fault_equations(
+    white: np.ndarray, prior: np.ndarray, own: np.ndarray, innovations: np.ndarray
 ) -> NormalEquations:
-    """Normal equations of the faults from whitened columns ``(m, N, n + k + 1)``, the last one the
-    residual; own unknowns projected out.
+    """Return the normal equations of the faults from the whitened columns of one record.
+
+    Parameters
+    ----------
+    white : ``(m, N, n + k + 1)`` whitened ``columns`` of `FaultLinearisation`.
+    prior : ``(n,)`` one over the prior variances of the unknowns of the record.
+    own : ``(n,)`` values of these unknowns.
+    innovations : ``(m, N)`` whitened residuals of the fit.
     """
     n = len(prior)
     flat = white.reshape(-1, white.shape[2])
@@ -430,15 +479,21 @@ def _linear_normal(
     k = gram.shape[0] - n - 1
     gradient = gram[: n + k, -1].copy()
     gradient[:n] -= prior * own
-    onto = _projected_columns(gram[: n + k, : n + k], prior)
-    scatter = np.sum([coloured(white[i, :, : n + k], left[i]) for i in range(len(left))], axis=0)
+    projection = _projection_matrix(gram[: n + k, : n + k], prior)
+    scatter = np.sum(
+        [
+            gradient_covariance(columns[:, : n + k], innovation)
+            for columns, innovation in zip(white, innovations, strict=True)
+        ],
+        axis=0,
+    )
     scatter[np.arange(n), np.arange(n)] += prior
-    return _projected(gram[: n + k, : n + k], gradient, scatter, onto)
+    return _projected(gram[: n + k, : n + k], gradient, scatter, projection)
 
 
-def _projected_columns(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Return the faults' columns after projection onto the record's own unknowns, ``(k, n +
-    k)``.
+def _projection_matrix(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return the matrix ``(k, n + k)`` that projects the n unknowns of a record out of equations of
+    these and k faults, ``gram (n + k, n + k)``.
     """
     n = len(prior)
     inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
@@ -446,20 +501,24 @@ def _projected_columns(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
 
 
 def _projected(
-    gram: np.ndarray, gradient: np.ndarray, scatter: np.ndarray, onto: np.ndarray
+    gram: np.ndarray, gradient: np.ndarray, scatter: np.ndarray, projection: np.ndarray
 ) -> NormalEquations:
-    n = gram.shape[0] - onto.shape[0]
-    information = gram[n:, n:] + onto[:, :n] @ gram[:n, n:]
+    n = gram.shape[0] - projection.shape[0]
+    information = gram[n:, n:] + projection[:, :n] @ gram[:n, n:]
     return NormalEquations(
-        0.5 * (information + information.T), onto @ gradient, onto @ scatter @ onto.T
+        0.5 * (information + information.T),
+        projection @ gradient,
+        projection @ scatter @ projection.T,
     )
 
 
-def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the covariance of the gradient of one output for a residual of this colour: ``(c,
-    c)``, as ``corrected_covariance`` has it.
+def gradient_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Return the covariance ``(c, c)`` of the gradient of one output where the noise has the
+    autocovariance of its residual, as in ``corrected_covariance``.
+
+    ``columns (N, c)`` and ``residual (N,)`` are those of the output.
     """
-    lags = min(max(10, len(residual) // 5), len(residual) - 1)
+    lags = min(max(_FEWEST_LAGS, len(residual) // _SAMPLES_PER_LAG), len(residual) - 1)
     covariance = autocovariance(residual, lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
     n = len(columns)
     size = 1 << int(np.ceil(np.log2(n + 2 * lags + 1)))
@@ -471,47 +530,57 @@ def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return np.asarray(columns.T @ smooth)
 
 
-def by_output_error(lines: Linear, r: int) -> NormalEquations:
-    """Normal equations of record r for residuals taken as white."""
+def output_error_equations(lines: FaultLinearisation, r: int) -> NormalEquations:
+    """Return the normal equations of record ``r`` by output error, which takes residuals as
+    white.
+    """
     s, own = lines.fit.signals[r], lines.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
     gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
-    return _projected(gram, gradient, scatter, _projected_columns(gram, prior))
+    return _projected(gram, gradient, scatter, _projection_matrix(gram, prior))
 
 
 def output_error_gram(
     s: KinematicSignals, kinematic_fit: KinematicFit, r: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the information, gradient and its covariance with each output's residual weighed by
-    its mean square, without priors.
+    """Return the information ``(c, c)``, the gradient ``(c,)`` and its covariance ``(c, c)`` by
+    output error, without priors. The weight of each output is one over its mean square residual.
 
-    ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such
-    weights give under the smoother's noise.
+    ``columns (m, N, c + 1)`` are the slopes and, last, the residual. The covariance has these
+    weights and the noise of the smoother fit.
     """
-    part = part_of_controls(s)
+    project = part_of_controls(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
     weight = 1.0 / np.maximum((kinematic_fit.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
     slopes, residual = columns[:, :, :-1], columns[:, :, -1]
-    weighed = part(slopes) * weight[:, None, None]
+    weighed = project(slopes) * weight[:, None, None]
     flat, c = weighed.reshape(-1, weighed.shape[2]), weighed.shape[2]
     gram, gradient = flat.T @ slopes.reshape(-1, c), flat.T @ residual.ravel()
     scatter = flat.T @ (weighed * kinematic_fit.noise.white[:, None, None]).reshape(-1, c)
-    ahead = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
+    # A step of the walk acts on all later samples.
+    later_sums = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
     for gains, density in zip(
         walk_gains(s, kinematic_fit.noise).T, kinematic_fit.noise.density.tolist(), strict=True
     ):
-        walk = np.tensordot(gains, ahead, axes=1)
+        walk = np.tensordot(gains, later_sums, axes=1)
         scatter += density * walk.T @ walk
     return gram, gradient, scatter
 
 
-def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.ndarray:
-    """Information of faults and biases, faults first, with all other own unknowns free."""
+def _information_with_biases(
+    gram: np.ndarray, prior: np.ndarray, bias_places: Sequence[int]
+) -> np.ndarray:
+    """Return the information on faults and biases, in this order, with all other unknowns of the
+    record projected out.
+
+    ``bias_places`` are the positions of the biases among these n unknowns. ``gram (n + k, n + k)``
+    has the unknowns first, and ``prior (n,)`` is one over their prior variances.
+    """
     n = len(prior)
-    kept = [*range(n, len(gram)), *named]
-    eliminated = [i for i in range(n) if i not in named]
+    kept = [*range(n, len(gram)), *bias_places]
+    eliminated = [i for i in range(n) if i not in bias_places]
     inner = gram[np.ix_(eliminated, eliminated)] + np.diag(prior[eliminated])
     return np.asarray(
         gram[np.ix_(kept, kept)]
@@ -519,8 +588,8 @@ def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.nd
     )
 
 
-def added(parts: Sequence[NormalEquations]) -> NormalEquations:
-    """Normal equations of several records together."""
+def sum_of_equations(parts: Sequence[NormalEquations]) -> NormalEquations:
+    """Return the normal equations of several records together."""
     total = parts[0]
     for part in parts[1:]:
         total = total.plus(part)

@@ -23,12 +23,12 @@ from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.six_degrees.fitting import (
     LEAST_SECANT,
-    Linear,
+    FaultLinearisation,
     NormalEquations,
-    by_output_error,
     fit,
-    likelihoods,
-    linear,
+    linearise_faults,
+    negative_log_likelihoods,
+    output_error_equations,
 )
 from ident.compatibility.trials import (
     CONTRADICTION_P_VALUE,
@@ -36,22 +36,30 @@ from ident.compatibility.trials import (
     CompatibilitySettings,
 )
 
-# ---- Sets of faults to first order
+# ---- FittedSets of faults to first order
 
 LOADS = ("nz", "az", "ny", "ay")
-_SLOW = ("airspeed", "height", "altitude")  # change too slowly to show time shifts
-# ridge relative to the scaled information: nearly equal columns then give a large variance
-_RIDGE_SHARE = 1e-9
-# most faults in sets of three besides the best pairs; more would double the cost
-_MOST_FAULTS_IN_TRIPLES = 24
+_SLOW = ("airspeed", "height", "altitude")  # channels that change too slowly to show time shifts
+# added to the unit diagonal of scaled information: nearly equal columns then give a large variance
+_RIDGE = 1e-9
+_BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
+_MOST_PAIRS = 96  # most pairs to which a third fault is added; more would double the cost
 
 
 @dataclass(frozen=True, eq=False)
-class Sets:
-    """M sets of s faults each fitted to first order: ``members (M, s)``; ``sizes``, ``white``
-    variances and ``widening`` of these ``(M, s)``; ``gain (M,)`` of log likelihood. ``sound``: each
-    fault is determined, notable and possible; ``early``: the same except for a load with a negative
-    delay.
+class FittedSets:
+    """M sets of s faults each, fitted to first order.
+
+    Attributes
+    ----------
+    members : ``(M, s)`` positions of the faults.
+    sizes : ``(M, s)``.
+    white : ``(M, s)`` variances of the sizes for white residuals.
+    widening : ``(M, s)`` factors of the variances for coloured residuals.
+    gain : ``(M,)`` gain of log likelihood for white residuals.
+    sound : ``(M,)`` whether every fault is determined, notable, within its bounds and of a possible
+        sign.
+    early : ``(M,)`` the same, but for a load with a negative delay.
     """
 
     members: np.ndarray
@@ -64,27 +72,31 @@ class Sets:
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances corrected for coloured residuals ``(M, s)``."""
+        """``(M, s)`` variances corrected for coloured residuals."""
         return self.white * self.widening
 
 
-def fitted(
+def fit_sets(
     normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool
-) -> Sets:
-    """Fit sets of faults at positions ``members (M, s)``; ``early``: whether a negative delay of a
-    load is estimated.
+) -> FittedSets:
+    """Return the fits of sets of faults to first order.
+
+    Parameters
+    ----------
+    members : ``(M, s)`` positions of the faults of each set.
+    early : whether sets with a negative delay of a load are marked as such.
     """
     members = np.atleast_2d(members)
     rows, s = members[:, :, None], members.shape[1]
     if not s:
-        none = np.empty((len(members), 0))
-        yes = np.ones(len(members), dtype=bool)
-        return Sets(members, none, none, none, np.zeros(len(members)), yes, ~yes)
+        empty = np.empty((len(members), 0))
+        sound = np.ones(len(members), dtype=bool)
+        return FittedSets(members, empty, empty, empty, np.zeros(len(members)), sound, ~sound)
     diagonal = np.diag(normal.information)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[members]
-    both = scale[:, :, None] * scale[:, None, :]
-    information = normal.information[rows, members[:, None, :]] * both + _RIDGE_SHARE * np.eye(s)
-    inverse = np.linalg.inv(information) * both
+    scales = scale[:, :, None] * scale[:, None, :]
+    information = normal.information[rows, members[:, None, :]] * scales + _RIDGE * np.eye(s)
+    inverse = np.linalg.inv(information) * scales
     gradient = normal.gradient[members]
     sizes = np.einsum("mij,mj->mi", inverse, gradient)
     corrected = np.einsum(
@@ -96,28 +108,19 @@ def fitted(
     )
     white = np.einsum("mii->mi", inverse).copy()
     widening = np.maximum(corrected / np.where(white > 0, white, 1.0), 1.0)
-    plausible, smallest, largest, one_sided, load = (
-        np.array(column)[members]
-        for column in zip(
-            *(
-                (f.plausible, f.smallest_finding, 0.99 * f.largest, f.one_sided, _is_load_time(f))
-                for f in faults
-            ),
-            strict=True,
-        )
-    )
-    determined = (
-        (diagonal[members] > 0)
-        & (white * widening < plausible**2)
-        & (np.abs(sizes) > smallest)
-        & (np.abs(sizes) < largest)
-    )
-    possible = (sizes > 0) | ~one_sided
-    allowed = _leave_a_clock(faults, members)
-    ahead = determined.all(axis=1) & allowed & (possible | load).all(axis=1) & ~possible.all(axis=1)
-    sound = determined.all(axis=1) & possible.all(axis=1) & allowed
+    plausible = np.array([fault.plausible for fault in faults])[members]
+    smallest = np.array([fault.smallest_finding for fault in faults])[members]
+    largest = np.array([_BOUND_SHARE * fault.largest for fault in faults])[members]
+    one_sided = np.array([fault.one_sided for fault in faults])[members]
+    load_time = np.array([_is_load_time(fault) for fault in faults])[members]
+    determined = (diagonal[members] > 0) & (white * widening < plausible**2)
+    notable = (np.abs(sizes) > smallest) & (np.abs(sizes) < largest)
+    possible_sign = (sizes > 0) | ~one_sided
+    allowed = (determined & notable).all(axis=1) & _leaves_a_time_reference(faults, members)
+    sound = allowed & possible_sign.all(axis=1)
+    early_load = allowed & ~sound & (possible_sign | load_time).all(axis=1)
     gain = 0.5 * np.einsum("mi,mi->m", gradient, sizes)
-    return Sets(members, sizes, white, widening, gain, sound, ahead & early)
+    return FittedSets(members, sizes, white, widening, gain, sound, early_load & early)
 
 
 def best_set(
@@ -128,69 +131,78 @@ def best_set(
     most: int,
     *,
     early: bool,
-) -> tuple[Sets, int]:
-    """Return the set, and its row, of greatest gain under coloured residuals, less ``charge`` for
-    each fault; each fault is needed.
+) -> tuple[FittedSets, int]:
+    """Return fits of sets of one number of faults, and the row of the best set among them.
 
-    Arms also have a prior of usual distances from the centre of gravity (``SensorFault.surprise``).
+    The best set has the greatest gain of log likelihood under coloured residuals, less ``charge``
+    for each fault and less the loss by the priors of the sizes (``SensorFault.surprise``). All sets
+    of up to two faults are compared, and larger sets that contain one of the best smaller sets.
 
-    All sets of up to two faults are compared, and those of three with one of the best pairs or of
-    the best faults.
+    Parameters
+    ----------
+    among : positions of the faults that a set may contain.
+    charge : gain of log likelihood that is required of each fault.
+    most : largest number of faults of a set.
+    early : whether a set may have a negative delay of a load.
     """
-    found = [fitted(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
-    level = np.array([[i] for i in among], dtype=int).reshape(-1, 1)
+    fits = [fit_sets(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
+    members = np.array([[i] for i in among], dtype=int).reshape(-1, 1)
     for size in range(1, most + 1):
-        if not len(level):
+        if not len(members):
             break
-        sets = fitted(normal, faults, level, early=early)
-        found.append(sets)
+        sets = fit_sets(normal, faults, members, early=early)
+        fits.append(sets)
         if size < most:
-            level = _larger(sets, among, size)
-    return _assessed(found, faults, charge)
+            members = _larger_sets(sets, among, size)
+    return _best_by_score(fits, faults, charge)
 
 
-def needed(
+def without_weak_faults(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """Return a set without the faults whose gain with the others, under coloured residuals, is at
-    most ``charge``.
+    """Return a set without its weak faults. A fault is weak if it adds less than ``charge`` to the
+    gain of the others, under coloured residuals. The weakest one leaves first.
     """
     while members:
-        whole = fitted(normal, faults, np.array([members]), early=False)
-        less = [
-            fitted(
-                normal, faults, np.array([[j for j in members if j != i]], dtype=int), early=False
-            ).gain[0]
-            for i in members
+        whole = fit_sets(normal, faults, np.array([members]), early=False)
+        # one fault less in each row
+        smaller = np.array([[j for j in members if j != i] for i in members], dtype=int)
+        gains_without = [
+            fit_sets(normal, faults, row[None], early=False).gain[0] for row in smaller
         ]
-        gains = (whole.gain[0] - np.array(less)) / whole.widening[0]
-        least = int(np.argmin(gains))
-        if gains[least] >= charge:
+        gains = (whole.gain[0] - np.array(gains_without)) / whole.widening[0]
+        weakest = int(np.argmin(gains))
+        if gains[weakest] >= charge:
             break
-        members = tuple(i for k, i in enumerate(members) if k != least)
+        members = tuple(i for k, i in enumerate(members) if k != weakest)
     return members
 
 
-def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
+def _larger_sets(sets: FittedSets, among: Sequence[int], size: int) -> np.ndarray:
+    """Return sets with one fault more than ``size``, ``(M, size + 1)``: all pairs, or the best sets
+    with each fault added.
+    """
     if size == 1:
         return np.array(list(combinations(among, 2)), dtype=int).reshape(-1, 2)
-    order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[
-        : 4 * _MOST_FAULTS_IN_TRIPLES
-    ]
+    order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[:_MOST_PAIRS]
     bases = {tuple(row) for row in sets.members[order].tolist()}
     larger = {tuple(sorted((*base, i))) for base in bases for i in among if i not in base}
     return np.array(sorted(larger), dtype=int).reshape(-1, size + 1)
 
 
-def _assessed(
-    fault_sets: Sequence[Sets], faults: Sequence[SensorFault], charge: float
-) -> tuple[Sets, int]:
-    best = max(fault_sets, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
-    widening = (
-        float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))]))
-        if best.members.shape[1]
-        else 1.0
-    )
+def _best_by_score(
+    fault_sets: Sequence[FittedSets], faults: Sequence[SensorFault], charge: float
+) -> tuple[FittedSets, int]:
+    """Return the fits that contain the set of least score, and its row. The score is the charge of
+    a set minus its gain, and the empty set has a score of zero.
+
+    The widening of the sound set of greatest gain divides all gains.
+    """
+    sound_gains = [np.where(sets.sound, sets.gain, 0.0) for sets in fault_sets]
+    best = int(np.argmax([np.max(gains) for gains in sound_gains]))
+    widening = 1.0
+    if fault_sets[best].members.shape[1]:
+        widening = float(np.mean(fault_sets[best].widening[int(np.argmax(sound_gains[best]))]))
     rare = np.array([fault.rare for fault in faults])
     chosen, least = (fault_sets[0], 0), 0.0
     for sets in fault_sets[1:]:
@@ -199,7 +211,7 @@ def _assessed(
             - sets.gain / widening
             + TIE_LOG_LIKELIHOOD * (sets.early + rare[sets.members].sum(axis=1))
         )
-        score = score + surprises(sets, faults)
+        score = score + prior_losses(sets, faults)
         score = np.where(sets.sound | sets.early, score, np.inf)
         row = int(np.argmin(score))
         if score[row] < least:
@@ -207,25 +219,28 @@ def _assessed(
     return chosen
 
 
-def surprises(sets: Sets, faults: Sequence[SensorFault]) -> np.ndarray:
-    """Log likelihood ``(M,)`` that each set loses by the priors of its faults' sizes."""
+def prior_losses(sets: FittedSets, faults: Sequence[SensorFault]) -> np.ndarray:
+    """Return the log likelihood ``(M,)`` that each set loses by the priors of its sizes."""
     spread = np.array([fault.spread for fault in faults])[sets.members]
     return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
 
 
 def _is_load_time(fault: SensorFault) -> bool:
+    """Return whether the fault is a delay or lag of a load."""
     return fault.channel in LOADS and fault.kind in (DELAY, LAG)
 
 
-def clocks(channels: Sequence[str]) -> tuple[str, ...]:
-    """Return the channels with comparable times, related within a fraction of a second; at least
-    one must have no delay.
+def timed_channels(channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels that change fast enough to show a delay of a fraction of a second. One of
+    them must be on time: it is the time reference.
     """
     return tuple(name for name in channels if name not in _SLOW)
 
 
-def _leave_a_clock(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
-    timed = clocks(tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY)))
+def _leaves_a_time_reference(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
+    """Return whether each set leaves one timed channel without delay and lag, ``(M,)``."""
+    delayable = tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY))
+    timed = timed_channels(delayable)
     late = np.array(
         [
             [fault.kind in (DELAY, LAG) and fault.channel == name for name in timed]
@@ -239,23 +254,33 @@ def _leave_a_clock(faults: Sequence[SensorFault], members: np.ndarray) -> np.nda
 
 # ---- The search for sensor faults in six degrees of freedom
 
-_MOST_ROUNDS = 5
-NOTHING_LATE: Mapping[tuple[int, int], float] = MappingProxyType({})
-SECANT_STEP = 0.05  # s, step for a time shift that is not known yet
-_LONGEST_SECANT = 0.3
+_MOST_ROUNDS = 5  # most repetitions of the choice of a set and its fit
+NO_LOSSES: Mapping[tuple[int, int], float] = MappingProxyType({})
+SECANT_STEP = 0.05  # s, secant of a time shift without an estimate
+_LONGEST_SECANT = 0.3  # s
+_LEAST_SHIFT = 1e-3  # s, a smaller estimate of a time shift gives no secant
 
 
 @dataclass(frozen=True, eq=False)
 class SixDegreeSearch:
-    """Result of a search: the linearisation ``lines`` at the joint fit of the accepted faults
-    (``standing``: positions in ``lines.faults``). ``groups``: the alternatives of each, with their
-    losses of log likelihood. ``refused``: faults on which records disagree. ``early``: a load and
-    the time, s, by which it is early, if that explains more than any fault. ``common``: positions
-    of the faults that all records may share. ``lateness``: loss with another kind of delay in place
-    of an accepted one, by both positions, from full fits.
+    """Result of a search. A position is that of a fault in ``lines.faults``.
+
+    Attributes
+    ----------
+    lines : linearisation at the joint fit of the accepted faults.
+    standing : positions of the accepted faults.
+    groups : for each accepted fault, the positions of it and of its alternatives, each with the
+        loss of log likelihood.
+    refused : positions of the faults on which records disagree.
+    early : a load and its negative delay, s, if that explains more than any fault; else None.
+    widening : factor of the variances for coloured residuals, as a mean over the accepted faults.
+    output_error : normal equations of each record by output error.
+    common : positions of the faults that all records may share.
+    lateness : (accepted delay, other kind of delay) -> loss of log likelihood by the exchange, from
+        full fits.
     """
 
-    lines: Linear
+    lines: FaultLinearisation
     standing: tuple[int, ...]
     groups: tuple[tuple[tuple[int, float], ...], ...]
     refused: frozenset[int]
@@ -272,8 +297,8 @@ def search(
     faults: Sequence[SensorFault],
     settings: CompatibilitySettings,
 ) -> SixDegreeSearch:
-    """Find the set of faults that the records require, each with its alternatives, in addition to
-    the faults of ``base``.
+    """Return the set of faults that the records require, each with its alternatives. ``base`` is
+    the fit without faults.
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
@@ -281,7 +306,7 @@ def search(
     chance = confusable_loss(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, ahead, lateness = _converged_sets(
+        lines, members, early_load, lateness = _converged_sets(
             signals,
             base,
             faults,
@@ -290,21 +315,29 @@ def search(
             settings.most,
             early,
         )
-        failing = {i for i in members if not _replicates(lines, members, i)}
+        failing = {i for i in members if not _records_agree(lines, members, i)}
         if not failing:
             break
-        # Confusable faults fail together and are not tried one by one.
-        near = {(i, j) for i in failing for j in alike(lines, members, i, chance, common, lateness)}
-        refused |= failing | {
-            j for i, j in near if not _replicates(lines, _with_replacement(members, i, j), j)
-        }
-    sets = fitted(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
+        # Confusable faults fail together, so that they are refused together.
+        refused |= failing
+        for i in failing:
+            for j in confusable_faults(lines, members, i, chance, common, lateness):
+                if not _records_agree(lines, _with_replacement(members, i, j), j):
+                    refused.add(j)
+    sets = fit_sets(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
     widening = float(np.mean(sets.widening)) if members else 1.0
     among = [i for i in common if i not in refused]
     groups = tuple(_group(lines, members, i, chance, widening, among, lateness) for i in members)
-    other = tuple(by_output_error(lines, r) for r in range(len(signals)))
     return SixDegreeSearch(
-        lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common), lateness
+        lines,
+        members,
+        groups,
+        frozenset(refused),
+        early_load,
+        widening,
+        tuple(output_error_equations(lines, r) for r in range(len(signals))),
+        tuple(common),
+        lateness,
     )
 
 
@@ -316,18 +349,22 @@ def _converged_sets(
     charge: float,
     most: int,
     early: bool,
-) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
+) -> tuple[
+    FaultLinearisation, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]
+]:
     """Choose and fit sets in turn until one repeats, then exchange kinds of delay where that is
-    likelier; return the sets with the losses of ``_best_delay_exchange``.
+    likelier. Return the results of `_choose_and_fit`, and the losses of `_best_delay_exchange`.
     """
-    lines, members, ahead = _choose_and_fit(signals, base, (), faults, among, charge, most, early)
+    lines, members, early_load = _choose_and_fit(
+        signals, base, (), faults, among, charge, most, early
+    )
     likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
     if likeliest[1] != members:
-        lines, members, ahead = _choose_and_fit(
+        lines, members, early_load = _choose_and_fit(
             signals, *likeliest, faults, among, charge, most, early
         )
         _, lateness = _best_delay_exchange(signals, lines, members, among)
-    return lines, members, ahead, lateness
+    return lines, members, early_load, lateness
 
 
 def _choose_and_fit(
@@ -339,48 +376,61 @@ def _choose_and_fit(
     charge: float,
     most: int,
     early: bool,
-) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
-    """Choose and fit sets in turn, starting from a fit of the faults ``members``."""
-    secants, ahead = np.full(len(faults), SECANT_STEP), None
+) -> tuple[FaultLinearisation, tuple[int, ...], tuple[str, float] | None]:
+    """Choose and fit sets in turn, starting from a fit of the faults ``members``.
+
+    Return the linearisation at the last fit, the faults of this fit, and the load with its negative
+    delay, s, where the last choice contains one.
+    """
+    secants, early_load = np.full(len(faults), SECANT_STEP), None
     secants[list(members)] = [
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
     ]
     for turn in range(_MOST_ROUNDS):
-        lines = linear(kinematic_fit, faults, secants)
+        lines = linearise_faults(kinematic_fit, faults, secants)
         normal = lines.joint
         if not turn and not members:
-            # The residual without a fault does not have the noise colour of the one with it.
+            # The residual of a fit without faults contains the faults: its colour is not that of
+            # the noise.
             normal = replace(normal, scatter=normal.information)
         sets, row = best_set(normal, faults, among, charge, most, early=early)
-        chosen, ahead = tuple(int(i) for i in sets.members[row]), None
+        chosen, early_load = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
-            late = [
+            negative = [
                 k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided
             ]
-            ahead = (faults[chosen[late[0]]].channel, float(sets.sizes[row, late[0]]))
-            chosen = tuple(i for k, i in enumerate(chosen) if k not in late)
-        chosen = needed(normal, faults, chosen, charge)
+            first = negative[0]
+            early_load = (faults[chosen[first]].channel, float(sets.sizes[row, first]))
+            chosen = tuple(i for k, i in enumerate(chosen) if k not in negative)
+        chosen = without_weak_faults(normal, faults, chosen, charge)
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
             kinematic_fit = fit(signals, [faults[i] for i in chosen], kinematic_fit)
         members = chosen
-        secants = _secants(lines, chosen)
+        secants = _secants_of_variants(lines, chosen)
         secants[list(chosen)] = [_secant(size) for size in kinematic_fit.sizes.tolist()]
     else:
-        lines = linear(kinematic_fit, faults, secants)
-    return lines, members, ahead
+        lines = linearise_faults(kinematic_fit, faults, secants)
+    return lines, members, early_load
 
 
 def _secant(size: float) -> float:
-    return size if abs(size) > 1e-3 else SECANT_STEP
+    """Return the secant, s, for a time shift of estimated size, s."""
+    return size if abs(size) > _LEAST_SHIFT else SECANT_STEP
 
 
 def _best_delay_exchange(
-    signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
+    signals: Sequence[KinematicSignals],
+    lines: FaultLinearisation,
+    members: Sequence[int],
+    among: Sequence[int],
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """Return the likeliest of a set and its variants with one delay replaced by another kind, or by
-    the equivalent arm, and the loss of each variant by both positions. Priors of sizes count.
+    """Compare a set with its variants: one delay is replaced by another kind of delay or by the
+    equivalent arm.
+
+    Return the fit and the faults of the likeliest of these sets, the priors of sizes included; and
+    for each variant (replaced fault, replacement) -> loss of log likelihood without these priors.
 
     Full fits are needed: a first-order comparison uses the noise of the accepted variant, which
     includes its own misfit, and neglects the delay of the arm's contribution.
@@ -397,41 +447,45 @@ def _best_delay_exchange(
         kinematic_fit,
         *(fit(signals, [faults[k] for k in chosen], kinematic_fit) for chosen in sets[1:]),
     ]
-    left = likelihoods(fits) if pairs else np.zeros(1)
-    widening = (
-        float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening))
-        if pairs
-        else 1.0
-    )
-    known = [
+    if not pairs:
+        return (kinematic_fit, sets[0]), {}
+    costs = negative_log_likelihoods(fits)
+    accepted = fit_sets(lines.joint, faults, np.array([list(members)]), early=False)
+    widening = float(np.mean(accepted.widening))
+    losses_by_priors = [
         sum(
             float(fault.surprise(size, 0.0))
-            for fault, size in zip(each.faults, each.sizes.tolist(), strict=True)
+            for fault, size in zip(variant.faults, variant.sizes.tolist(), strict=True)
         )
-        for each in fits
+        for variant in fits
     ]
-    best = int(np.argmin(left + widening * np.array(known)))
+    best = int(np.argmin(costs + widening * np.array(losses_by_priors)))
     return (fits[best], sets[best]), {
-        (members[place], j): float(lost)
-        for (place, j), lost in zip(pairs, left[1:] - left[0], strict=True)
+        (members[place], j): float(loss)
+        for (place, j), loss in zip(pairs, costs[1:] - costs[0], strict=True)
     }
 
 
-def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """Return the size of each time shift in the set, or in the best variant of it."""
-    out, best = np.full(len(lines.faults), SECANT_STEP), np.full(len(lines.faults), -math.inf)
-    for place in members or (None,):
-        rest = [i for i in members if i != place]
-        rows = np.array([[*rest, i] for i in range(len(lines.faults)) if i not in rest])
-        sets = fitted(lines.joint, lines.faults, rows, early=False)
-        for row, gain, size in zip(rows[:, -1], sets.gain, sets.sizes[:, -1], strict=True):
-            if gain > best[row]:
-                best[row], out[row] = gain, size
-    return np.copysign(np.clip(np.abs(out), LEAST_SECANT, _LONGEST_SECANT), out)
+def _secants_of_variants(lines: FaultLinearisation, members: Sequence[int]) -> np.ndarray:
+    """Return the secants ``(k,)`` of all faults: the size of each fault where it replaces a member
+    of the set, in the replacement of greatest gain.
+    """
+    secants = np.full(len(lines.faults), SECANT_STEP)
+    greatest_gains = np.full(len(lines.faults), -math.inf)
+    for replaced in members or (None,):
+        others = [i for i in members if i != replaced]
+        rows = np.array([[*others, i] for i in range(len(lines.faults)) if i not in others])
+        sets = fit_sets(lines.joint, lines.faults, rows, early=False)
+        for i, gain, size in zip(rows[:, -1], sets.gain, sets.sizes[:, -1], strict=True):
+            if gain > greatest_gains[i]:
+                greatest_gains[i], secants[i] = gain, size
+    return np.copysign(np.clip(np.abs(secants), LEAST_SECANT, _LONGEST_SECANT), secants)
 
 
-def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Return whether single records agree on a fault, the others fixed, and require it together."""
+def _records_agree(lines: FaultLinearisation, members: Sequence[int], i: int) -> bool:
+    """Return whether single records agree on the size of fault ``i``, and their mean is significant
+    with the sign of the joint fit. The other faults have their joint sizes.
+    """
     from scipy.special import chdtrc
 
     if len(lines.smoother) < 2:
@@ -441,39 +495,40 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     if np.count_nonzero(determined) < 2:
         return False
     v, w = values[determined], weights[determined]
-    mean = float(np.sum(w * v) / np.sum(w))
-    joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
-        0, list(members).index(i)
-    ]
+    mean, std = float(np.sum(w * v) / np.sum(w)), 1.0 / math.sqrt(float(np.sum(w)))
+    joint = fit_sets(lines.joint, lines.faults, np.array([members]), early=False)
+    sign = math.copysign(1.0, joint.sizes[0, list(members).index(i)])
     agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
-    return agree and mean * math.copysign(1.0, joint) > LEAST_FAULT_SIGMAS / math.sqrt(
-        float(np.sum(w))
-    )
+    return agree and mean * sign > LEAST_FAULT_SIGMAS * std
 
 
 def _values_by_record(
-    lines: Linear, members: Sequence[int], i: int
+    lines: FaultLinearisation, members: Sequence[int], i: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a fault's value and inverse variance in each record, with the others at their joint
-    sizes.
+    """Return the size of fault ``i`` in each of R records, ``(R,)``, and the inverse variances
+    ``(R,)``. The other faults have their joint sizes.
     """
-    sizes = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[0]
+    sizes = fit_sets(lines.joint, lines.faults, np.array([members]), early=False).sizes[0]
     values, weights = [], []
     for normal in lines.smoother:
-        own = normal.information[i, i]
-        others = sum(
+        information = normal.information[i, i]
+        if information <= 0:
+            values.append(0.0)
+            weights.append(information)
+            continue
+        part_of_others = sum(
             normal.information[i, j] * size
             for j, size in zip(members, sizes.tolist(), strict=True)
             if j != i
         )
-        wide = max(normal.scatter[i, i] / own, 1.0) if own > 0 else 1.0
-        values.append((normal.gradient[i] - others) / own if own > 0 else 0.0)
-        weights.append(own / wide)
+        widening = max(normal.scatter[i, i] / information, 1.0)
+        values.append((normal.gradient[i] - part_of_others) / information)
+        weights.append(information / widening)
     return np.array(values), np.array(weights)
 
 
 def _group(
-    lines: Linear,
+    lines: FaultLinearisation,
     members: Sequence[int],
     i: int,
     chance: float,
@@ -481,37 +536,45 @@ def _group(
     among: Sequence[int],
     lateness: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """Return an accepted fault and its alternatives: positions and losses of log likelihood."""
-    near = alike(lines, members, i, chance * widening, among, lateness)
+    """Return the positions of accepted fault ``i`` and of its alternatives, each with its loss of
+    log likelihood under coloured residuals.
+    """
+    losses = confusable_faults(lines, members, i, chance * widening, among, lateness)
     return (
         (i, 0.0),
         *(
-            (j, lost / widening)
-            for j, lost in near.items()
-            if _replicates(lines, _with_replacement(members, i, j), j)
+            (j, loss / widening)
+            for j, loss in losses.items()
+            if _records_agree(lines, _with_replacement(members, i, j), j)
         ),
     )
 
 
-def alike(
-    lines: Linear,
+def confusable_faults(
+    lines: FaultLinearisation,
     members: Sequence[int],
     i: int,
     chance: float,
     among: Sequence[int],
-    lateness: Mapping[tuple[int, int], float] = NOTHING_LATE,
+    lateness: Mapping[tuple[int, int], float] = NO_LOSSES,
 ) -> dict[int, float]:
-    """Sound faults that lose no more than ``chance`` of log likelihood in place of an accepted one,
-    the nearest first; ``lateness``: such losses from full fits.
+    """Return the faults that may be confused with accepted fault ``i``: position -> loss of log
+    likelihood where the fault replaces it, the smallest loss first.
+
+    Parameters
+    ----------
+    chance : largest loss that may be due to chance.
+    among : positions of the faults that are tried.
+    lateness : (accepted fault, replacement) -> loss from full fits.
     """
     rivals = [j for j in among if j not in members]
-    sets = fitted(
+    sets = fit_sets(
         lines.joint,
         lines.faults,
         np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
         early=False,
     )
-    own = fitted(
+    own = fit_sets(
         lines.joint, lines.faults, np.array([_with_replacement(members, i, i)]), early=False
     )
     losses = (
@@ -519,15 +582,11 @@ def alike(
         - sets.gain
         + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
     )
-    full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
-    # Of two arms with equal effect, the data may prefer the less common one.
-    least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
-    losses = np.array(
-        [
-            max(full.get(j, lost), low if j in full else lost)
-            for j, lost, low in zip(rivals, losses.tolist(), least, strict=True)
-        ]
-    )
+    for k, j in enumerate(rivals):
+        if (i, j) in lateness:
+            # Of two arms with equal effect, the data may prefer the less common one.
+            least = -np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0
+            losses[k] = max(lateness[i, j], least)
     return {
         rivals[k]: float(losses[k])
         for k in np.argsort(losses)
@@ -536,5 +595,5 @@ def alike(
 
 
 def _with_replacement(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
-    """Return the set with i replaced by j, which comes last."""
+    """Return the set with fault ``i`` replaced by ``j``, which comes last."""
     return (*(k for k in members if k != i), j)

@@ -1,10 +1,10 @@
 """ArduPilot DataFlash logs by pymavlink: each message and instance is a topic with its own clock in
 microseconds.
 
-pymavlink reads the formats, the units and where each message of a binary log begins; the numbers
-are then taken from the bytes with NumPy, which is as fast as a log of hundreds of megabytes needs.
-A text log (``FMT, 128, 89, FMT, ...``, as ground stations export it) has one message a line, with
-its numbers scaled already; it is split here, with pymavlink's formats and units.
+Of a binary log, pymavlink reads the formats, the units, and the positions of the messages. NumPy
+then reads the numbers from the bytes, since a log may have hundreds of megabytes. A text log
+(``FMT, 128, 89, FMT, ...``), as ground stations export it, has one message in each line, with
+scaled numbers. Its lines are split here, with the formats and units of pymavlink.
 """
 
 from __future__ import annotations
@@ -31,64 +31,70 @@ from sim.errors import RecordError
 FORMAT = "ArduPilot DataFlash"
 SUFFIXES = (".bin",)
 BINARY_START = b"\xa3\x95\x80"
-TEXT = (b"\nFMT, 128,", b"\nFMT,128,")
-MAGIC = (BINARY_START, *TEXT)
+TEXT_STARTS = (b"\nFMT, 128,", b"\nFMT,128,")
+MAGIC = (BINARY_START, *TEXT_STARTS)
 EXTRA = "drones"
 HEADER_BYTES = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
 FIXED_POINT = "cCeEL"  # format letters of scaled integers
+# messages that are no measurements
 ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "EV", "ERR", "VER")
-# messages that describe the others, in order of dependence
-DECLARED = ("FMT", "UNIT", "MULT", "FMTU")
+DESCRIPTIONS = ("FMT", "UNIT", "MULT", "FMTU")  # messages that describe the format of the others
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Topics ``ATT``, ``IMU[0]``, ...: of messages with an instance field one for each instance."""
+    """Return the topics ``ATT``, ``IMU[0]``, ...: one for each message, or for each instance of a
+    message with an instance field.
+    """
     try:
         from pymavlink import DFReader  # noqa: F401
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    text = not raw.startswith(BINARY_START) and any(begins_with(raw, mark) for mark in TEXT)
-    result = _of_text(path, raw) if text else _of_bytes(path, raw)
-    if not result:
+    is_text = any(begins_with(raw, mark) for mark in TEXT_STARTS)
+    if is_text and not raw.startswith(BINARY_START):
+        topics = _topics_of_text(path, raw)
+    else:
+        topics = _topics_of_bytes(path, raw)
+    if not topics:
         raise no_table(path, (), "give a log that holds messages")
-    return tuple(sorted(result, key=lambda topic: topic.name))
+    return tuple(sorted(topics, key=lambda topic: topic.name))
 
 
-def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
+def _topics_of_bytes(path: Path, raw: bytes) -> list[Topic]:
     """Return the topics of a binary log."""
     from pymavlink.DFReader import DFReader_binary
 
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "log.bin"  # it maps a file into memory and takes no bytes
+        copy = Path(folder) / "log.bin"  # the library needs a file
         copy.write_bytes(raw)
         try:
             with _silent_process():
                 reader = DFReader_binary(str(copy))
             content = np.frombuffer(raw, dtype=np.uint8)
-            result = []
+            topics = []
             for kind, layout in reader.formats.items():
                 offsets = reader.offsets[kind] if kind < len(reader.offsets) else ()
                 if _has_numbers(layout) and len(offsets):
                     fields = _fields(layout, content, np.asarray(offsets, dtype=np.int64))
-                    result += _topics(path, layout, fields)
+                    topics += _topics_of_message(path, layout, fields)
             reader.data_map.close()
             reader.filehandle.close()
         except Exception as error:  # a damaged file fails in many ways inside the library
             raise damaged(error, path, FORMAT) from None
-    return result
+    return topics
 
 
-def _of_text(path: Path, raw: bytes) -> list[Topic]:
-    """The topics of a text log; lines that are no message of a declared format are left out and
-    counted in a note."""
+def _topics_of_text(path: Path, raw: bytes) -> list[Topic]:
+    """Return the topics of a text log. Lines with another number of cells than their format are
+    left out; a note has their number.
+    """
     lines: dict[str, list[str]] = {}
     for line in raw.decode("latin-1").splitlines():
         name, _, rest = line.partition(",")
         lines.setdefault(name.strip(), []).append(rest)
     try:
         layouts = _layouts(
-            {name: [_cells(name, rest) for rest in lines.get(name, ())] for name in DECLARED}
+            {name: [_cells(name, rest) for rest in lines.get(name, ())] for name in DESCRIPTIONS}
         )
         topics: list[Topic] = []
         for name, layout in layouts.items():
@@ -103,64 +109,68 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
                 for rest in lines[name]
                 if len(cells := rest.split(",")) == len(layout.columns)
             ]
-            left = len(lines[name]) - len(rows)
+            omitted = len(lines[name]) - len(rows)
             note = (
-                f"{left} line{'s' * (left > 1)} of {name} with another number of cells than its "
-                "format left out"
+                f"{omitted} line{'s' * (omitted > 1)} of {name} with another number of cells than "
+                "its format left out"
             )
-            topics += _topics(
-                path, layout, _numbers(layout, rows) if rows else None, (note,) if left else ()
-            )
+            fields = _numbers(layout, rows) if rows else None
+            topics += _topics_of_message(path, layout, fields, (note,) if omitted else ())
     except RecordError:
         raise
-    except Exception as error:  # formats that pymavlink does not know, numbers that are none
+    except Exception as error:  # formats that pymavlink does not know, cells that are no numbers
         raise damaged(error, path, FORMAT) from None
     return topics
 
 
 def _cells(name: str, rest: str) -> list[str]:
-    """Return the cells of a message that describes others; the columns of a format are one cell."""
+    """Return the cells of a message that describes others. The names of the columns of a format
+    remain one cell.
+    """
     return [cell.strip() for cell in rest.split(",", 4 if name == "FMT" else -1)]
 
 
-def _layouts(declared: dict[str, list[list[str]]]) -> dict[str, Any]:
-    """Name -> format of each message of a text log, with the units that the log states."""
+def _layouts(descriptions: dict[str, list[list[str]]]) -> dict[str, Any]:
+    """Return name -> format of each message of a text log, with the units that the log states.
+
+    ``descriptions`` has the cells of each message in ``DESCRIPTIONS``.
+    """
     from pymavlink.DFReader import DFFormat
 
     layouts: dict[str, Any] = {}
     for kind, size, name, letters, columns in (
-        cells for cells in declared["FMT"] if len(cells) == 5
+        cells for cells in descriptions["FMT"] if len(cells) == 5
     ):
         layouts[name] = DFFormat(int(kind), name, int(size), letters, columns)
-    numbers = {layout.type: layout for layout in layouts.values()}
-    units = {chr(int(cells[1])): cells[2] for cells in declared["UNIT"] if len(cells) == 3}
-    # As pymavlink does for binary logs: multipliers are single-precision numbers that became
-    # doubles.
+    layout_by_kind = {layout.type: layout for layout in layouts.values()}
+    units = {chr(int(cells[1])): cells[2] for cells in descriptions["UNIT"] if len(cells) == 3}
+    # Multipliers are numbers of single precision in the log: seven digits are exact, as in
+    # pymavlink for binary logs.
     factors = {
         chr(int(cells[1])): float(f"{float(cells[2]):.7g}")
-        for cells in declared["MULT"]
+        for cells in descriptions["MULT"]
         if len(cells) == 3
     }
     for _, kind, unit_letters, factor_letters in (
-        cells for cells in declared["FMTU"] if len(cells) == 4
+        cells for cells in descriptions["FMTU"] if len(cells) == 4
     ):
-        if int(kind) in numbers:
-            numbers[int(kind)].set_unit_ids(unit_letters, units)
-            numbers[int(kind)].set_mult_ids(factor_letters, factors)
+        if int(kind) in layout_by_kind:
+            layout_by_kind[int(kind)].set_unit_ids(unit_letters, units)
+            layout_by_kind[int(kind)].set_mult_ids(factor_letters, factors)
     return layouts
 
 
 def _numbers(layout: Any, rows: list[list[str]]) -> dict[str, np.ndarray]:
-    """Return the numbers of one message by column, without texts and arrays."""
+    """Return column -> numbers of one message, without texts and arrays."""
     columns: dict[str, np.ndarray] = {}
-    every = zip(layout.columns, layout.msg_fmts, zip(*rows, strict=True), strict=True)
-    for name, letter, cells in every:
+    cells_by_column = zip(*rows, strict=True)
+    for name, letter, cells in zip(layout.columns, layout.msg_fmts, cells_by_column, strict=True):
         if _dtype(letter).startswith("S"):
             continue
         try:
             columns[name] = np.array(cells, dtype=float)
         except ValueError:
-            continue  # a flight mode by its name, say
+            continue  # a text, as the name of a flight mode
     return columns
 
 
@@ -171,74 +181,73 @@ def _has_numbers(layout: Any) -> bool:
 
 @contextlib.contextmanager
 def _silent_process() -> Iterator[None]:
-    """The compiled part of the library writes to the process's own stderr, past Python."""
+    """Suppress the error stream of the process, to which the compiled part of the library writes
+    directly.
+    """
     try:
         saved = os.dup(2)
-    except OSError:  # there is no such stream
+    except OSError:  # the process has no error stream
         yield
         return
     try:
-        with open(os.devnull, "wb") as nothing:
-            os.dup2(nothing.fileno(), 2)
+        with open(os.devnull, "wb") as null_device:
+            os.dup2(null_device.fileno(), 2)
         yield
     finally:
         os.dup2(saved, 2)
         os.close(saved)
 
 
-def _topics(
+def _topics_of_message(
     path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes: tuple[str, ...] = ()
 ) -> list[Topic]:
-    """Return the topics of one kind of message: one for each instance where it has several."""
+    """Return the topic of one kind of message, or the topics of its instances. The first one has
+    the notes.
+    """
     if fields is None or not any(column in CLOCKS for column in fields):
         return []
     units = {name: CLOCKS.get(name) or _unit(layout, name) for name in fields}
     instance = layout.instance_field
     if instance is None or instance not in fields:
-        return [
-            Topic(
-                layout.name,
-                table_of_columns(path, fields, units, place=f"message {layout.name}"),
-                notes,
-            )
-        ]
+        table = table_of_columns(path, fields, units, place=f"message {layout.name}")
+        return [Topic(layout.name, table, notes)]
     topics: list[Topic] = []
     for number in np.unique(fields[instance][np.isfinite(fields[instance])]):
-        mine, name = fields[instance] == number, f"{layout.name}[{int(number)}]"
-        columns = {column: values[mine] for column, values in fields.items()}
-        topics.append(
-            Topic(
-                name,
-                table_of_columns(path, columns, units, place=f"message {name}"),
-                () if topics else notes,
-            )
-        )
+        name = f"{layout.name}[{int(number)}]"
+        rows = fields[instance] == number
+        columns = {column: values[rows] for column, values in fields.items()}
+        table = table_of_columns(path, columns, units, place=f"message {name}")
+        topics.append(Topic(name, table, () if topics else notes))
     return topics
 
 
 def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, np.ndarray] | None:
-    """Column -> numbers of all messages of one kind; texts and arrays are left out, as is a message
-    that the file's end cuts.
+    """Return column -> numbers of all messages of one kind, without texts and arrays; None if there
+    are none. A message that the file has only in part is left out.
+
+    ``content`` are the bytes of the file, and ``offsets`` the positions of the messages.
     """
-    formats = [letter for letter in layout.msg_fmts]
-    kinds = np.dtype([(f"f{n}", _dtype(letter)) for n, letter in enumerate(formats)])
-    offsets = offsets[offsets + HEADER_BYTES + kinds.itemsize <= content.size]
-    if not offsets.size or len(formats) != len(layout.columns):
+    letters = list(layout.msg_fmts)
+    row_type = np.dtype([(f"f{n}", _dtype(letter)) for n, letter in enumerate(letters)])
+    size = row_type.itemsize
+    offsets = offsets[offsets + HEADER_BYTES + size <= content.size]
+    if not offsets.size or len(letters) != len(layout.columns):
         return None
-    rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEADER_BYTES]
-    values = np.ascontiguousarray(rows).view(kinds)[:, 0]
+    rows = np.lib.stride_tricks.sliding_window_view(content, size)[offsets + HEADER_BYTES]
+    fields = np.ascontiguousarray(rows).view(row_type)[:, 0]
     columns: dict[str, np.ndarray] = {}
     for n, (name, letter, multiplier) in enumerate(
-        zip(layout.columns, formats, layout.msg_mults, strict=True)
+        zip(layout.columns, letters, layout.msg_mults, strict=True)
     ):
-        if values[f"f{n}"].dtype.kind in "fiu" and values[f"f{n}"].ndim == 1:
-            scaled = multiplier if letter in FIXED_POINT and multiplier is not None else 1.0
-            columns[name] = values[f"f{n}"].astype(float) * scaled
+        values = fields[f"f{n}"]
+        if values.dtype.kind in "fiu" and values.ndim == 1:
+            factor = multiplier if letter in FIXED_POINT and multiplier is not None else 1.0
+            columns[name] = values.astype(float) * factor
     return columns
 
 
 def _dtype(letter: str) -> str:
-    """NumPy's type of a format letter, by the struct code that pymavlink has for it."""
+    """Return the type in NumPy of a format letter, from its struct code in pymavlink."""
     from pymavlink.DFReader import FORMAT_TO_STRUCT
 
     code = FORMAT_TO_STRUCT[letter][0]
@@ -246,11 +255,14 @@ def _dtype(letter: str) -> str:
 
 
 def _unit(layout: Any, column: str) -> str:
-    """The unit that the log states for a column, in our spelling; empty if it states none."""
-    return _OURS.get(text, text) if (text := layout.get_unit(column)) else ""
+    """Return the unit that the log states for a column, as `scenarios.files.units` writes it; empty
+    if the log states none.
+    """
+    text = layout.get_unit(column)
+    return _UNIT_SPELLINGS.get(text, text) if text else ""
 
 
-_OURS = {
+_UNIT_SPELLINGS = {
     "degheading": "deg",
     "deglatitude": "deg",
     "deglongitude": "deg",

@@ -1,10 +1,7 @@
-"""Tables of files: headers, cells, row numbers; and conversion of cells to numbers.
+"""Tables of files, their headers and units, and conversion of cells to numbers.
 
-Where the header of a table is, and whether a row of units follows it: the same for text files
-and spreadsheets.
-
-The interface between readers and everything else: topics, each a table whose columns share one
-clock.
+The search for the header and for a row of units is the same for text files and spreadsheets. A
+reader returns topics: tables whose columns have a common clock.
 """
 
 from __future__ import annotations
@@ -23,36 +20,38 @@ from scenarios.files.declarations import CHANNEL_UNITS, is_clock, split_header
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 
-# What loggers, spreadsheets (their errors too) and languages write where a sample is missing.
+# texts that loggers, spreadsheets and languages write for a missing sample, errors of spreadsheets
+# included
 MISSING = frozenset({
     "", "nan", "-nan", "na", "n/a", "n.a.", "null", "none", "nil", "nat", "<na>", "missing", "invalid", "-", "--", "---", "?", ".", "*", "**", "***",  # noqa: E501
     "****", "*****", "******", "*******", "********", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "#n/a", "#na", "#value!",  # noqa: E501
     "#div/0!", "#num!", "#ref!", "#null!", "#name?",
 })  # fmt: skip
-MINUS = "\N{MINUS SIGN}"  # as spreadsheets and word processors set it
+MINUS = "\N{MINUS SIGN}"  # minus sign of spreadsheets and word processors
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d{1,3})", re.ASCII)
-# a number as somebody wrote it, with points and commas in it
-_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)
+_WITH_POINTS_OR_COMMAS = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)
+_LONGEST_MESSAGE = 160  # characters of the message of a library
+_LONGEST_NAME = 60  # characters of a name in a message
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellTable:
-    """Columns of one file as texts.
+    """Table of one file, its cells as in the file.
 
     Attributes
     ----------
     file : the path as the user gave it, for messages.
-    header : one cell per column.
-    columns : one sequence per column: texts, or an array.
-    rows : row numbers for messages; the first line of a text file is row 1.
-    ragged : number of cells in rows (by position) that differ from the header's.
-    units : row of units under the header; empty without one.
-    separator : between the cells of a text file, else empty.
-    stated_apart : whether ``units`` are metadata, which recorders often fill in carelessly.
+    header : one cell for each column.
+    columns : one sequence of N texts, or array ``(N,)``, for each column.
+    rows : ``(N,)`` row numbers for messages; the first line of a text file is row 1.
+    ragged : position of a row -> number of its cells, if it is not that of the header.
+    units : row of units below the header; empty without one.
+    separator : separator of the cells in a text file; empty for other files.
     decimal_comma : whether numbers have a decimal comma.
-    unreadable : reason why a column (by position) is no sequence of numbers, ``"an array of
-        801x2"``; its cells are empty.
+    stated_apart : whether ``units`` are metadata, which are often wrong.
+    unreadable : position of a column -> reason why it is no sequence of numbers, such as ``"an
+        array of 801x2"``. The cells of such a column are empty.
     """
 
     file: str
@@ -72,17 +71,18 @@ class CellTable:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """A column as numbers, NaN for empty cells and texts, and the texts by position."""
+    """A column as numbers ``(N,)``, NaN for empty cells and texts; and position -> text."""
 
     values: np.ndarray
     texts: Mapping[int, str]
 
 
 def numbers(table: CellTable, index: int) -> Numbers:
-    """Convert a column to floats by the file's decimal mark, and return other texts with their
-    position.
+    """Return the numbers of a column, read with the decimal mark of the file, and its other texts.
 
-    Raises RecordError for a column without a sequence of numbers.
+    Raises
+    ------
+    RecordError : if the column is no sequence of numbers.
     """
     if index in table.unreadable:
         where = f"{table.file}, column {table.header[index]!r}"
@@ -109,20 +109,26 @@ def numbers(table: CellTable, index: int) -> Numbers:
 
 
 def number_of_text(text: str, *, comma: bool = False) -> float:
-    """Convert a text; ValueError for forms that only Python accepts (``1_000``, digits of other
-    scripts) and for the other decimal mark.
+    """Return the number that a text is. ``comma`` : whether numbers have a decimal comma.
+
+    Raises
+    ------
+    ValueError : if the text is no number, has the other decimal mark, or has a form that only
+        Python accepts (``1_000``, digits of other scripts).
     """
     text = text.replace(MINUS, "-")
     if "_" in text or not text.isascii() or (comma and "." in text):
         raise ValueError(text)
     if (fortran := _FORTRAN.fullmatch(text)) is not None:
         return float(f"{fortran[1]}e{fortran[2]}")
-    return float(text.replace(",", ".")) if comma and text.count(",") == 1 else float(text)
+    if comma and text.count(",") == 1:
+        text = text.replace(",", ".")
+    return float(text)
 
 
 def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
-    """Return whether the commas of a file are certainly decimal marks: one is where no separator of
-    thousands can be, as in ``0,5``.
+    """Return whether the commas of a file are certainly decimal marks: a number such as ``0,5`` has
+    a comma where no separator of thousands can be.
     """
     return any("," in cell and certain_comma(cell.strip()) for column in columns for cell in column)
 
@@ -132,14 +138,20 @@ def certain_comma(text: str) -> bool:
     return (
         text.count(",") == 1
         and "." not in text
-        and _MARKED.fullmatch(text) is not None
+        and _WITH_POINTS_OR_COMMAS.fullmatch(text) is not None
         and _THOUSANDS.fullmatch(text) is None
     )
 
 
 def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
-    """Error of a cell with the wrong decimal mark, and the remedy; None for another error."""
-    if _MARKED.fullmatch(text) is None or not table.separator or not ("," in text or "." in text):
+    """Return the error of a cell with the wrong decimal mark and the remedy; None for any other
+    cell.
+    """
+    if (
+        _WITH_POINTS_OR_COMMAS.fullmatch(text) is None
+        or not table.separator
+        or not ("," in text or "." in text)
+    ):
         return None
     if table.separator == "," and "," in text:
         return (
@@ -158,18 +170,23 @@ def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of another library's message, shortened."""
+    """Return the first line of the message of a library, shortened."""
     text = str(error).strip()
-    return text.splitlines()[0][:160] if text else type(error).__name__
+    return text.splitlines()[0][:_LONGEST_MESSAGE] if text else type(error).__name__
 
 
 def header_cell(cell: str, file: str) -> str:
-    """Return a header cell on one line. Raises RecordError for invisible characters."""
+    """Return a header cell without line breaks.
+
+    Raises
+    ------
+    RecordError : if it has control characters.
+    """
     if any(
         character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
         for character in cell
     ):
-        shown = repr(cell if len(cell) <= 60 else cell[:57] + "...")
+        shown = repr(cell if len(cell) <= _LONGEST_NAME else cell[: _LONGEST_NAME - 3] + "...")
         raise RecordError(
             f"the name {shown} holds control characters",
             where=f"{file}, header",
@@ -183,33 +200,36 @@ def one_line(cell: str) -> str:
     return " ".join(cell.split())
 
 
-MOST_HEADS = 5  # rows of names, remarks and units above the numbers, and one of numbers
-LOOKED_AT = 200  # rows in which the header is looked for
+# most rows among which `heads` searches: those of names, remarks and units, and the first numbers
+MOST_HEADS = 5
+LOOKED_AT = 200  # rows among which the header is searched for
 
 
 def header_row(rows: Sequence[Sequence[str]]) -> int | None:
-    """Return the index of the header: the last row of names that is as wide as the first rows of
-    numbers below it, or None.
+    """Return the index of the header; None without one.
 
-    Rows above it, titles and remarks, may have any number of cells.
+    The header is the first row without a number that has a row of numbers among the three rows
+    below it. This row is at most as wide as the header and at least half as wide. Rows above the
+    header, titles and remarks, may have any number of cells.
     """
     for index, cells in enumerate(rows[:LOOKED_AT]):
+        width = _width(cells)
         below = [row for row in rows[index + 1 : index + 4] if any(cell.strip() for cell in row)]
+        numeric = [row for row in below if has_number(row)]
         if (
-            _width(cells) >= 1
+            width >= 1
             and not has_number(cells)
-            and any(_width(row) <= _width(cells) and has_number(row) for row in below)
+            and any(_width(row) <= width for row in numeric)
+            and _width(numeric[0]) * 2 >= width
         ):
-            numeric = next(row for row in below if has_number(row))
-            if _width(numeric) * 2 >= _width(cells):
-                return index
+            return index
     return None
 
 
 def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
-    """Return the row under the header if it has units, else nothing.
+    """Return the row ``under`` the header if it has units, else an empty row.
 
-    At least one cell must be a known unit, and no cell a number except ``1``.
+    A row of units has at least one known unit, and no number except ``1``.
     """
     if len(under) != len(header):
         return ()
@@ -223,12 +243,13 @@ def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
 
 
 def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
-    """Find the header rows: which of the first rows names the columns, which has their units, if
-    any, and the number of header rows.
+    """Return the position of the row of names, that of the row of units, and the number of header
+    rows, for files with several header rows.
 
-    The rows are those above the first number, three at least or two with the units above. The units
-    are the row with most known ones, the names the row with most names of clocks and channels; of
-    rows with as many the first. Fewer rows are for ``unit_row``: ``0, None, 1``.
+    Header rows are all rows above the first number. The row of units has the largest share of known
+    units, and the row of names has most names of clocks and channels; the first of equal rows is
+    taken. The result is ``0, None, 1``, a single row of names, if there are fewer rows or no units,
+    and also if the units are the second of two rows: ``unit_row`` finds these.
     """
     count = next((n for n, cells in enumerate(rows[:MOST_HEADS]) if has_number(cells)), 0)
     above = rows[:count]
@@ -238,17 +259,16 @@ def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
         sum(is_unit(without_brackets(cell)) for cell in cells if cell.strip()) for cells in above
     ]
     filled = [sum(bool(cell.strip()) for cell in cells) for cells in above]
-    at = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
-    if 2 * units[at] <= filled[at] or (count == 2 and at == 1):
+    unit_position = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
+    if 2 * units[unit_position] <= filled[unit_position] or (count == 2 and unit_position == 1):
         return 0, None, 1
-    recognised = [
-        sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)
-    ]
-    return max(range(count), key=lambda n: recognised[n]), at, count
+    known_names = [sum(is_known(cell) for cell in cells) for cells in above]
+    known_names[unit_position] = -1
+    return max(range(count), key=lambda n: known_names[n]), unit_position, count
 
 
 def is_known(cell: str) -> bool:
-    """Return whether a header cell, without its unit, is the name of a clock or of a channel."""
+    """Return whether a header cell, without its unit, is a known name of a clock or channel."""
     name = split_header(one_line(cell))[0]
     return is_clock(name) or name.lower() in CHANNEL_UNITS
 
@@ -276,21 +296,22 @@ def is_number(cell: str) -> bool:
 
 
 def _width(cells: Sequence[str]) -> int:
+    """Return the number of cells up to the last one that is not empty."""
     return max((index + 1 for index, cell in enumerate(cells) if cell.strip()), default=0)
 
 
-FIRST_LINES = 4096  # bytes
+FIRST_LINES = 4096  # bytes among which a mark of a format is searched for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Topic:
-    """Columns that were sampled by one clock.
+    """Columns with a common clock.
 
     Attributes
     ----------
-    name : name of the message, sheet or group in the file; empty if the file has one table only.
-    table : the columns, the clock among them.
-    notes : sentences on how the reader understood the file.
+    name : name of the message, sheet or group in the file; empty if the file has only one table.
+    table : the columns, with the clock.
+    notes : sentences on the interpretation of the file.
     """
 
     name: str
@@ -302,12 +323,16 @@ class Topic:
 
 
 class Reader(Protocol):
-    """A module of this package: the suffixes and first bytes of its format, and its reading
-    function.
+    """A module of this package that reads one format.
 
-    A mark of ``MAGIC`` that begins with a line break may be at the start of any of the first lines.
-    ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library,
-    empty if none is needed.
+    Attributes
+    ----------
+    FORMAT : name of the format.
+    SUFFIXES : suffixes of its files.
+    MAGIC : first bytes of its files. A mark that begins with a line break may be at the begin of
+        any of the first lines.
+    EXTRA : group of optional dependencies in ``pyproject.toml`` with the library of the format;
+        empty if none is needed.
     """
 
     FORMAT: str
@@ -316,7 +341,12 @@ class Reader(Protocol):
     EXTRA: str
 
     def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
-        """Return the topics of a file. Raises RecordError if it is damaged or holds no table."""
+        """Return the topics of a file with the content ``raw``.
+
+        Raises
+        ------
+        RecordError : if the file is damaged or has no table.
+        """
 
 
 def table_of_columns(
@@ -328,57 +358,55 @@ def table_of_columns(
     rows: int | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> CellTable:
-    """Return a table of named columns; a shorter column is refused when a channel needs it.
+    """Return a table of named columns.
 
     Parameters
     ----------
     path : the file, for messages.
-    place : the topic in it.
-    columns : name -> one-dimensional sequence.
+    columns : name -> one-dimensional sequence. A column that is shorter than the others is refused
+        when a channel needs it.
     units : name -> unit, where the file states it apart from the header.
-    rows : number of rows; None: as many as the longest column has.
-    unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of
-        them is refused.
+    place : the topic in the file, for messages.
+    rows : number of rows; None takes that of the longest column.
+    unreadable : further name -> reason why it is no sequence of numbers. Such a column is refused
+        when a channel needs it.
     """
-    column_units = units or {}
-    vectors = tuple(_vector(values) for values in columns.values())
+    vectors = [_vector(values) for values in columns.values()]
     count = rows if rows is not None else max((vector.size for vector in vectors), default=0)
-    under = (
-        tuple(column_units.get(name, "") for name in columns) if any(column_units.values()) else ()
-    )
     where = f"{path}, {place}" if place else str(path)
-    others = dict(unreadable or {})
-    header = tuple(header_cell(str(name), where) for name in (*columns, *others))
-    faults = {len(vectors) + at: fault for at, fault in enumerate(others.values())}
-    under = (*under, *("" for _ in others)) if under else ()
-    vectors = (*vectors, *(np.full(count, np.nan) for _ in others))
+    faults = dict(unreadable or {})
+    names = (*columns, *faults)
+    column_units = units or {}
+    unit_cells: tuple[str, ...] = ()
+    if any(column_units.values()):
+        unit_cells = tuple(column_units.get(name, "") if name in columns else "" for name in names)
     return CellTable(
         where,
-        header,
-        vectors,
+        tuple(header_cell(str(name), where) for name in names),
+        (*vectors, *(np.full(count, np.nan) for _ in faults)),
         np.arange(1, count + 1),
-        units=under,
+        units=unit_cells,
         stated_apart=True,
-        unreadable=faults,
+        unreadable={len(vectors) + i: fault for i, fault in enumerate(faults.values())},
     )
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
     """Return the error for a format whose library is not installed."""
     library = (error.name or "its library").split(".")[0]
-    wanted = (
-        f'in the folder of the project: python -m pip install -e ".[{extra}]"'
-        if extra
-        else f"python -m pip install {library}"
-    )
+    command = f"python -m pip install {library}"
+    if extra:
+        command = f'in the folder of the project: python -m pip install -e ".[{extra}]"'
     what = f"reading {format_name} needs {library}, which is not installed"
-    return RecordError(what, where=str(path), remedy=f"{wanted}; or export the record as CSV")
+    return RecordError(what, where=str(path), remedy=f"{command}; or export the record as CSV")
 
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
-    """Return the error for a file that the format's library cannot read."""
+    """Return the error for a file that the library of its format cannot read."""
     text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
-    reason = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
+    reason = type(fault).__name__
+    if text:
+        reason = " ".join(text.splitlines()[0].split())[:_LONGEST_MESSAGE]
     return RecordError(
         f"not a readable {format_name} file ({reason})",
         where=str(path),
@@ -386,9 +414,11 @@ def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     )
 
 
-def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
-    """Return the error for a file without a column; ``seen``: names of the file's other content."""
-    listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
+def no_table(path: Path, content: Sequence[str], remedy: str) -> RecordError:
+    """Return the error for a file without a column of numbers. ``content`` has the names of what
+    the file contains instead.
+    """
+    listed = ", ".join(content[:12]) + (", ..." if len(content) > 12 else "")
     return RecordError(
         f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",
         where=str(path),
@@ -397,17 +427,21 @@ def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
 
 
 def begins_with(raw: bytes, mark: bytes) -> bool:
-    """Whether a file begins with a mark; of a mark that begins with a line break, whether one of
-    its first lines does."""
-    return mark in b"\n" + raw[:FIRST_LINES] if mark.startswith(b"\n") else raw.startswith(mark)
+    """Return whether a file begins with a mark. If the mark begins with a line break, one of the
+    first lines must begin with it.
+    """
+    if mark.startswith(b"\n"):
+        return mark in b"\n" + raw[:FIRST_LINES]
+    return raw.startswith(mark)
 
 
 def as_module(module: ModuleType) -> Reader:
-    """Return a module seen as a reader."""
+    """Return a module with the type of a reader."""
     return module
 
 
 def _vector(values: Any) -> np.ndarray:
+    """Return values as an array ``(N,)`` of floats, times or objects."""
     array = np.asarray(values)
     if array.dtype.kind in "fiu":
         return array.astype(float, copy=False).reshape(-1)

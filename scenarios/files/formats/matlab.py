@@ -1,5 +1,5 @@
-"""MAT files of version 4 to 7.2 by SciPy, of version 7.3 by h5py; the rules for their variables are
-in ``variables.py``.
+"""MAT files of version 4 to 7.2 by SciPy, and of version 7.3 by h5py. The rules for their variables
+are in ``variables.py``.
 """
 
 from __future__ import annotations
@@ -18,20 +18,19 @@ SUFFIXES = (".mat",)
 MAGIC = (b"MATLAB 5.0", b"MATLAB 7.3")
 EXTRA = ""
 HEADER_BYTES = 128
-MATRIX_TYPE = 14  # type of an element
+# numbers from the description of the format by MathWorks
+INT8_TYPE, UINT8_TYPE, INT32_TYPE, UINT32_TYPE, MATRIX_TYPE, UTF8_TYPE = 1, 2, 5, 6, 14, 16
+TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX_TYPE, COMPRESSED_TYPE, 16, 17, 18)  # of elements
 ARRAY_CLASSES = range(1, 19)
-PLAIN = (4, *range(6, 16))  # classes of texts and numbers
-COMPLEX_FLAG = 0x800  # flag of an imaginary part
-CELL_CLASS = 1  # class of a cell array
-STRUCTURE_CLASS = 2
-KNOWN_CLASSES = (1, 2, *range(4, 16))  # classes whose content can be read
-# of elements, by MathWorks' description of the format
-TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX_TYPE, COMPRESSED_TYPE, 16, 17, 18)
+CELL_CLASS, STRUCTURE_CLASS = 1, 2
+PLAIN_CLASSES = (4, *range(6, 16))  # classes of texts and numbers
+READABLE_CLASSES = (CELL_CLASS, STRUCTURE_CLASS, *range(4, 16))
+COMPLEX_FLAG = 0x800  # flag of an array with an imaginary part
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Return the tables of a MAT file of version 4 to 7.2 by SciPy, of version 7.3 by h5py."""
-    if raw.startswith(b"MATLAB 7.3") or raw.startswith(b"\x89HDF"):
+    """Return the topics of a MAT file of any version."""
+    if raw.startswith((b"MATLAB 7.3", b"\x89HDF")):
         return read_matlab(path, raw)
     from scipy.io import loadmat
 
@@ -52,38 +51,52 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 def _known_types(
     raw: bytes, begin: int, end: int, order: Literal["little", "big"], *, inside: bool = False
 ) -> bool:
-    """Return whether all elements from ``begin`` to ``end`` have types that belong there: SciPy
-    ends the whole program at others. Packed elements have checksums and are not looked into.
+    """Return whether all elements from byte ``begin`` to ``end`` have possible types. SciPy ends
+    the whole program at other types.
 
-    ``inside``: they are those of an array: flags, sizes, a name, then its content.
+    Compressed elements are not tested, since they have checksums. ``inside`` is True for the
+    elements of an array: flags, sizes, a name, then its content.
     """
-    kinds: list[int] = []
-    at, array_class, parts = begin, 0, 1
-    while at + 8 <= end:
-        kind = int.from_bytes(raw[at : at + 4], order)
-        small = kind >> 16  # up to four bytes stand within the tag itself
-        size = small or int.from_bytes(raw[at + 4 : at + 8], order)
-        kind &= 0xFFFF if small else 0xFFFFFFFF
-        if kind not in TYPES or small > 4 or (inside and kind == COMPRESSED_TYPE):
+    element_types: list[int] = []
+    position, array_class, parts = begin, 0, 1
+    while position + 8 <= end:
+        element_type = int.from_bytes(raw[position : position + 4], order)
+        # A small element has its size in the upper half, and up to four bytes within the tag.
+        small_size = element_type >> 16
+        size = small_size or int.from_bytes(raw[position + 4 : position + 8], order)
+        element_type &= 0xFFFF if small_size else 0xFFFFFFFF
+        if element_type not in TYPES or small_size > 4:
             return False
-        if not kinds:
-            flags = int.from_bytes(raw[at + 8 : at + 12], order)
+        if inside and element_type == COMPRESSED_TYPE:
+            return False
+        if not element_types:
+            flags = int.from_bytes(raw[position + 8 : position + 12], order)
             array_class, parts = flags & 0xFF, 2 if flags & COMPLEX_FLAG else 1
-        kinds.append(kind)
-        if kind == MATRIX_TYPE and not _known_types(
-            raw, at + 8, min(at + 8 + size, end), order, inside=True
+        element_types.append(element_type)
+        content_begin = position + 8
+        if element_type == MATRIX_TYPE and not _known_types(
+            raw, content_begin, min(content_begin + size, end), order, inside=True
         ):
             return False
-        at += 8 if small else 8 + size if kind == COMPRESSED_TYPE else 8 + (size + 7) // 8 * 8
-    if not inside or not kinds:
+        if small_size:
+            position = content_begin
+        elif element_type == COMPRESSED_TYPE:
+            position = content_begin + size
+        else:  # filled up to a multiple of eight bytes
+            position = content_begin + (size + 7) // 8 * 8
+    if not inside or not element_types:
         return True
-    if at != end or array_class not in ARRAY_CLASSES:
+    if position != end or array_class not in ARRAY_CLASSES:
         return False
-    content = kinds[3 + (2 if array_class == STRUCTURE_CLASS else 0) :]
-    if array_class in PLAIN and len(content) != parts:
+    content = element_types[5 if array_class == STRUCTURE_CLASS else 3 :]
+    if array_class in PLAIN_CLASSES and len(content) != parts:
         return False
-    nested = array_class in (CELL_CLASS, STRUCTURE_CLASS)
-    usual = kinds[:2] == [6, 5] and kinds[2:3] and kinds[2] in (1, 2, 16)
-    return array_class not in KNOWN_CLASSES or (
-        bool(usual) and all((kind == MATRIX_TYPE) == nested for kind in content)
-    )
+    if array_class not in READABLE_CLASSES:
+        return True
+    flags_and_sizes, name = element_types[:2], element_types[2:3]
+    if flags_and_sizes != [UINT32_TYPE, INT32_TYPE]:
+        return False
+    if not name or name[0] not in (INT8_TYPE, UINT8_TYPE, UTF8_TYPE):
+        return False
+    has_arrays = array_class in (CELL_CLASS, STRUCTURE_CLASS)
+    return all((element_type == MATRIX_TYPE) == has_arrays for element_type in content)

@@ -22,35 +22,38 @@ FORMAT = "ASAM MDF"
 SUFFIXES = (".mf4", ".mdf")
 MAGIC = (b"MDF     ", b"UnFinMF ")
 EXTRA = "recorders"
+MASTER_CHANNELS = (2, 3)  # types of channels that are the clock
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Return one topic for each channel group, with the group's name or ``group 1``, ...; its clock
-    is ``time`` in s.
+    """Return one topic for each channel group, with the name of the group or ``group 1``, ... The
+    clock is ``time``, s.
     """
     try:
         from asammdf import MDF
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    result = []
+    topics = []
     try:
         with MDF(io.BytesIO(raw)) as log:
             for number in range(len(log.groups)):
                 topic = _topic(path, log, number, _name(log, number))
                 if topic is not None:
-                    result.append(topic)
+                    topics.append(topic)
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    if not result:
+    if not topics:
         raise no_table(path, (), "give a file with at least one channel of numbers")
-    return tuple(result) if len(result) > 1 else (Topic("", result[0].table),)
+    return tuple(topics) if len(topics) > 1 else (Topic("", topics[0].table),)
 
 
 def _name(log: Any, number: int) -> str:
+    """Return the name of a channel group."""
     return getattr(log.groups[number].channel_group, "acq_name", None) or f"group {number + 1}"
 
 
 def _topic(path: Path, log: Any, number: int, name: str) -> Topic | None:
+    """Return the topic of a channel group; None if the group has no channel of numbers."""
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {"time": "s"}
     for index, channel in enumerate(log.groups[number].channels):
@@ -58,11 +61,9 @@ def _topic(path: Path, log: Any, number: int, name: str) -> Topic | None:
         if signal.samples.dtype.kind not in "fiub" or signal.samples.ndim != 1:
             continue
         columns.setdefault("time", np.asarray(signal.timestamps, dtype=float))
-        if channel.channel_type in (2, 3):  # the master channel is the clock itself
+        if channel.channel_type in MASTER_CHANNELS:
             continue
         columns[channel.name], units[channel.name] = signal.samples, signal.unit or ""
-    return (
-        Topic(name, table_of_columns(path, columns, units, place=name))
-        if len(columns) > 1
-        else None
-    )
+    if len(columns) < 2:
+        return None
+    return Topic(name, table_of_columns(path, columns, units, place=name))

@@ -1,5 +1,5 @@
-"""NumPy's files: ``.npz`` with named arrays, ``.npy`` with one, also one of named columns; by the
-rules of ``variables.py``.
+"""Files of NumPy: ``.npz`` with named arrays, and ``.npy`` with one array, which may have named
+columns. The rules for the arrays are in ``variables.py``.
 """
 
 from __future__ import annotations
@@ -19,17 +19,15 @@ EXTRA = ""
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The tables of the file. Pickled objects, which could run a program, are never loaded."""
+    """Return the topics of the file. Pickled objects are never loaded: they could run a program."""
     try:
         loaded = np.load(io.BytesIO(raw), allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            variables = (
-                {name: loaded[name] for name in loaded.dtype.names}
-                if loaded.dtype.names
-                else {"data": loaded}
-            )
-        else:
+        if not isinstance(loaded, np.ndarray):
             variables = {name: loaded[name] for name in loaded.files}
+        elif loaded.dtype.names:
+            variables = {name: loaded[name] for name in loaded.dtype.names}
+        else:
+            variables = {"data": loaded}
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
     return topics_of_variables(path, variables)

@@ -17,19 +17,16 @@ FORMAT = "Parquet"
 SUFFIXES = (".parquet", ".pq", ".feather", ".ft", ".arrow")
 MAGIC = (b"PAR1", b"ARROW1", b"FEA1")
 EXTRA = ""
-ROWS_PER_BATCH = 1 << 16  # of a batch: what is held twice at a time
+ROWS_PER_BATCH = 1 << 16  # rows that are in memory twice at a time
+FEATHER_SUFFIXES = (".feather", ".ft", ".arrow")
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Return the one table of the file; its index becomes a column where it has a name."""
-    feather = raw.startswith((b"ARROW1", b"FEA1")) or path.suffix.lower() in (
-        ".feather",
-        ".ft",
-        ".arrow",
-    )
+    """Return the table of the file as one topic. An index with a name is a column."""
+    feather = raw.startswith((b"ARROW1", b"FEA1")) or path.suffix.lower() in FEATHER_SUFFIXES
     kind = "Feather" if feather else FORMAT
     try:
-        import pandas  # noqa: F401  its description of the columns is in the file
+        import pandas  # noqa: F401  the file may have a description of the columns by pandas
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise missing_library(error, path, kind, EXTRA) from None
@@ -42,8 +39,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def frame_header(name: object) -> str:
-    """Return the name of a DataFrame's column as a header cell; of a column of several levels
-    ``alpha [deg]`` where the last level is a unit.
+    """Return the name of a column of a DataFrame as a header cell. If the last of several levels is
+    a unit, the result is ``alpha [deg]``.
     """
     if not isinstance(name, tuple):
         return str(name)
@@ -54,21 +51,23 @@ def frame_header(name: object) -> str:
 
 
 def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray], int]:
-    """Return the names and columns as the DataFrame in the file would have them, a named index
-    first; and the number of rows.
+    """Return the names and columns of the DataFrame in the file, a named index first, and the
+    number of rows.
 
     Batches are converted one after the other, to save memory.
     """
     schema, count, batches = _batches(raw, feather=feather)
-    described = _described(schema)
-    collected = [_Collected(count) for _ in schema.names]
+    stored_columns = [_GrowingColumn(count) for _ in schema.names]
     for batch in batches:
-        for column, part in zip(collected, batch.columns, strict=True):
+        for column, part in zip(stored_columns, batch.columns, strict=True):
             column.add(part)
     names, columns = [], []
-    for name, source in described:
+    for name, source in _names_and_sources(schema):
         names.append(name)
-        columns.append(collected[source].whole() if isinstance(source, int) else np.asarray(source))
+        if isinstance(source, int):
+            columns.append(stored_columns[source].values())
+        else:
+            columns.append(np.asarray(source))
     return names, columns, count
 
 
@@ -88,49 +87,56 @@ def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
     if raw.startswith(b"FEA1"):
         table = feather_format.read_table(io.BytesIO(raw))
         return table.schema, table.num_rows, iter(table.to_batches())
-    opened = ipc.open_file(pyarrow.BufferReader(raw))
-    # Two passes, since storing all batches would need more memory.
-    count = sum(opened.get_batch(at).num_rows for at in range(opened.num_record_batches))
-    return opened.schema, count, (opened.get_batch(at) for at in range(opened.num_record_batches))
+    file = ipc.open_file(pyarrow.BufferReader(raw))
+    # The batches are read twice, since all of them together would need more memory.
+    batches = range(file.num_record_batches)
+    count = sum(file.get_batch(i).num_rows for i in batches)
+    return file.schema, count, (file.get_batch(i) for i in batches)
 
 
-def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
-    """Name of each column and where it comes from: a place among the file's, or a range that the
-    file only describes.
+def _names_and_sources(schema: Any) -> Sequence[tuple[Any, int | range]]:
+    """Return the name of each column with its source: its position in the file, or a range of
+    numbers that the file describes.
     """
     frame = schema.empty_table().to_pandas()
     index = (schema.pandas_metadata or {}).get("index_columns", [])
-    stored = [name for name in index if isinstance(name, str)]
-    plain = [at for at, name in enumerate(schema.names) if name not in stored]
-    columns: list[tuple[Any, int | range]] = list(zip(frame.columns, plain, strict=True))
-    if len(stored) == 1 == len(index) and frame.index.name is None and "time" not in frame.columns:
+    stored_levels = [name for name in index if isinstance(name, str)]
+    positions = [i for i, name in enumerate(schema.names) if name not in stored_levels]
+    columns: list[tuple[Any, int | range]] = list(zip(frame.columns, positions, strict=True))
+    is_single = len(stored_levels) == 1 == len(index)
+    if is_single and frame.index.name is None and "time" not in frame.columns:
         import pandas
 
         if isinstance(frame.index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
-            return [("time", schema.names.index(stored[0])), *columns]
+            return [("time", schema.names.index(stored_levels[0])), *columns]
+    levels = list(zip(index, frame.index.names, strict=False))
     if not any(
-        (isinstance(each, dict) and each.get("name")) or name is not None
-        for each, name in zip(index, frame.index.names, strict=False)
+        (isinstance(level, dict) and level.get("name")) or name is not None
+        for level, name in levels
     ):
         return columns
-    named: list[tuple[Any, int | range]] = []
-    for level, (each, name) in enumerate(zip(index, frame.index.names, strict=False)):
-        if isinstance(each, dict):
-            named.append((each["name"], range(each["start"], each["stop"], each["step"])))
-        else:
-            named.append(
-                (
-                    name if name is not None else "index" if len(index) == 1 else f"level_{level}",
-                    schema.names.index(each),
-                )
-            )
-    return [*named, *columns]
+    index_columns: list[tuple[Any, int | range]] = []
+    for number, (level, name) in enumerate(levels):
+        if isinstance(level, dict):
+            values = range(level["start"], level["stop"], level["step"])
+            index_columns.append((level["name"], values))
+            continue
+        if name is None:
+            name = "index" if len(index) == 1 else f"level_{number}"
+        index_columns.append((name, schema.names.index(level)))
+    return [*index_columns, *columns]
 
 
 @dataclass(eq=False)
-class _Collected:
-    """A column as it grows: numbers in place, in the file's own type as long as no cell is empty;
-    of anything else the parts.
+class _GrowingColumn:
+    """A column to which batches are added.
+
+    Attributes
+    ----------
+    count : number of rows of the whole column.
+    filled : number of rows so far, of a column of numbers.
+    numbers : ``(count,)`` the numbers, in the type of the file if no cell is empty.
+    parts : batches of a column of other cells.
     """
 
     count: int
@@ -139,7 +145,7 @@ class _Collected:
     parts: list[Any] | None = None
 
     def add(self, part: Any) -> None:
-        """Put the rows of a batch after those that are there."""
+        """Append the rows of a batch."""
         import pyarrow
 
         types = pyarrow.types
@@ -148,16 +154,16 @@ class _Collected:
             return
         if part.null_count and types.is_integer(part.type):
             part = part.cast(pyarrow.float64(), safe=False)
-        values = part.to_numpy(zero_copy_only=False)
+        numbers = part.to_numpy(zero_copy_only=False)
         if self.numbers is None:
-            self.numbers = np.empty(self.count, dtype=values.dtype)
-        if values.dtype.kind == "f" and self.numbers.dtype.kind != "f":
+            self.numbers = np.empty(self.count, dtype=numbers.dtype)
+        if numbers.dtype.kind == "f" and self.numbers.dtype.kind != "f":
             self.numbers = self.numbers.astype(float)
-        self.numbers[self.filled : self.filled + len(values)] = values
-        self.filled += len(values)
+        self.numbers[self.filled : self.filled + len(numbers)] = numbers
+        self.filled += len(numbers)
 
-    def whole(self) -> np.ndarray:
-        """The column: numbers, times without a zone, or cells with None if one is empty."""
+    def values(self) -> np.ndarray:
+        """Return the whole column: numbers, times in UTC, or cells, where None is an empty one."""
         import pandas
         import pyarrow
 

@@ -21,36 +21,40 @@ FORMAT = "ULog"
 SUFFIXES = (".ulg", ".ulog")
 MAGIC = (b"ULog\x01\x12\x35",)
 EXTRA = "drones"
-NO_PROGRESS = 100_000  # reads
-CLOCK = "timestamp"  # microseconds since the autopilot started
+MOST_READS_WITHOUT_PROGRESS = 100_000
+CLOCK = "timestamp"  # microseconds since the start of the autopilot
 
 
-class _Forward(io.BytesIO):
-    """The bytes of a log with limited reading: the library loops forever in some damaged logs."""
+class _LogBytes(io.BytesIO):
+    """The bytes of a log, with an error after many reads without new bytes: the library does not
+    end in some damaged logs.
+    """
 
-    furthest, idle = 0, 0
+    furthest, reads_without_progress = 0, 0
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read as ``BytesIO``; EOFError after many reads without new bytes."""
+        """Read as ``BytesIO``. Raise EOFError after too many reads without new bytes."""
         content = super().read(size)
-        self.idle = 0 if self.tell() > self.furthest else self.idle + 1
-        self.furthest = max(self.furthest, self.tell())
-        if self.idle > NO_PROGRESS:
+        if self.tell() > self.furthest:
+            self.furthest, self.reads_without_progress = self.tell(), 0
+        else:
+            self.reads_without_progress += 1
+        if self.reads_without_progress > MOST_READS_WITHOUT_PROGRESS:
             raise EOFError("it is damaged")
         return content
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Topics ``message`` or, of further instances, ``message_1``; arrays are columns such as
-    ``q[0]``.
+    """Return the topics ``message`` and, for further instances, ``message_1``, ... Arrays are
+    columns such as ``q[0]``.
     """
     try:
         from pyulog import ULog
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
     try:
-        log = ULog(_Forward(raw))
-        data = [
+        log = ULog(_LogBytes(raw))
+        messages = [
             (
                 item.name,
                 item.multi_id,
@@ -60,16 +64,17 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         ]
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    result = []
-    for name, instance, columns in sorted(data, key=lambda item: (item[0], item[1])):
-        topic = f"{name}_{instance}" if instance else name
-        result.append(
-            Topic(topic, table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {topic}"))
-        )
-    if not result:
+    topics = []
+    for message, instance, columns in sorted(messages, key=lambda item: (item[0], item[1])):
+        name = f"{message}_{instance}" if instance else message
+        table = table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {name}")
+        topics.append(Topic(name, table))
+    if not topics:
         raise no_table(path, (), "log at least one topic")
-    dropped = sum(int(dropout.duration) for dropout in log.dropouts)
-    note = f"the logger dropped data {len(log.dropouts)} times, {dropped / 1000.0:.2f} s in all"
-    return (
-        (Topic(result[0].name, result[0].table, (note,)), *result[1:]) if dropped else tuple(result)
-    )
+    lost_time = sum(int(dropout.duration) for dropout in log.dropouts)  # ms
+    if lost_time:
+        note = (
+            f"the logger dropped data {len(log.dropouts)} times, {lost_time / 1000.0:.2f} s in all"
+        )
+        topics[0] = Topic(topics[0].name, topics[0].table, (note,))
+    return tuple(topics)

@@ -45,19 +45,21 @@ from scenarios.files.sources import (
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
-GZIP = b"\x1f\x8b"  # first bytes of the file
-BZIP2 = b"BZh"  # first bytes of the file
-XZ = b"\xfd7zXZ\x00"  # first bytes of the file
-ZIP = b"PK\x03\x04"  # first bytes of the file
-PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
-MOST_FILES = 500  # in an archive
-MOST_FOOTER_ROWS = 20  # rows below a table that may be remarks or sums
+# first bytes of packed files
+GZIP = b"\x1f\x8b"
+BZIP2 = b"BZh"
+XZ = b"\xfd7zXZ\x00"
+ZIP = b"PK\x03\x04"
+PACKED_SUFFIXES = (".gz", ".bz2", ".xz")
+MOST_FILES = 500  # most files in an archive
+MOST_FOOTER_ROWS = 20  # most rows of remarks or sums below a table
+UNPACKED_AT_ONCE = 1 << 20  # bytes that are unpacked before the size is checked
 
 
 @lru_cache(maxsize=1)
 def readers() -> dict[str, Reader]:
-    """Module name -> reader, in alphabetical order, ``text`` last: it takes whatever no other
-    format claims.
+    """Return module name -> reader, in alphabetical order. ``text`` is the last one, since it reads
+    every file that has no other format.
     """
     names = sorted(
         module.name
@@ -71,65 +73,61 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """Return the reader of a file by its first bytes, else by its suffix, else for text.
+    """Return the reader of a file by its first bytes, else by its suffix, else that for text.
 
-    For ZIP archives, which several formats use, the suffix decides first.
+    Several formats are ZIP archives: for these the suffix decides first.
     """
-    if raw.startswith(ZIP):
-        named = next(
-            (reader for reader in readers().values() if path.suffix.lower() in reader.SUFFIXES),
-            None,
-        )
-        if named is not None and named is not readers()["text"]:
-            return named
+    text, suffix = readers()["text"], path.suffix.lower()
+    by_suffix = next((reader for reader in readers().values() if suffix in reader.SUFFIXES), text)
+    if raw.startswith(ZIP) and by_suffix is not text:
+        return by_suffix
     for reader in readers().values():
         if any(begins_with(raw, mark) for mark in reader.MAGIC):
             return reader
-    suffix = path.suffix.lower()
-    return next(
-        (reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"]
-    )
+    return by_suffix
 
 
 def topics_of(source: Source) -> tuple[Topic, ...]:
-    """Return the topics in a file of any format; a gzip file is unpacked first.
+    """Return the topics of a file of any format. Packed files are unpacked first.
 
     Raises
     ------
-    RecordError : the file is empty or damaged, its library is not installed, or it holds no row.
+    RecordError : if the file is empty or damaged, if the library for its format is not installed,
+        or if it has no row.
     """
     path, raw = source.path, source.content
     if not raw:
         raise RecordError(
             "the file is empty", where=str(path), remedy="give a header row and one row a sample"
         )
-    inner = path
-    if raw.startswith((GZIP, BZIP2, XZ)) or path.suffix.lower() in PACKED:
-        raw, inner = (
-            _unpacked(path, raw),
-            path.with_suffix("") if path.suffix.lower() in PACKED else path,
-        )
-    refuse_oversized(inner, raw)
-    packed = raw.startswith(ZIP) and inner.suffix.lower() == ".zip"
-    files = _files_in(path, raw) if packed else ((inner, raw),)
+    inner_path, has_packed_suffix = path, path.suffix.lower() in PACKED_SUFFIXES
+    if raw.startswith((GZIP, BZIP2, XZ)) or has_packed_suffix:
+        raw = _unpacked(path, raw)
+        if has_packed_suffix:
+            inner_path = path.with_suffix("")
+    refuse_oversized(inner_path, raw)
+    is_archive = raw.startswith(ZIP) and inner_path.suffix.lower() == ".zip"
+    files = _files_in(path, raw) if is_archive else ((inner_path, raw),)
     with _silent():
-        parts = [(each, reader_for(each, content).read(path, content)) for each, content in files]
-    topics = parts[0][1] if len(parts) == 1 else _one_log(path, parts)
-    filled = tuple(
+        topics_by_file = [
+            (file, reader_for(file, content).read(path, content)) for file, content in files
+        ]
+    topics = topics_by_file[0][1] if len(topics_by_file) == 1 else _one_log(path, topics_by_file)
+    trimmed = [
         _without_footer(replace(topic, table=without_empty_tail(topic.table))) for topic in topics
-    )
-    filled = tuple(topic for topic in filled if topic.table.rows.size)
-    if not filled:
+    ]
+    with_rows = tuple(topic for topic in trimmed if topic.table.rows.size)
+    if not with_rows:
         raise RecordError(
             "there is a header but no rows", where=str(path), remedy="give one row a sample"
         )
-    return filled
+    return with_rows
 
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Context manager that suppresses output, logs and warnings of libraries; problems are returned
-    as errors or notes.
+    """Suppress output, logs and warnings of libraries. Readers state problems in errors and
+    notes.
     """
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
@@ -146,14 +144,14 @@ def _silent() -> Iterator[None]:
 
 
 def without_empty_tail(table: CellTable) -> CellTable:
-    """Return the table without empty rows at its end, as in exported spreadsheets."""
+    """Return the table without the empty rows at its end that exported spreadsheets have."""
     count = table.rows.size
     while count and all(
         len(column) < count or _is_empty(column[count - 1]) for column in table.columns
     ):
         count -= 1
     if count in (0, table.rows.size):
-        return table  # a table without any number is for the reader of its channels to refuse
+        return table  # a table with empty rows only is refused when its channels are read
     columns = tuple(column[:count] for column in table.columns)
     return replace(
         table,
@@ -168,9 +166,9 @@ def _is_empty(cell: object) -> bool:
 
 
 def _without_footer(topic: Topic) -> Topic:
-    """Return the topic without remarks and sums below its numbers, and a note on them.
+    """Return the topic without the remarks and sums below its numbers, with a note on them.
 
-    These are last rows with a text in the first cell instead of a number.
+    Their first cell is a text, while that of the rows above is a number.
     """
     table = topic.table
     first, count = table.columns[0] if table.columns else np.zeros(0), table.rows.size
@@ -183,9 +181,9 @@ def _without_footer(topic: Topic) -> Topic:
         return topic
     columns = tuple(column[:kept] for column in table.columns)
     ragged = {row: n for row, n in table.ragged.items() if row < kept}
-    rest = "s are" if count - kept > 1 else " is"
+    plural = "s are" if count - kept > 1 else " is"
     note = (
-        f"{count - kept} row{rest} left out below the table, from row {table.rows[kept]} on "
+        f"{count - kept} row{plural} left out below the table, from row {table.rows[kept]} on "
         f"({str(first[kept])[:30]!r})"
     )
     return replace(
@@ -196,7 +194,7 @@ def _without_footer(topic: Topic) -> Topic:
 
 
 def _is_remark(cell: object) -> bool:
-    """Return whether a cell holds a word: letters, and neither a number nor the mark of a missing
+    """Return whether a cell has letters, and is neither a number nor the mark of a missing
     sample.
     """
     text = "" if cell is None else str(cell).strip()
@@ -208,22 +206,24 @@ def _is_remark(cell: object) -> bool:
 
 
 def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
-    """Return names and contents of the files in a ZIP archive.
+    """Return the names and contents of the files in a ZIP archive.
 
-    Raises RecordError if it is empty, too large or damaged.
+    Raises
+    ------
+    RecordError : if the archive is empty, too large or damaged.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            inside = [
+            items = [
                 item
                 for item in archive.infolist()
                 if not item.is_dir() and not item.filename.startswith("__MACOSX/")
             ]
-            size = sum(item.file_size for item in inside)
-            if 0 < len(inside) <= MOST_FILES and size <= MOST_RECORD:
-                files = tuple((Path(item.filename), archive.read(item)) for item in inside)
-                for inner, content in files:
-                    refuse_oversized(inner, content)
+            size = sum(item.file_size for item in items)
+            if 0 < len(items) <= MOST_FILES and size <= MOST_RECORD:
+                files = tuple((Path(item.filename), archive.read(item)) for item in items)
+                for name, content in files:
+                    refuse_oversized(name, content)
                 return files
     except (
         zipfile.BadZipFile,
@@ -240,50 +240,61 @@ def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
             remedy="pack it again, or give the plain file",
         ) from None
     raise RecordError(
-        f"the archive holds {len(inside)} files of {size / 2**20:.0f} MiB",
+        f"the archive holds {len(items)} files of {size / 2**20:.0f} MiB",
         where=str(path),
         remedy="unpack it, and give one of its files",
     )
 
 
-def _one_log(path: Path, parts: Sequence[tuple[Path, tuple[Topic, ...]]]) -> tuple[Topic, ...]:
-    """Return the files of an archive (channels or instruments) as topics of one log.
+def _one_log(
+    path: Path, topics_by_file: Sequence[tuple[Path, tuple[Topic, ...]]]
+) -> tuple[Topic, ...]:
+    """Return the files of an archive, each with one channel or instrument, as topics of one log.
 
-    Raises RecordError if a file is no table, or two have the same columns, as separate records do.
+    Raises
+    ------
+    RecordError : if a file is no table, or if two files have the same columns: they are then
+        separate records.
     """
-    shown = ", ".join(str(each) for each, _ in parts[:6]) + (", ..." if len(parts) > 6 else "")
-    what = f"the archive holds {len(parts)} files ({shown})"
+    files = [file for file, _ in topics_by_file]
+    shown = ", ".join(str(file) for file in files[:6]) + (", ..." if len(files) > 6 else "")
+    what = f"the archive holds {len(files)} files ({shown})"
     remedy = "unpack it, and give one of its files"
-    for each, topics in parts:
+    for file, topics in topics_by_file:
         if len(topics) != 1:
-            raise RecordError(f"{what}; {each} is no table", where=str(path), remedy=remedy)
-    headers = [topics[0].table.header for _, topics in parts]
+            raise RecordError(f"{what}; {file} is no table", where=str(path), remedy=remedy)
+    headers = [topics[0].table.header for _, topics in topics_by_file]
     if len(set(headers)) < len(headers):
         why = "some have the same columns: they are records of their own"
         raise RecordError(f"{what}; {why}", where=str(path), remedy=remedy)
-    names = [each.stem for each, _ in parts]
+    names = [file.stem for file in files]
     if len(set(names)) < len(names):
         raise RecordError(f"{what}; two have one name", where=str(path), remedy=remedy)
     return tuple(
-        replace(topics[0], name=name) for name, (_, topics) in zip(names, parts, strict=True)
+        replace(topics[0], name=name)
+        for name, (_, topics) in zip(names, topics_by_file, strict=True)
     )
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """Return the content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may
-    expand to any size.
+    """Return the content of a gzip, bzip2 or xz file.
+
+    Raises
+    ------
+    RecordError : if the file is damaged, or if its content is too large. The size is checked while
+        the file is unpacked, since a small file may have a content of any size.
     """
+    open_file: Callable[[io.BytesIO], Any]
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
-        name = "a bzip2"
-        opened: Callable[[io.BytesIO], Any] = bz2.BZ2File
+        name, open_file = "a bzip2", bz2.BZ2File
     elif raw.startswith(XZ) or path.suffix.lower() == ".xz":
-        name, opened = "an xz", lzma.LZMAFile
+        name, open_file = "an xz", lzma.LZMAFile
     else:
-        name, opened = "a gzip", _gzip
+        name, open_file = "a gzip", _gzip
     pieces, size = [], 0
     try:
-        with opened(io.BytesIO(raw)) as file:
-            while piece := file.read(1 << 20):
+        with open_file(io.BytesIO(raw)) as file:
+            while piece := file.read(UNPACKED_AT_ONCE):
                 pieces.append(piece)
                 size += len(piece)
                 if size > MOST_RECORD:
@@ -307,29 +318,29 @@ def _gzip(content: io.BytesIO) -> gzip.GzipFile:
     return gzip.GzipFile(fileobj=content)
 
 
-# ---- A folder with one CSV file a channel, read as one log
+# ---- A folder with one CSV file for each channel, read as one log
 
-# Headers that say nothing: the channel has the name of its file.
+# headers that are no names: the name of the file is that of the channel
 NAMELESS = ("", "value", "values", "data", "y", "reading", "signal", "column 2")
-MOST_CHANNELS = 1000  # files of a folder
+MOST_CHANNELS = 1000  # most files of a folder
 
 
 def opened_folder(folder: Path) -> tuple[Source, tuple[Topic, ...]] | None:
-    """The files of a folder as topics of one log, each with its own clock.
+    """Return the files of a folder as topics of one log, each with its own clock.
 
     Parameters
     ----------
-    folder : holds one CSV file for each channel: a column of time and one of values. A channel is
-        named by its header, or by its file where the header says ``value``.
+    folder : folder with one CSV file for each channel, which has a column of time and one of
+        values. The name of a channel is its header, or that of its file if the header is no name.
 
     Returns
     -------
-    What stands for the file of the record (its content is that of all files, one after the other),
-    and the topics; None if it is no folder, or holds no CSV file.
+    The source of the record, whose content is that of all files, and the topics. None if the path
+    is no folder, or has no CSV file.
 
     Raises
     ------
-    RecordError : a file holds anything but a time and one channel, or two hold the same channel.
+    RecordError : if a file is not a time and one channel, or if two files have the same channel.
     """
     paths = sorted(folder.glob("*.csv")) if folder.is_dir() else []
     if not paths:
@@ -344,9 +355,9 @@ def opened_folder(folder: Path) -> tuple[Source, tuple[Topic, ...]] | None:
     topics = tuple(_channel(folder, source) for source in sources)
     names = [header for topic in topics for header in topic.table.header[1:]]
     if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+        duplicate = next(name for name in names if names.count(name) > 1)
         raise RecordError(
-            f"two files of this folder hold {twice!r}: they are records of their own",
+            f"two files of this folder hold {duplicate!r}: they are records of their own",
             where=str(folder),
             remedy="name one of them",
         )
@@ -356,24 +367,29 @@ def opened_folder(folder: Path) -> tuple[Source, tuple[Topic, ...]] | None:
 
 
 def _channel(folder: Path, source: Source) -> Topic:
-    """Return a file as a topic, the time first. Raises RecordError if it is no single channel."""
+    """Return the topic of a file with one channel, the time first.
+
+    Raises
+    ------
+    RecordError : if the file is not a table of time and one channel.
+    """
     topics = topics_of(source)
     header, columns = topics[0].table.header, topics[0].table.columns
-    clocks = [at for at, cell in enumerate(header) if is_clock(split_header(cell)[0])]
+    clocks = [i for i, cell in enumerate(header) if is_clock(split_header(cell)[0])]
     if len(topics) != 1 or len(header) != 2 or len(clocks) != 1:
         raise RecordError(
             f"this is a folder, and {source.path.name} is not a table of time and one channel",
             where=str(folder),
             remedy="name one of its files, or join them to one table with a column time",
         )
-    order, table, stem = (clocks[0], 1 - clocks[0]), topics[0].table, source.path.stem
-    name, unit = split_header(header[order[1]])
-    units = tuple(table.units[at] for at in order) if table.units else ("", "")
-    channel = stem if name.strip().lower() in NAMELESS else name
+    clock, channel = clocks[0], 1 - clocks[0]
+    table, stem = topics[0].table, source.path.stem
+    name, unit = split_header(header[channel])
+    units = (table.units[clock], table.units[channel]) if table.units else ("", "")
     table = replace(
         table,
-        header=(header[order[0]], channel),
-        columns=tuple(columns[at] for at in order),
+        header=(header[clock], stem if name.strip().lower() in NAMELESS else name),
+        columns=(columns[clock], columns[channel]),
         units=(units[0], unit or units[1]),
     )
     return replace(topics[0], name=stem, table=table)

@@ -29,7 +29,9 @@ EXTRA = "spreadsheets"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Return one topic for each sheet with a table; named if there are several."""
+    """Return one topic for each sheet with a table. Its name is that of the sheet if there are
+    several.
+    """
     try:
         from python_calamine import CalamineWorkbook
     except ImportError as error:
@@ -40,42 +42,39 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
             (name, book.get_sheet_by_name(name).to_python(skip_empty_area=False))
             for name in book.sheet_names
         ]
-    except BaseException as error:  # the library's panics are no Exception
+    except BaseException as error:  # errors of the compiled library are no Exception
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
         raise damaged(error, path, FORMAT) from None
-    result = [
+    tables = [
         (name, table) for name, rows in sheets if (table := _table(path, name, rows)) is not None
     ]
-    if not result:
+    if not tables:
         raise no_table(
             path,
             [name for name, _ in sheets],
             "give a sheet with a header row and one row a sample",
         )
-    return tuple(Topic(name if len(result) > 1 else "", table) for name, table in result)
+    return tuple(Topic(name if len(tables) > 1 else "", table) for name, table in tables)
 
 
 def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
-    """Return the table of a sheet, None if no row of numbers follows a header."""
+    """Return the table of a sheet; None if the sheet has no header with a row of numbers below."""
     texts = [["" if cell is None else str(cell) for cell in row] for row in rows]
-    first = header_row(texts)
-    if first is None or first + 1 >= len(rows):
+    head = header_row(texts)
+    if head is None or head + 1 >= len(rows):
         return None
-    width = max((index + 1 for index, cell in enumerate(texts[first]) if cell.strip()), default=0)
-    header = tuple(header_cell(cell, f"{path}, sheet {sheet!r}") for cell in texts[first][:width])
-    units = unit_row(header, texts[first + 1][:width])
-    begin = first + (2 if units else 1)
+    width = max((i + 1 for i, cell in enumerate(texts[head]) if cell.strip()), default=0)
+    where = f"{path}, sheet {sheet!r}"
+    header = tuple(header_cell(cell, where) for cell in texts[head][:width])
+    units = unit_row(header, texts[head + 1][:width])
+    begin = head + (2 if units else 1)
     filled_rows = [
-        index
-        for index in range(begin, len(rows))
-        if any(cell.strip() for cell in texts[index][:width])
+        i for i in range(begin, len(rows)) if any(cell.strip() for cell in texts[i][:width])
     ]
-    columns = tuple(
-        _column([rows[index][column] for index in filled_rows]) for column in range(width)
-    )
+    columns = tuple(_column([rows[i][column] for i in filled_rows]) for column in range(width))
     return CellTable(
-        f"{path}, sheet {sheet!r}",
+        where,
         header,
         columns,
         np.array(filled_rows, dtype=int) + 1,
@@ -84,8 +83,8 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
 
 
 def _column(cells: list[Any]) -> np.ndarray:
-    """Return floats if every cell is a number or empty; else the cells, with dates and times of day
-    as ISO texts.
+    """Return a column as floats if every cell is a number or empty; else as cells, with dates and
+    times of day as ISO texts.
     """
     if all(isinstance(cell, int | float) or cell in ("", None) for cell in cells):
         return np.array(
@@ -97,6 +96,7 @@ def _column(cells: list[Any]) -> np.ndarray:
 
 
 def _cell(cell: Any) -> Any:
+    """Return a cell with a date or time of day as ISO text, a duration in s, and None if empty."""
     if isinstance(cell, datetime.datetime | datetime.date | datetime.time):
         return cell.isoformat()
     if isinstance(cell, datetime.timedelta):

@@ -1,4 +1,4 @@
-"""National Instruments TDMS files by npTDMS: each group is a topic; waveforms bring their clock as
+"""National Instruments TDMS files by npTDMS: each group is a topic. A waveform has its clock as
 start and increment.
 """
 
@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,9 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """Return one topic for each group and length of channel; ``unit_string`` gives the units."""
+    """Return one topic for the channels of a group with equal increments and lengths. The property
+    ``unit_string`` has the units.
+    """
     try:
         from nptdms import TdmsFile
     except ImportError as error:
@@ -33,35 +36,27 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     try:
         log = TdmsFile.read(io.BytesIO(raw))
         for group in log.groups():
-            channels = [
-                channel
-                for channel in group.channels()
-                if channel[:].dtype.kind in "fiubM" and len(channel)
-            ]
-            for rate in dict.fromkeys(
-                (channel.properties.get("wf_increment"), len(channel)) for channel in channels
-            ):
-                mine = [
-                    channel
-                    for channel in channels
-                    if (channel.properties.get("wf_increment"), len(channel)) == rate
-                ]
-                name = (
-                    group.name
-                    if not any(topic.name == group.name for topic in topics)
-                    else f"{group.name} {len(mine[0])}"
-                )
-                columns = {channel.name: channel[:] for channel in mine}
+            channels_by_clock: dict[tuple[Any, int], list[Any]] = {}
+            for channel in group.channels():
+                if channel[:].dtype.kind in "fiubM" and len(channel):
+                    clock = (channel.properties.get("wf_increment"), len(channel))
+                    channels_by_clock.setdefault(clock, []).append(channel)
+            for (increment, count), channels in channels_by_clock.items():
+                name = group.name
+                if any(topic.name == group.name for topic in topics):
+                    name = f"{group.name} {count}"
+                columns = {channel.name: channel[:] for channel in channels}
                 units = {
-                    channel.name: str(channel.properties.get("unit_string", "")) for channel in mine
+                    channel.name: str(channel.properties.get("unit_string", ""))
+                    for channel in channels
                 }
-                if rate[0] and not any(name.lower().startswith("time") for name in columns):
-                    begin = float(mine[0].properties.get("wf_start_offset", 0.0))
-                    columns = {"time": begin + float(rate[0]) * np.arange(rate[1]), **columns}
+                has_time = any(column.lower().startswith("time") for column in columns)
+                if increment and not has_time:
+                    begin = float(channels[0].properties.get("wf_start_offset", 0.0))
+                    columns = {"time": begin + float(increment) * np.arange(count), **columns}
                     units["time"] = "s"
-                topics.append(
-                    Topic(name, table_of_columns(path, columns, units, place=f"group {name}"))
-                )
+                table = table_of_columns(path, columns, units, place=f"group {name}")
+                topics.append(Topic(name, table))
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
     if not topics:

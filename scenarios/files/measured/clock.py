@@ -1,6 +1,7 @@
-"""Convert the time stamps of a record to seconds: dates, times of day and counters.
+"""Conversion of time stamps to seconds: dates, times of day and counters.
 
-Also repairs stamps with few digits, counters that overflow, and repeated or unsorted rows.
+Stamps with few digits, counters that overflow, and repeated or unsorted rows are also corrected
+here.
 """
 
 from __future__ import annotations
@@ -16,36 +17,33 @@ from sim.errors import RecordError
 
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# A counter without a unit gets the unit that gives the rate nearest to this, Hz.
-USUAL_RATE = 50.0
-# A counter of whole numbers with a lower rate in seconds, Hz, does not count seconds.
-LOWEST_COUNTER_RATE = 0.1
-FEWEST_STEPS = 20  # with fewer steps the unit of a counter is not decided
-# A clock without a unit and with a higher rate in seconds, Hz, has a longer unit.
-HIGHEST_CLOCK_RATE = 50_000.0
-# A clock without a unit and with a higher rate in seconds, Hz, is read in seconds with a note.
-DOUBTFUL_CLOCK_RATE = 1000.0
+# Rates of a clock without a unit, Hz, if it were in seconds:
+USUAL_RATE = 50.0  # a counter gets the unit with the rate nearest to this
+LOWEST_COUNTER_RATE = 0.1  # a counter of whole numbers with a lower rate is not in seconds
+HIGHEST_CLOCK_RATE = 50_000.0  # a clock with a higher rate has a longer unit than seconds
+DOUBTFUL_CLOCK_RATE = 1000.0  # a clock with a higher rate is read in seconds with a note
+FEWEST_STEPS = 20  # fewest steps of a clock whose unit is decided by its rate
 LEAST_DATE_STAMP = 1e8  # s; larger stamps are dates
 LATEST_EPOCH_STAMP = 4.2e9  # s; seconds since 1970 stay below it until the year 2103
-# Longest time from the end of a day or week to the first stamp after it, share of day or week.
+# longest time from the end of a day or week to the first stamp after it, over a day or week
 ROLLOVER_DELAY_SHARE = 1e-3
-OVERFLOW_SHARE = 0.9  # a fall by a larger share of its range is an overflow of a counter
+OVERFLOW_SHARE = 0.9  # a counter that decreases by a larger share of its range has an overflow
 HOUR = 3600.0  # s
 DAY = 86400.0  # s
-# Days of the years 1970 to 2100 as Excel and as MATLAB count them.
+# numbers of the days of the years 1970 to 2100 in Excel and in MATLAB
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
-# Least share of uneven steps that is attributed to rounding of the stamps. Correct for all of 1500
-# records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s.
+# smallest share of uneven steps that is attributed to rounding of the stamps: right for all of 1500
+# records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s
 ROUNDED_STEP_SHARE = 0.01
 COARSE_STAMP_SHARE = 0.01  # stamps whose rounding is a larger share of the step are coarse
-MOST_FIT_STAMPS = 4000  # stamps that determine an even grid; enough, and the fit stays fast
-# A record with a larger share of rows in the wrong place is not sorted.
-MOST_DISPLACED_SHARE = 0.02
+MOST_FIT_STAMPS = 4000  # most stamps that determine an even grid, so that the fit is fast
+FEWEST_GRID_STAMPS = 10  # fewest stamps to which an even grid is fitted
+MOST_DISPLACED_SHARE = 0.02  # largest share of displaced rows of a record that is sorted
 _TIME_OF_DAY = re.compile(
     r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ "
     r":-])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+|:\d{3})?)"
 )
-_MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")  # as spreadsheets show a time of day
+_MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")  # form of a time of day in spreadsheets
 _DAY_AND_MONTH = re.compile(r"(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)")
 
 
@@ -55,9 +53,10 @@ class Clock:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s; NaN for rows without a readable time.
-    notes : sentences on how the stamps were read.
-    origin : s; it was subtracted from the stamps. With it the clocks of a log have one time.
+    time : ``(N,)``, s; NaN for rows without a readable time.
+    notes : sentences on the interpretation of the stamps.
+    origin : s, subtracted from the stamps. The sum of both is the same time for all clocks of a
+        log.
     """
 
     time: np.ndarray
@@ -71,8 +70,8 @@ class Sorted:
 
     Attributes
     ----------
-    time : shape ``(M,)``, s, increasing.
-    order : shape ``(M,)``, position that each row had in the file.
+    time : ``(M,)``, s, increasing.
+    order : ``(M,)`` position of each row in the file.
     notes : sentences on rows that were moved or left out.
     """
 
@@ -82,7 +81,7 @@ class Sorted:
 
 
 def counter_unit(name: str) -> str | None:
-    """Return the unit in the name of a clock such as ``TimeUS``; None if there is none in it."""
+    """Return the unit in the name of a clock such as ``TimeUS``; None for a name without one."""
     return COUNTERS.get(name.strip().lower())
 
 
@@ -91,31 +90,31 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
 
     - Dates: ISO 8601, or day, month and year; day and month in either order.
     - Times of day: ``hh:mm:ss.sss``, also with a comma or a colon before the fraction, or
-      ``mm:ss.s``. A fall by more than half a day is midnight; a fall of ``mm:ss.s`` by more than
-      half an hour is the full hour.
-    - IRIG times: ``DDD:hh:mm:ss.sss``, also with a year before or a dash after the day.
-    - Durations: those of pandas, ``0 days 00:00:01.5``.
+      ``mm:ss.s``. A decrease by more than half a day is midnight. A decrease of ``mm:ss.s`` by more
+      than half an hour is the full hour.
+    - IRIG times: ``DDD:hh:mm:ss.sss``, also with a year before the day or a dash after it.
+    - Durations of pandas: ``0 days 00:00:01.5``.
     """
     texts = ["" if cell is None else str(cell).strip() for cell in cells]
     filled = [text for text in texts if text]
     if not filled:
         return None
-    of_minutes = _MINUTES.fullmatch(filled[0]) is not None
+    without_hours = _MINUTES.fullmatch(filled[0]) is not None
     match = _TIME_OF_DAY.fullmatch(filled[0])
-    if match is None and not of_minutes:
+    if match is None and not without_hours:
         return _dates(texts)
     seconds = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
         if not text:
             continue
-        parts = (_MINUTES if of_minutes else _TIME_OF_DAY).fullmatch(text)
+        parts = (_MINUTES if without_hours else _TIME_OF_DAY).fullmatch(text)
         if parts is None:
             return None
-        if of_minutes:
+        if without_hours:
             seconds[row] = 60.0 * int(parts[1]) + _seconds_with_fraction(parts[2])
         else:
             seconds[row] = _seconds_of_day(parts)
-    if of_minutes:
+    if without_hours:
         kind, period = "minutes and seconds", HOUR
     elif match is not None and match[1]:
         kind, period = "IRIG times (days of the year)", 0.0
@@ -126,29 +125,29 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
     note = f"{kind} count from the first, {filled[0]}"
     finite_rows = np.flatnonzero(np.isfinite(seconds))
     if period:
-        falls = np.diff(seconds[finite_rows]) < -0.5 * period
-        periods = np.concatenate([[0.0], np.cumsum(falls)])
+        decreases = np.diff(seconds[finite_rows]) < -0.5 * period
+        periods = np.concatenate([[0.0], np.cumsum(decreases)])
         seconds[finite_rows] += period * periods
         if periods[-1]:
-            note += "; the full hour is passed" if of_minutes else "; midnight is passed"
+            note += "; the full hour is passed" if without_hours else "; midnight is passed"
     first = float(seconds[finite_rows[0]])
     return Clock(np.round(seconds - first, 9), (note,), first)
 
 
 def _seconds_of_day(parts: re.Match[str]) -> float:
-    """Return the seconds of a match of ``_TIME_OF_DAY``, its days included."""
+    """Return the seconds of a match of ``_TIME_OF_DAY``, days included."""
     days = int(parts[1] or parts[2] or 0)
     minutes = 60.0 * int(parts[3]) + int(parts[4])
     return DAY * days + 60.0 * minutes + _seconds_with_fraction(parts[5])
 
 
 def _seconds_with_fraction(text: str) -> float:
-    """Return seconds whose fraction stands after a point, a comma or a colon."""
+    """Return the number of seconds; a point, a comma or a colon precedes the fraction."""
     return float(text.replace(",", ".").replace(":", "."))
 
 
 def times_of_dates(dates: np.ndarray) -> Clock:
-    """Return dates or durations of NumPy in seconds; dates count from the first."""
+    """Return dates or durations of NumPy in seconds; dates are counted from the first."""
     if dates.dtype.kind == "m":
         return Clock(np.where(np.isnat(dates), np.nan, dates / np.timedelta64(1, "ns") * 1e-9))
     finite_rows = np.flatnonzero(~np.isnat(dates))
@@ -165,22 +164,22 @@ def times_of_dates(dates: np.ndarray) -> Clock:
 def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
     """Return the numbers of a clock in seconds.
 
-    A counter of 16 or 32 bits continues after an overflow. Stamps that are dates count from the
-    first sample.
+    A counter of 16 or 32 bits continues after an overflow. Stamps that are dates are counted from
+    the first sample.
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN if missing.
-    unit : ``s``, ``ms``, ``us`` or ``ns``; None: the rate decides.
-    where : file and column, for errors.
+    values : ``(N,)``, NaN if missing.
+    unit : ``s``, ``ms``, ``us`` or ``ns``; None decides by the rate.
+    where : file and column, for messages.
 
     Raises
     ------
-    RecordError : ``unit`` is None, and the rate in seconds would be impossibly high: the clock may
-        be in minutes, hours or days.
+    RecordError : if ``unit`` is None and the rate in seconds is impossible: the clock may be in
+        minutes, hours or days.
     """
     notes: list[str] = []
-    stated = unit == "s"
+    seconds_are_stated = unit == "s"
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < 2:
         return Clock(values)
@@ -197,7 +196,7 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
         days = (values - first) * DAY
         return Clock(days, (*notes, "the time counts from the first sample"), first * DAY)
     factor, first = SECONDS[unit], 0.0
-    if not stated and abs(values[finite][0]) * factor > LEAST_DATE_STAMP:
+    if not seconds_are_stated and abs(values[finite][0]) * factor > LEAST_DATE_STAMP:
         notes.append("the time counts from the first sample")
         first = float(values[finite][0])
         values = values - first
@@ -208,24 +207,21 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
 
 def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
-    """Decide the unit of a clock whose unit is not stated.
+    """Return the unit of a clock without a stated unit, ``s``, ``ms``, ``us``, ``ns`` or ``d``, and
+    a sentence on it; the sentence is empty if there is no doubt.
 
     Parameters
     ----------
-    values : the stamps, shape ``(N,)``, finite.
-    where : file and column, for errors.
-
-    Returns
-    -------
-    The unit, ``s``, ``ms``, ``us``, ``ns`` or ``d``, and a sentence on it or an empty text.
+    values : ``(N,)`` stamps, finite.
+    where : file and column, for messages.
 
     Raises
     ------
-    RecordError : the rate is impossible in seconds, and no other unit is certain.
+    RecordError : if the rate in seconds is impossible, and no other unit is certain.
     """
     steps = np.diff(values)
     forward = steps > 0.0
-    # Stamps with few digits repeat: the interval is the step times the share of stamps that change.
+    # Stamps with few digits repeat: the interval is the step, times the share of changed stamps.
     step = float(np.median(steps[forward]) * np.mean(forward)) if np.any(forward) else 0.0
     if not step > 0.0 or steps.size < FEWEST_STEPS:
         return "s", ""
@@ -258,25 +254,17 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """Return the even grid of times whose rounding gives the stamps.
-
-    Parameters
-    ----------
-    time : the stamps, shape ``(N,)``, s, finite.
-
-    Returns
-    -------
-    The grid, shape ``(N,)``, s, and a sentence on it; None if the stamps are exact enough, or if no
-    even grid explains them.
+    """Return the even grid ``(N,)`` of times, s, whose rounding gives the stamps ``time (N,)``, s,
+    and a sentence on it; None if the stamps are exact enough, or if no even grid explains them.
 
     Notes
     -----
-    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp. The last
-    digit is found for each power of ten, since larger numbers with the same significant digits have
-    fewer decimals. A linear program in ``a`` and ``b`` minimizes the largest deviation.
+    Every stamp may differ from the grid ``a + b k`` by half a unit of its last digit. The last
+    digit is determined for each power of ten, since larger numbers with the same significant digits
+    have fewer decimals. A linear program in ``a`` and ``b`` minimizes the largest deviation.
     """
     if (
-        time.size < 10
+        time.size < FEWEST_GRID_STAMPS
         or not np.max(np.abs(time)) < LARGEST_NUMBER
         or not np.all(np.diff(time) >= 0.0)
     ):
@@ -286,7 +274,7 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
         return None
     usual = float(np.median(np.diff(time)))
     uneven = np.abs(np.diff(time) - usual) > COARSE_STAMP_SHARE * step
-    # If usual is zero, most stamps repeat, and steps between them are not faults.
+    # If the usual step is zero, most stamps repeat, so that other steps are no faults.
     if usual > 0.0 and np.mean(uneven) < ROUNDED_STEP_SHARE:
         return None
     unit = _last_digits(time)
@@ -324,25 +312,23 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
 
 
 def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
-    """Sort rows by time, and leave out rows that repeat the row before them.
+    """Return the rows in the order of time, without rows that repeat the row before them.
+
+    The result is None if too many rows are out of order, or if two different rows have the same
+    time.
 
     Parameters
     ----------
-    time : shape ``(N,)``, s, finite.
-    repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
-
-    Returns
-    -------
-    The sorted rows; None if too many rows are out of order, or if two rows that differ have the
-    same time.
+    time : ``(N,)``, s, finite.
+    repeats : ``(N,)`` whether a row has the same cells as the row of equal time before it.
     """
     order = np.argsort(time, kind="stable")
     notes = []
     misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
     if misplaced:
         most = MOST_DISPLACED_SHARE * time.size
-        farthest = np.max(np.abs(order - np.arange(time.size)))
-        if misplaced > most or farthest > max(10, most):
+        largest_distance = np.max(np.abs(order - np.arange(time.size)))
+        if misplaced > most or largest_distance > max(10, most):
             return None
         notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
     order = order[~repeats[order]]
@@ -375,7 +361,7 @@ def _dates(texts: Sequence[str]) -> Clock | None:
             break
     if not readings:
         return None
-    # Records are short: use the order of day and month that gives the shorter duration.
+    # Records are short: the order of day and month with the shorter duration is right.
     _, stamps, words = min(readings, key=lambda reading: reading[0])
     first = stamps[stamps.first_valid_index()]
     seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
@@ -387,7 +373,8 @@ def _dates(texts: Sequence[str]) -> Clock | None:
 
 
 def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], str]]:
-    """Return the readings of dates as texts with year, month and day, each with a word on it.
+    """Return the possible readings of dates, each as texts with year, month and day in this order,
+    with words on the reading.
 
     Dates with the year first have one reading. Other dates have two: day first and month first.
     """
@@ -405,10 +392,8 @@ def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], 
 
 
 def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Make seconds of the day, or of the GPS week, continuous over the end of day or week.
-
-    Returns the times, shape ``(N,)``, s, and ``"day"``, ``"week"`` or, without an end, an empty
-    text.
+    """Return seconds of the day, or of the GPS week, made continuous over its end, ``(N,)``; and
+    ``"day"``, ``"week"``, or an empty text if there is no such end.
     """
     finite_rows = np.flatnonzero(np.isfinite(time))
     finite = time[finite_rows]
@@ -440,9 +425,9 @@ def _without_overflows(values: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _last_digits(time: np.ndarray) -> np.ndarray:
-    """Return the unit of the last written digit of each stamp, s, shape ``(N,)``.
+    """Return the unit of the last written digit of each stamp, s, ``(N,)``.
 
-    Stamps of the same power of ten have the same unit: the largest in which all of them are whole.
+    Stamps of one power of ten have one unit: the largest one of which all are whole multiples.
     """
     power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
     unit = np.zeros_like(time)
@@ -452,15 +437,15 @@ def _last_digits(time: np.ndarray) -> np.ndarray:
         for decimals in range(-6, 13):
             scaled = values * 10.0**decimals
             rounded = np.round(scaled)
-            # A number below half a unit rounds to zero, but is not written in that unit.
+            # A number below half a unit rounds to zero, so that it is not written in this unit.
             whole = np.all((rounded != 0.0) | (values == 0.0))
             if whole and np.all(
                 np.abs(scaled - rounded) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)
             ):
                 unit[here] = 10.0**-decimals
                 break
-    # A printed number has at least the decimals of any larger one; small numbers may seem to have
-    # fewer by chance.
+    # A written number has at least as many decimals as a larger one. Some small numbers have zeros
+    # as last digits by chance.
     for exponent in np.unique(power)[::-1]:
         here = power == exponent
         larger = unit[power > exponent]

@@ -1,4 +1,4 @@
-"""Find the columns of a table that are channels, and their units. Open each record file once."""
+"""Columns of channels in a table and their units, and record files with their sidecars."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class SourceColumn:
 
     Attributes
     ----------
-    channel : name of the channel in this project.
+    channel : name of the channel in the program.
     header : header cell of the column in the file.
-    index : position in the table, from 0.
-    unit : unit of the column's numbers; for the stick a label that is not converted.
-    inside : SI unit of the channel, to which they are converted; empty if ``unit`` is a label.
+    index : index of the column in the table.
+    unit : unit of the numbers in the column; for the stick a label that is not converted.
+    inside : SI unit of the channel in the program; empty if ``unit`` is a label.
     """
 
     channel: str
@@ -84,22 +84,28 @@ def find_column(
     *,
     lenient: bool = False,
 ) -> SourceColumn | None:
-    """Return the column of a channel, None if the table has none.
+    """Return the column of a channel; None if the table has none.
 
-    ``choices``, the channel map, names the column of a channel or declares the channel absent. A
-    channel that is not in the map is found by the headers ``alpha``, ``alpha [deg]`` and
+    A channel that is not in the channel map is found by the headers ``alpha``, ``alpha [deg]`` and
     ``alpha_deg``. If a column ``alpha`` exists, a header ``alpha_word`` is another signal unless
-    the word is a unit of an angle.
+    the word is a unit of an angle. A header that is the name of another channel is never used.
 
-    The unit is that of the header, else of ``under`` (the row of units under the header), else of
-    ``units`` (the sidecar's). ``channel_units``: the SI unit of every known channel; a header that
-    is the name of another channel is never used. ``lenient``: ignore a unit in ``under`` of the
-    wrong dimension; recorders often write wrong units.
+    Parameters
+    ----------
+    header : header cells of the table.
+    file : the file, for messages.
+    choices : channel map, with the column of a channel, or the declaration that it is absent.
+    units : channel -> unit of the sidecar, for columns without another unit.
+    channel_units : SI unit of every known channel.
+    under : row of units under the header, for columns without a unit in the header.
+    lenient : whether a unit in ``under`` of the wrong dimension is ignored: recorders often write
+        wrong units.
 
     Raises
     ------
-    RecordError : two columns for the channel; the file lacks the column of the map; the unit is
-        unknown or has the wrong dimension; the units in the header and under it differ.
+    RecordError : if two columns are the channel, if the file lacks the column of the map, if the
+        unit is unknown or has the wrong dimension, or if the units in the header and under it
+        differ.
     """
     if channel not in channel_units:
         raise RecordError(
@@ -110,7 +116,7 @@ def find_column(
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
-        return _mapped(
+        return _column_of_map(
             channel, choices[channel], header, file, default, inside, under, lenient=lenient
         )
     named, suffixed = [], []
@@ -122,7 +128,7 @@ def find_column(
         elif name not in channel_units and (word := suffix_unit(cell, channel)) is not None:
             suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    # The unit of a stick without a unit is a label: any word is one.
+    # The unit of a stick is a label, and every word is a possible label.
     matching = named + readable if inside else named or suffixed
     if len(matching) > 1:
         both = " and ".join(repr(column.header) for column in matching)
@@ -142,9 +148,8 @@ def find_column(
 def _in_case_of_channel(
     channel: str, header: Sequence[str], channel_units: Mapping[str, str]
 ) -> Sequence[str]:
-    """Return the header with ``Elevator`` or ``ALPHA`` in the letter case of the channel.
-
-    The header stays as it is if a cell matches exactly. A cell that names another channel stays.
+    """Return the header with cells such as ``Elevator`` or ``ALPHA`` in the letter case of the
+    channel. Cells that name another channel, and a header with an exact match, are not changed.
     """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
@@ -170,8 +175,8 @@ def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) 
 def named_otherwise(
     channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
 ) -> bool:
-    """Return whether all headers that begin with the channel's name go on with a word that is no
-    unit, as ``airspeed_raw`` does.
+    """Return whether all headers that begin with the name of the channel continue with a word that
+    is no unit, as in ``airspeed_raw``.
     """
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
@@ -183,7 +188,7 @@ def named_otherwise(
 
 
 def map_command(file: str | Path) -> str:
-    """Return the command that drafts a channel map of a file, as it is typed."""
+    """Return the command line that drafts a channel map of a file."""
     return f"flightid map {shlex.quote(str(file))}"
 
 
@@ -207,16 +212,16 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
 
 
 def column_place(file: str, column: SourceColumn) -> str:
-    """Return the place of a column as errors name it: ``record.csv, column 'alpha_deg'``."""
+    """Return the place of a column for messages: ``record.csv, column 'alpha_deg'``."""
     return f"{file}, column {column.header!r}"
 
 
 def _with_unit_under(
     column: SourceColumn, under: Sequence[str], file: str, *, stated: bool, lenient: bool
 ) -> SourceColumn:
-    """Return the column in the unit that stands under its header.
+    """Return the column with the unit in the row ``under`` the header, if there is one.
 
-    If the header states a unit too (``stated``), RecordError is raised unless both agree.
+    ``stated`` : whether the header states a unit too. RecordError is raised unless both agree.
     """
     unit_under = under[column.index] if under else ""
     if lenient and unit_under and _unit_fault(replace(column, unit=unit_under), file) is not None:
@@ -251,7 +256,7 @@ def _convertible(column: SourceColumn, file: str) -> SourceColumn:
     return column
 
 
-def _mapped(
+def _column_of_map(
     channel: str,
     choice: ColumnChoice,
     header: Sequence[str],
@@ -265,7 +270,7 @@ def _mapped(
     """Return the column that the channel map names: by its whole header cell, else by its name
     without unit.
     """
-    assert isinstance(choice.column, str)  # column numbers were replaced by headers before
+    assert isinstance(choice.column, str)  # `with_derived` has replaced numbers of columns
     matching = [index for index, cell in enumerate(header) if cell == choice.column]
     matching = matching or [
         index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column
@@ -273,7 +278,7 @@ def _mapped(
     if not matching:
         error = missing_column(channel, header, file)
         near = closest(choice.column, [cell for cell in header if cell])
-        if choice.column == channel:  # signals of `flightid response` stand for themselves
+        if choice.column == channel:  # a signal of `flightid response`, which is no channel
             raise RecordError(error.what, where=error.where, remedy=near)
         what = error.what.replace(
             repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
@@ -294,6 +299,7 @@ def _mapped(
 
 
 def _unit_fault(column: SourceColumn, file: str) -> RecordError | None:
+    """Return the error if the unit of a column cannot be converted; None if it can."""
     if not column.inside:
         return None
     try:
@@ -427,14 +433,15 @@ class RecordFile:
 
     Attributes
     ----------
-    path : its path; of a record in memory only a name.
-    table : its cells; of a log of several topics only the headers, ``topic.field``.
-    sidecar : the JSON file beside it.
-    identity : name in outputs, with folders if two files have the same name; hash of the content.
-    choices : its channel map.
-    in_memory : whether the record never was a file.
-    topics : tables of a log of several topics, each with its own clock; else empty.
-    notes : sentences on decisions that reading the file took.
+    path : path of the file; only a name for a record in memory.
+    table : cells of the file; only the headers ``topic.field`` for a log of several topics.
+    sidecar : content of the JSON file beside the record.
+    identity : name in outputs, with folders if two files have the same name, and hash of the
+        content.
+    choices : channel map.
+    in_memory : whether the record is not a file.
+    topics : tables of a log of several topics, each with its own clock; empty for other files.
+    notes : sentences on the interpretation of the file.
     """
 
     path: Path
@@ -456,8 +463,8 @@ def read_record_file(path: str | Path) -> RecordFile:
 
     Raises
     ------
-    RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
-        the sidecar has an entry that cannot be used.
+    RecordError : if the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
+        or if the sidecar has an entry that cannot be used.
     """
     folder = opened_folder(Path(path))
     if folder is None:
@@ -486,7 +493,8 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
 
     Raises
     ------
-    RecordError : the numbers of names and columns differ, or the file is a log of several topics.
+    RecordError : if the numbers of names and columns differ, or if the file is a log of several
+        topics.
     """
     if not names:
         return file
@@ -511,7 +519,7 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
-    """Return the record files, opened, in their order, with unique names."""
+    """Return the open record files, in their order, with distinct names."""
     return with_distinct_names([opened(record) for record in records])
 
 
@@ -523,42 +531,38 @@ def opened(record: Path | RecordFile) -> RecordFile:
 def read_with_validation(
     records: Iterable[Path | RecordFile], validate: Iterable[Path | RecordFile]
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
-    """Return the record files to fit and those to predict, opened, all with unique names."""
+    """Return the open record files to fit, and those to predict, all with distinct names."""
     fitted = [opened(record) for record in records]
     files = with_distinct_names([*fitted, *(opened(record) for record in validate)])
     return files[: len(fitted)], files[len(fitted) :]
 
 
 def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
-    """Return the files with distinct names: equal file names get as many folders as they need,
+    """Return the files with distinct names. Equal names of files are preceded by their folders:
     ``flight1/record.csv`` and ``flight2/record.csv``.
     """
     by_name: dict[str, list[Path]] = {}
     for file in files:
         if not file.in_memory:
             by_name.setdefault(file.path.name, []).append(resolved(file.path))
-    depths = {name: _depth(paths) for name, paths in by_name.items()}
+    depths = {name: _distinguishing_depth(paths) for name, paths in by_name.items()}
 
-    def named(file: RecordFile) -> RecordFile:
+    def renamed(file: RecordFile) -> RecordFile:
         if file.in_memory:
             return file
         name = "/".join(resolved(file.path).parts[-depths[file.path.name] :])
         return replace(file, identity=replace(file.identity, name=name))
 
-    return tuple(named(file) for file in files)
+    return tuple(renamed(file) for file in files)
 
 
-def _depth(paths: Sequence[Path]) -> int:
-    """Return how many last parts tell the paths apart; the file name is the last part of all."""
+def _distinguishing_depth(paths: Sequence[Path]) -> int:
+    """Return the number of last parts that distinguish the paths; the name of the file is one."""
     most = max(len(path.parts) for path in paths)
-    return next(
-        (
-            depth
-            for depth in range(1, most)
-            if len({path.parts[-depth:] for path in paths}) == len(paths)
-        ),
-        most,
-    )
+    for depth in range(1, most):
+        if len({path.parts[-depth:] for path in paths}) == len(paths):
+            return depth
+    return most
 
 
 def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
@@ -572,7 +576,7 @@ def all_simulated(files: Iterable[RecordFile]) -> bool:
 
 
 def path_of(record: Path | RecordFile) -> Path | None:
-    """Return the path of a record file; None if it never was a file."""
+    """Return the path of a record file; None for a record in memory."""
     if isinstance(record, RecordFile):
         return None if record.in_memory else record.path
     return record

@@ -1,4 +1,4 @@
-"""Channels that are computed from columns: a table with one column a channel comes out."""
+"""Channels that are computed from columns of a file: the result is one table with these columns."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
 from scenarios.files.measured.grid import (
     Place,
     Wanted,
-    calibrated,
     clock_of,
     clock_place,
-    delayed,
-    merged,
+    merge_topics,
     topic_numbers,
     unit_of,
+    with_calibration,
+    without_delay,
 )
 from sim.errors import RecordError
+
+MOST_COMPARED_NAMES = 400  # most names of columns among which the closest one is searched for
 
 
 def with_derived(
@@ -36,23 +38,24 @@ def with_derived(
     hold: str | None = None,
     channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice] | None]:
-    """Return the file with a column for each channel that has to be computed, and the channel map
-    that finds them.
+    """Return the file with a further column for each computed channel, and the channel map of the
+    new file.
 
     Parameters
     ----------
-    file : the file as it was read.
-    choices : channel map, None for none.
-    inputs, outputs : channels that are requested.
-    rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
-    hold : how inputs go on between their own samples; None: by the channel map, else by their
-        values.
-    channel_units : all channels and their units inside.
+    file : file with one table, or a log of several topics.
+    choices : channel map; None without one.
+    inputs, outputs : requested channels.
+    rate : sample rate, Hz, to which topics are brought; None takes that of the fastest topic with
+        an output.
+    hold : interpolation of inputs between their own samples; None takes that of the channel map,
+        else that which the values show.
+    channel_units : channel -> unit in the program, for all channels.
 
     Raises
     ------
-    RecordError : a column, topic or clock that is not there or not the only one of its name; an
-        expression that cannot be computed.
+    RecordError : if a column, topic or clock is missing or ambiguous, or if an expression cannot be
+        computed.
     """
     absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
     chosen = {
@@ -60,17 +63,19 @@ def with_derived(
         for name, choice in (choices or {}).items()
         if (name in inputs or name in outputs or name == TIME) and name not in absent
     }
-    topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
+    topics = file.topics
     if len(topics) > 1:
-        others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
-        direct = {
+        unmapped = [
+            name for name in (*inputs, *outputs) if name not in chosen and name not in absent
+        ]
+        by_own_name = {
             name: ColumnChoice(name)
-            for name in others
-            if _unique(name, topics) and (name in inputs or _measured(name, topics))
+            for name in unmapped
+            if _is_unique(name, topics) and (name in inputs or _is_measured(name, topics))
         }
         wanted = [
-            _wanted(file, topics, name, each, name in inputs, channel_units)
-            for name, each in {**direct, **chosen}.items()
+            _wanted(file, topics, name, choice, name in inputs, channel_units)
+            for name, choice in {**by_own_name, **chosen}.items()
             if name != TIME
         ]
         if not wanted:
@@ -85,12 +90,12 @@ def with_derived(
                     f"make a channel map with {map_command(file.path)}, and name it with --channels"
                 ),
             )
-        single, result = merged(file, topics, wanted, rate, hold, channel_units)
-        return single, {**result, **absent}
-    needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
-    if not needed:
+        single, new_choices = merge_topics(file, topics, wanted, rate, hold, channel_units)
+        return single, {**new_choices, **absent}
+    computed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
+    if not computed:
         return file, choices
-    return _computed(file, needed, choices or {}, inputs, channel_units)
+    return _with_computed_columns(file, computed, choices or {}, inputs, channel_units)
 
 
 def source_columns(
@@ -99,8 +104,8 @@ def source_columns(
     inputs: Sequence[str],
     outputs: Sequence[str],
 ) -> tuple[int, ...]:
-    """Return the columns of a file with one table that channels are computed from; empty if each
-    channel is a column.
+    """Return the positions of the columns from which channels of a file with one table are
+    computed; empty if no channel is computed.
     """
     requested = {
         name: choice
@@ -111,23 +116,25 @@ def source_columns(
         _wanted(file, (Topic("", file.table),), name, choice, name in inputs, CHANNEL_UNITS)
         for name, choice in requested.items()
     ]
-    return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
+    return tuple(sorted({index for item in wanted for _, index in item.places.values()}))
 
 
 def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:
+    """Return whether a channel is not simply a column with a name."""
     if isinstance(choice.column, int) or choice.computed:
         return True
     headers = {cell for cell in table.header} | {split_header(cell)[0] for cell in table.header}
     return choice.column not in headers and not is_plain_name(choice.column)
 
 
-def _unique(name: str, topics: Sequence[Topic]) -> bool:
+def _is_unique(name: str, topics: Sequence[Topic]) -> bool:
+    """Return whether only one topic has a field of this name."""
     return sum(name in topic.table.header for topic in topics) == 1
 
 
-def _measured(name: str, topics: Sequence[Topic]) -> bool:
-    """Return whether an unmapped field has any value except zero: loggers have fields for absent
-    sensors.
+def _is_measured(name: str, topics: Sequence[Topic]) -> bool:
+    """Return whether a field has a value other than zero. Loggers have fields of zeros for sensors
+    that are not installed.
     """
     topic, index = _places(name, topics)[0]
     values = numbers(topics[topic].table, index).values
@@ -142,34 +149,33 @@ def _wanted(
     is_input: bool,
     channel_units: Mapping[str, str],
 ) -> Wanted:
+    """Return a channel with its expression and the places of its columns.
+
+    Raises
+    ------
+    RecordError : if a column is missing or ambiguous.
+    """
     where = f"{file.path}, channel {channel}"
     if isinstance(choice.column, int):
-        if len(topics) > 1 or choice.column > len(topics[0].table.header):
-            width = len(topics[0].table.header)
-            what = (
-                f"there is no column {choice.column}"
-                if len(topics) == 1
-                else "a column's number means nothing in a log of several topics"
-            )
-            raise RecordError(
-                what,
-                where=where,
-                remedy=f"the columns are numbered 1 to {width}"
-                if len(topics) == 1
-                else "write topic.field",
-            )
+        if len(topics) > 1:
+            what = "a column's number means nothing in a log of several topics"
+            raise RecordError(what, where=where, remedy="write topic.field")
+        width = len(topics[0].table.header)
+        if choice.column > width:
+            what = f"there is no column {choice.column}"
+            raise RecordError(what, where=where, remedy=f"the columns are numbered 1 to {width}")
         name = f"#{choice.column}"
         return Wanted(
             channel, choice, parse(f"`{name}`", where), {name: (0, choice.column - 1)}, is_input
         )
-    whole = _places(choice.column, topics)
-    expression = parse(f"`{choice.column}`" if whole else choice.column, where)
+    is_column = bool(_places(choice.column, topics))
+    expression = parse(f"`{choice.column}`" if is_column else choice.column, where)
     places: dict[str, Place] = {}
     for column in expression.columns:
-        result = _places(column, topics)
-        if len(result) != 1:
-            raise _not_one(file, topics, column, result, where)
-        places[column] = result[0]
+        candidates = _places(column, topics)
+        if len(candidates) != 1:
+            raise _missing_or_ambiguous(file, topics, column, candidates, where)
+        places[column] = candidates[0]
     if not places:
         raise RecordError(
             f"{choice.column!r} reads no column", where=where, remedy="name at least one column"
@@ -178,7 +184,9 @@ def _wanted(
 
 
 def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
-    """Return the positions of a column: ``topic.field``, else a field that only one topic has."""
+    """Return the places of a column: that of ``topic.field``, or those of all fields with the
+    name.
+    """
     places: list[Place] = []
     for number, topic in enumerate(topics):
         for index, cell in enumerate(topic.table.header):
@@ -192,8 +200,8 @@ def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
 
 
 def _recorder_of(column: str) -> str:
-    """Return the autopilot whose logs name a column so: ``IMU[0].GyrY``, ``vane.alpha``; empty if
-    the name has no topic.
+    """Return the autopilot whose logs have such a column: ArduPilot for ``IMU[0].GyrY``, PX4 for
+    ``vane.alpha``, and an empty text for a name without a topic.
     """
     topic, dot, _ = column.partition(".")
     name = topic.partition("[")[0]
@@ -202,114 +210,112 @@ def _recorder_of(column: str) -> str:
     return "ArduPilot" if name.isupper() else "PX4"
 
 
-def _not_one(
-    file: RecordFile, topics: Sequence[Topic], column: str, positions: Sequence[Place], where: str
+def _missing_or_ambiguous(
+    file: RecordFile, topics: Sequence[Topic], column: str, places: Sequence[Place], where: str
 ) -> RecordError:
-    if positions:
-        inside = [
+    """Return the error for a column with several ``places``, or with none."""
+    if places:
+        names = [
             f"{topics[topic].name}.{column}" if topics[topic].name else f"column {index + 1}"
-            for topic, index in positions
+            for topic, index in places
         ]
         return RecordError(
-            f"{column!r} is in {len(inside)} places",
+            f"{column!r} is in {len(names)} places",
             where=where,
-            remedy=f"write one of {', '.join(inside[:6])}",
+            remedy=f"write one of {', '.join(names[:6])}",
         )
     names = [
         f"{topic.name}.{cell}" if topic.name else cell
         for topic in topics
         for cell in topic.table.header
     ]
-    kinds = [_recorder_of(name) for name in (column, *names[:1])]
-    if len(topics) > 1 and all(kinds) and kinds[0] != kinds[1]:
+    recorders = [_recorder_of(name) for name in (column, *names[:1])]
+    if len(topics) > 1 and all(recorders) and recorders[0] != recorders[1]:
         return RecordError(
-            f"there is no column {column!r}: the channel map is for logs of {kinds[0]}, and this "
-            f"is one of {kinds[1]}",
+            f"there is no column {column!r}: the channel map is for logs of {recorders[0]}, and "
+            f"this is one of {recorders[1]}",
             where=where,
             remedy="flightid map FILE drafts one",
         )
-    return RecordError(
-        f"there is no column {column!r}",
-        where=where,
-        remedy=closest(column, names) if len(names) < 400 else "see flightid map",
-    )
+    remedy = closest(column, names) if len(names) < MOST_COMPARED_NAMES else "see flightid map"
+    return RecordError(f"there is no column {column!r}", where=where, remedy=remedy)
 
 
-def _computed(
+def _with_computed_columns(
     file: RecordFile,
-    needed: Mapping[str, ColumnChoice],
+    computed: Mapping[str, ColumnChoice],
     choices: Mapping[str, ColumnChoice],
     inputs: Sequence[str],
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """Return a single table with further columns, one for each computed channel."""
+    """Return a file of one table with a further column for each ``computed`` channel, and its
+    channel map.
+    """
     table, topics = file.table, (Topic("", file.table),)
     header, columns = list(table.header), list(table.columns)
     units = list(table.units) if table.units else []
-    new, notes = dict(choices), list(file.notes)
-    for channel, choice in needed.items():
+    new_choices, notes = dict(choices), list(file.notes)
+    for channel, choice in computed.items():
         wanted = _wanted(file, topics, channel, choice, channel in inputs, channel_units)
         if channel == TIME:
-            place = next(iter(wanted.places.values()))
-            clock = clock_of(table, place[1], choice.unit) if not wanted.computed else None
-            values = clock.time if clock is not None else _values(file, wanted, topics, choice.unit)
-            unit = "s" if clock is not None or choice.unit is None else choice.unit
+            if wanted.computed:
+                values = _values(file, wanted, topics, choice.unit)
+                unit = "s" if choice.unit is None else choice.unit
+            else:
+                _, index = next(iter(wanted.places.values()))
+                values, unit = clock_of(table, index, choice.unit).time, "s"
         else:
-            values, unit, note = _in_unit(file, wanted, topics, channel_units)
-            notes += [f"{channel}: {note}"] if note else []
+            values, unit, note = _values_and_unit(file, wanted, topics, channel_units)
+            if note:
+                notes.append(f"{channel}: {note}")
         if choice.delay:
-            place_of_clock = _clock_index(table, choices)
-            if place_of_clock is None:
+            clock_index = _clock_index(table, choices)
+            if clock_index is None:
                 raise RecordError(
                     "a delay needs a clock",
                     where=f"{file.path}, channel {channel}",
                     remedy="name the column of time",
                 )
-            values = delayed(clock_of(table, place_of_clock).time, values, choice.delay)
+            values = without_delay(clock_of(table, clock_index).time, values, choice.delay)
         label = f"{channel} (computed)"
         header.append(label)
         columns.append(np.asarray(values, dtype=float))
-        units += [unit] if units else []
-        new[channel] = ColumnChoice(label, unit, hold=choice.hold)
+        if units:
+            units.append(unit)
+        new_choices[channel] = ColumnChoice(label, unit, hold=choice.hold)
     wider = replace(table, header=tuple(header), columns=tuple(columns), units=tuple(units))
-    return replace(file, table=wider, notes=tuple(notes)), new
+    return replace(file, table=wider, notes=tuple(notes)), new_choices
 
 
 def _clock_index(table: CellTable, choices: Mapping[str, ColumnChoice]) -> int | None:
+    """Return the position of the column of time; None if it is not found."""
     choice = choices.get(TIME)
-    if choice is not None and isinstance(choice.column, str):
-        return next(
-            (
-                n
-                for n, cell in enumerate(table.header)
-                if choice.column in (cell, split_header(cell)[0])
-            ),
-            None,
-        )
-    return (
-        choice.column - 1
-        if choice is not None and isinstance(choice.column, int)
-        else clock_place(table)
-    )
+    if choice is None:
+        return clock_place(table)
+    if isinstance(choice.column, int):
+        return choice.column - 1
+    for index, cell in enumerate(table.header):
+        if choice.column in (cell, split_header(cell)[0]):
+            return index
+    return None
 
 
-def _in_unit(
+def _values_and_unit(
     file: RecordFile, wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[np.ndarray, str, str]:
-    """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
+    """Return the computed values ``(N,)`` of a channel, their unit, and a sentence on a stated unit
+    that is not used.
+    """
     unit, note = unit_of(wanted, topics, channel_units)
-    return (
-        _values(file, wanted, topics, unit),
-        inside_unit(wanted.channel, channel_units) if unit is None else unit,
-        note,
-    )
+    values = _values(file, wanted, topics, unit)
+    return values, inside_unit(wanted.channel, channel_units) if unit is None else unit, note
 
 
 def _values(
     file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None
 ) -> np.ndarray:
-    """Return the values of a channel's expression on its columns' own rows; with ``unit`` None
-    columns of stated units are in SI.
+    """Return the values ``(N,)`` of the expression of a channel at the rows of its columns. If
+    ``unit`` is None, columns with a stated unit are converted to SI units first.
     """
     columns = {
         name: topic_numbers(file, topics, place, wanted, si=unit is None)
@@ -321,4 +327,4 @@ def _values(
         raise RecordError(
             "its columns have different lengths", where=where, remedy="use columns of one table"
         )
-    return calibrated(evaluate(wanted.expression, columns, where), wanted.choice)
+    return with_calibration(evaluate(wanted.expression, columns, where), wanted.choice)

@@ -1,8 +1,8 @@
-"""Small expressions over the columns of a record: ``0.5*(elevon_left + elevon_right)``, ``pitch(q0,
-q1, q2, q3)``.
+"""Expressions over the columns of a record: ``0.5*(elevon_left + elevon_right)``, ``pitch(q0, q1,
+q2, q3)``.
 
-An expression is parsed into Python's syntax tree, of which only arithmetic, column names, numbers,
-lists of numbers and the functions below are evaluated. Other column names are written in
+An expression is parsed to a syntax tree of Python. It may have arithmetic, column names, numbers,
+lists of numbers and the functions below. A column name that is no name in Python is written in
 backquotes: ``rad(`AoA left`)``.
 """
 
@@ -22,8 +22,19 @@ from sim.errors import RecordError
 from sim.maths import G0
 
 LONGEST_EXPRESSION = 500  # characters
-DEEPEST_NESTING = 40
+DEEPEST_NESTING = 40  # levels of the syntax tree
+# standard atmosphere
+GAS_CONSTANT = 287.05287  # J/(kg K)
+SEA_LEVEL_PRESSURE = 101325.0  # Pa
+SEA_LEVEL_DENSITY = 1.225  # kg/m3
+SEA_LEVEL_TEMPERATURE = 288.15  # K
+SEA_LEVEL_SPEED_OF_SOUND = 340.294  # m/s
+LAPSE_RATE = 0.0065  # K/m
+TROPOPAUSE = 11000.0  # m
+TROPOPAUSE_PRESSURE = 22632.06  # Pa
+TROPOPAUSE_TEMPERATURE = 216.65  # K
 _QUOTED = re.compile(r"`([^`]+)`")
+# a column name with topic and indices, as in IMU[0].GyrY
 _PATH = re.compile(r"(?<![\w.`\])])([A-Za-z_]\w*(?:\[\d+\])?(?:\.[A-Za-z_]\w*(?:\[\d+\])?)*)")
 
 Values = np.ndarray | float
@@ -35,9 +46,10 @@ class Expression:
 
     Attributes
     ----------
-    text : as it was written.
-    columns : the columns that it reads, by their names in the file.
-    tree : its syntax tree.
+    text : the expression in the file.
+    columns : names of its columns in the file.
+    tree : syntax tree.
+    names : pairs of a name in the tree and the name of the column in the file.
     """
 
     text: str
@@ -46,16 +58,18 @@ class Expression:
     names: tuple[tuple[str, str], ...]
 
 
-# name -> (arguments that are arrays, what it gives), for the documentation
+# name -> function of expressions, and a description of its call
 FUNCTIONS: dict[str, tuple[Callable[..., Any], str]] = {}
 
 
-def _function(name: str, says: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    def keep(function: Callable[..., Any]) -> Callable[..., Any]:
-        FUNCTIONS[name] = function, says
+def _function(name: str, description: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that makes a function available in expressions."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        FUNCTIONS[name] = function, description
         return function
 
-    return keep
+    return add
 
 
 for _name, _ufunc in {
@@ -95,11 +109,10 @@ def _pwm(pulse: Values, centre: float, per_radian: float) -> Values:
     "table",
     "table(x, [x1, x2, ...], [y1, y2, ...]): linear between the points, constant beyond them",
 )
-def _table(x: Values, at: Sequence[float], values: Sequence[float]) -> Values:
-    if len(at) != len(values) or len(at) < 2 or np.any(np.diff(at) <= 0.0):
+def _table(x: Values, points: Sequence[float], values: Sequence[float]) -> Values:
+    if len(points) != len(values) or len(points) < 2 or np.any(np.diff(points) <= 0.0):
         raise ValueError("a table needs two lists of one length, the first increasing")
-    result = np.interp(x, at, values)
-    return np.where(np.isnan(x), np.nan, result)
+    return np.where(np.isnan(x), np.nan, np.interp(x, points, values))
 
 
 @_function(
@@ -156,8 +169,8 @@ def _beta_of(u: Values, v: Values, w: Values) -> Values:
     "m, K",
 )
 def _tas_of_ias(speed: Values, height: Values, temperature: Values) -> Values:
-    density = _pressure_at(height) / (287.05287 * temperature)
-    return speed * np.sqrt(1.225 / density)
+    density = _pressure_at(height) / (GAS_CONSTANT * temperature)
+    return speed * np.sqrt(SEA_LEVEL_DENSITY / density)
 
 
 @_function(
@@ -166,10 +179,10 @@ def _tas_of_ias(speed: Values, height: Values, temperature: Values) -> Values:
     "compressibility; m/s, m, K",
 )
 def _tas_of_cas(cas: Values, height: Values, temperature: Values) -> Values:
-    sound = 340.294
-    impact = 101325.0 * ((1.0 + 0.2 * (cas / sound) ** 2) ** 3.5 - 1.0)
-    mach2 = 5.0 * ((impact / _pressure_at(height) + 1.0) ** (2.0 / 7.0) - 1.0)
-    return np.sqrt(mach2 * 1.4 * 287.05287 * temperature)
+    impact_ratio = (1.0 + 0.2 * (cas / SEA_LEVEL_SPEED_OF_SOUND) ** 2) ** 3.5 - 1.0
+    impact_pressure = SEA_LEVEL_PRESSURE * impact_ratio
+    mach_squared = 5.0 * ((impact_pressure / _pressure_at(height) + 1.0) ** (2.0 / 7.0) - 1.0)
+    return np.sqrt(mach_squared * 1.4 * GAS_CONSTANT * temperature)
 
 
 @_function(
@@ -177,26 +190,29 @@ def _tas_of_cas(cas: Values, height: Values, temperature: Values) -> Values:
     "height_of_pressure(pressure): pressure height of the standard atmosphere, m, of Pa",
 )
 def _height_of_pressure(pressure: Values) -> Values:
-    troposphere = 288.15 / 0.0065 * (1.0 - (pressure / 101325.0) ** (0.0065 * 287.05287 / G0))
-    above = 11000.0 + 287.05287 * 216.65 / G0 * np.log(22632.06 / np.maximum(pressure, 1e-300))
-    return np.where(pressure > 22632.06, troposphere, above)
+    exponent = LAPSE_RATE * GAS_CONSTANT / G0
+    below_tropopause = (
+        SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (pressure / SEA_LEVEL_PRESSURE) ** exponent)
+    )
+    log_ratio = np.log(TROPOPAUSE_PRESSURE / np.maximum(pressure, 1e-300))
+    above_tropopause = TROPOPAUSE + GAS_CONSTANT * TROPOPAUSE_TEMPERATURE / G0 * log_ratio
+    return np.where(pressure > TROPOPAUSE_PRESSURE, below_tropopause, above_tropopause)
 
 
 def _pressure_at(height: Values) -> Values:
-    """Pressure of the standard atmosphere, Pa, at a height in m, up to 20 km."""
-    troposphere = 101325.0 * np.maximum(1.0 - 0.0065 * height / 288.15, 1e-9) ** (
-        G0 / (0.0065 * 287.05287)
+    """Return the pressure of the standard atmosphere, Pa, at a height, m, up to 20 km."""
+    temperature_ratio = np.maximum(1.0 - LAPSE_RATE * height / SEA_LEVEL_TEMPERATURE, 1e-9)
+    below_tropopause = SEA_LEVEL_PRESSURE * temperature_ratio ** (G0 / (LAPSE_RATE * GAS_CONSTANT))
+    above_tropopause = TROPOPAUSE_PRESSURE * np.exp(
+        -G0 * (height - TROPOPAUSE) / (GAS_CONSTANT * TROPOPAUSE_TEMPERATURE)
     )
-    return np.where(
-        height < 11000.0,
-        troposphere,
-        22632.06 * np.exp(-G0 * (height - 11000.0) / (287.05287 * 216.65)),
-    )
+    return np.where(height < TROPOPAUSE, below_tropopause, above_tropopause)
 
 
 def _to_body(
     vn: Values, ve: Values, vd: Values, phi: Values, theta: Values, psi: Values
 ) -> tuple[Values, Values, Values]:
+    """Return a velocity along the body axes from its components along north, east and down."""
     sp, cp, st = np.sin(phi), np.cos(phi), np.sin(theta)
     ct, ss, cs = np.cos(theta), np.sin(psi), np.cos(psi)
     u = ct * cs * vn + ct * ss * ve - st * vd
@@ -206,16 +222,16 @@ def _to_body(
 
 
 def parse(text: str, where: str) -> Expression:
-    """Check an expression.
+    """Return the expression of a text.
 
     Parameters
     ----------
-    text : the expression.
+    text : the expression in the file.
     where : file and channel, for messages.
 
     Raises
     ------
-    RecordError : it is too long, no arithmetic, or calls what is no function here.
+    RecordError : if the text is too long, is no arithmetic, or calls an unknown function.
     """
     if len(text) > LONGEST_EXPRESSION:
         raise RecordError(
@@ -223,29 +239,25 @@ def parse(text: str, where: str) -> Expression:
             where=where,
             remedy=f"write at most {LONGEST_EXPRESSION}",
         )
-    names: dict[str, str] = {}
+    names: dict[str, str] = {}  # name in the tree -> column
 
-    def stand_in(column: str) -> str:
-        key = next((key for key, value in names.items() if value == column), None)
-        if key is None:
-            key = f"_column_{len(names)}_"
-            names[key] = column
-        return key
+    def name_of(column: str) -> str:
+        """Return the name of a column in the tree."""
+        name = next((name for name, known in names.items() if known == column), None)
+        if name is None:
+            name = f"_column_{len(names)}_"
+            names[name] = column
+        return name
 
-    unquoted = _QUOTED.sub(lambda found: f" {stand_in(found[1])} ", text)
-    called = set(FUNCTIONS)
+    unquoted = _QUOTED.sub(lambda match: f" {name_of(match[1])} ", text)
 
-    def path(found: re.Match[str]) -> str:
-        word = found[1]
-        if (
-            word in names
-            or (word in called and unquoted[found.end() :].lstrip().startswith("("))
-            or word == "pi"
-        ):
-            return word
-        return stand_in(word)
+    def replacement(match: re.Match[str]) -> str:
+        """Return the name in the tree, unless the word is a function, pi, or such a name."""
+        word = match[1]
+        is_call = word in FUNCTIONS and unquoted[match.end() :].lstrip().startswith("(")
+        return word if word in names or is_call or word == "pi" else name_of(word)
 
-    unquoted = _PATH.sub(path, unquoted)
+    unquoted = _PATH.sub(replacement, unquoted)
     try:
         tree = ast.parse(unquoted.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -255,17 +267,21 @@ def parse(text: str, where: str) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Return whether a text has no operator, so that it can only be a column."""
+    """Return whether a text has no operator, so that it is the name of a column."""
     return re.search(r"[-+*/()`]", text) is None
 
 
 def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: str) -> np.ndarray:
-    """Return the values of an expression, shape ``(N,)``, of the columns that it reads, each of
-    shape ``(N,)``.
+    """Return the values ``(N,)`` of an expression.
+
+    Parameters
+    ----------
+    columns : column -> ``(N,)`` values, for all columns of the expression.
+    where : file and channel, for messages.
 
     Raises
     ------
-    RecordError : it fails for these numbers, or gives something that is no column.
+    RecordError : if it cannot be computed with these numbers, or its result is no column.
     """
     values_by_name = {key: columns[column] for key, column in expression.names}
     try:
@@ -290,14 +306,19 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 
 
 def _arguments(function: Callable[..., Any]) -> tuple[int, int]:
-    """Return the least and largest number of arguments of a function of expressions."""
+    """Return the smallest and largest number of arguments of a function of expressions."""
     if isinstance(function, np.ufunc):
         return function.nin, function.nin
-    given = inspect.signature(function).parameters.values()
-    return sum(each.default is each.empty for each in given), len(given)
+    parameters = inspect.signature(function).parameters.values()
+    required = sum(parameter.default is parameter.empty for parameter in parameters)
+    return required, len(parameters)
 
 
 def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth: int) -> None:
+    """Raise RecordError unless a node of the tree, with all nodes below it, is allowed.
+
+    ``names`` are the names in the tree, and ``depth`` is the level of the node.
+    """
     wrong = RecordError(f"{text!r} has more in it than arithmetic", where=where, remedy=_REMEDY)
     if depth > DEEPEST_NESTING:
         raise wrong
@@ -322,7 +343,7 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         and node.func.id in FUNCTIONS
         and not node.keywords
     ):
-        function, says = FUNCTIONS[node.func.id]
+        function, description = FUNCTIONS[node.func.id]
         least, most = _arguments(function)
         if not least <= len(node.args) <= most:
             number = {1: "one value", 2: "two values", 3: "three values"}.get(
@@ -331,18 +352,19 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
             raise RecordError(
                 f"{node.func.id} needs {number}, not {len(node.args)}, in {text!r}",
                 where=where,
-                remedy=f"write {says}",
+                remedy=f"write {description}",
             )
         inner = list(node.args)
     elif isinstance(node, ast.List | ast.Tuple):
         inner = list(node.elts)
     else:
         raise wrong
-    for each in inner:
-        _check(each, text, where, names, depth + 1)
+    for inner_node in inner:
+        _check(inner_node, text, where, names, depth + 1)
 
 
 def _value(node: ast.AST, values_by_name: Mapping[str, np.ndarray]) -> Any:
+    """Return the value of a node of the tree."""
     if isinstance(node, ast.Constant):
         return float(node.value)  # type: ignore[arg-type]
     if isinstance(node, ast.Name):
@@ -356,6 +378,7 @@ def _value(node: ast.AST, values_by_name: Mapping[str, np.ndarray]) -> Any:
         )
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
-        return FUNCTIONS[node.func.id][0](*(_value(each, values_by_name) for each in node.args))
+        function, _ = FUNCTIONS[node.func.id]
+        return function(*(_value(argument, values_by_name) for argument in node.args))
     assert isinstance(node, ast.List | ast.Tuple)
-    return [_value(each, values_by_name) for each in node.elts]
+    return [_value(element, values_by_name) for element in node.elts]

@@ -1,9 +1,9 @@
-"""Merge columns of topics with different clocks on one time grid.
+"""Merging of columns of topics with different clocks on one time grid.
 
 The grid is the clock of the fastest topic with an output, over the time common to all topics.
-Faster columns are low-pass filtered (zero phase). A slower output has a sample only at the grid
-time nearest to each of its own samples. A slower input is held or linear between its samples. A
-sentence reports each of these changes.
+Faster columns pass a zero-phase low-pass filter. A slower output has samples only at the grid times
+nearest to its own samples. A slower input is held or linear between its samples. A sentence reports
+each of these changes.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 CORNER_SHARE = 0.8  # corner frequency of the low-pass, as a share of half the new rate
 FILTER_ORDER = 4
 SHORTEST_FILTERED = 20  # samples; a shorter column is not filtered
-STEPS_SHARE = 0.3  # a signal that changes between fewer of its samples is a command that is held
-# One part in 1e9 more, so that rounding does not lose the last sample of an even grid.
+COMMAND_CHANGE_SHARE = 0.3  # a signal that changes at a smaller share of its samples is held
+# factor by which a duration is increased, so that rounding does not lose the last sample
 ROUNDING = 1.0 + 1e-9
-SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
+SI_UNITS_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 INDEX_HEADERS = ("", "index", "unnamed: 0")  # headers that pandas gives an index without a name
 # Spellings of units of time -> their symbols.
 TIME_UNITS = {
@@ -48,22 +48,24 @@ TIME_UNITS = {
     "seconds": "s",
     "nsec": "ns",
 }
-FIRST_CELLS = 5  # cells that show whether a column holds dates
+FIRST_CELLS = 5  # cells that show whether a column has dates
+LONGEST_SHOWN_CELL = 40  # characters of a cell in a message
+PADDING_STEPS = 6.0  # length of the padding of the low-pass, in steps of the grid
 UNEVEN_CLOCK_SHARE = 0.1  # jitter over interval from which a clock is reported as uneven
 Place = tuple[int, int]  # numbers of a topic and of a column in it
 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A channel to compute from columns.
+    """A requested channel, which is computed from columns.
 
     Attributes
     ----------
-    channel : its name.
-    choice : its entry in the channel map.
-    expression : the expression over columns.
-    places : place of each column by its name in the expression.
-    is_input : whether it is an input of the model; else it is an output.
+    channel : name of the channel.
+    choice : entry of the channel in the channel map.
+    expression : expression over columns.
+    places : name of a column in the expression -> its place.
+    is_input : whether the channel is an input of the model; else it is an output.
     """
 
     channel: str
@@ -83,24 +85,25 @@ class Wanted:
 
 
 def clock_place(table: CellTable) -> int | None:
-    """Return the number of the column that is the clock of a table, or None.
+    """Return the index of the column that is the clock of a table; None without one.
 
-    First choice is ``time``, then another name of a clock, then an unnamed first column with dates
-    (pandas).
+    It is the column ``time``, else the first column with another name of a clock, else a first
+    column with dates and without a name, as pandas writes it.
     """
     names = [split_header(cell)[0] for cell in table.header]
     clocks = [index for index, name in enumerate(names) if is_clock(name)]
     called_time = [index for index in clocks if names[index].strip().lower() == TIME]
-    if called_time or clocks:
-        return (called_time or clocks)[0]
+    if called_time:
+        return called_time[0]
+    if clocks:
+        return clocks[0]
     has_index = bool(names) and table.header[0].lower() in INDEX_HEADERS
     return 0 if has_index and holds_dates(table.columns[0]) else None
 
 
 def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
-    """Return whether a column holds dates, times of day or durations.
-
-    Its type shows that, else its first cells.
+    """Return whether a column has dates, times of day or durations, by its type or its first
+    cells.
     """
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
         return True
@@ -120,12 +123,12 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
     Parameters
     ----------
     table : the table.
-    index : number of the column with the clock.
-    unit : its unit; None: that of the header, or the one that the numbers suggest.
+    index : index of the column of the clock.
+    unit : its unit; None takes that of the header, else the unit that the numbers suggest.
 
     Raises
     ------
-    RecordError : the unit measures no time.
+    RecordError : if the unit measures no time.
     """
     column = table.columns[index]
     if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
@@ -147,7 +150,9 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """Return the unit that a header, the row under it or the name of a clock states, or None."""
+    """Return the unit that a header, the row under it or the name of a clock states; None without
+    one.
+    """
     name, unit = split_at(table.header, index)
     stated = unit or (table.units[index] if table.units else "")
     if stated:
@@ -163,14 +168,14 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 def unit_of(
     wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
-    """Return the unit of a channel's numbers, and a note if the unit in the file is not used.
+    """Return the unit of the numbers of a channel, and a note if the unit in the file is not used.
 
     The unit in the channel map has precedence over that in the file. The unit is None for a
-    computed channel without a unit in the map: its columns are converted to SI before.
+    computed channel without a unit in the map: its columns are converted to SI units first.
 
     Raises
     ------
-    RecordError : a user wrote a unit into the header that does not measure the channel.
+    RecordError : if the unit in the header does not measure the channel.
     """
     if wanted.choice.unit is not None or wanted.computed:
         return wanted.choice.unit, ""
@@ -195,7 +200,7 @@ def measures(unit: str, inside: str) -> bool:
     return True
 
 
-def calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
+def with_calibration(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
     """Return values after the calibration table, scale and offset of the channel map."""
     if choice.table is not None:
         values = np.where(np.isnan(values), np.nan, np.interp(values, *choice.table))
@@ -207,21 +212,23 @@ def calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
 def topic_numbers(
     file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
 ) -> np.ndarray:
-    """Return the numbers of a column; ``si``: in SI if the file states a known unit."""
+    """Return the numbers ``(N,)`` of a column that a channel needs. If ``si`` is True and the file
+    states a known unit, they are in SI units.
+    """
     table = topics[place[0]].table
     content = numbers(table, place[1])
     where = f"{table.file}, column {table.header[place[1]]!r}"
     if content.texts:
         row, text = next(iter(content.texts.items()))
         raise RecordError(
-            f"{text[:40]!r} in row {table.rows[row]} is not a number",
+            f"{text[:LONGEST_SHOWN_CELL]!r} in row {table.rows[row]} is not a number",
             where=where,
             remedy=f"{wanted.channel} is computed from it",
         )
     unit = stated_unit(table, place[1])
     if not si or not unit or unit in QUANTITIES:
         return content.values
-    for target in SI_TRIED:
+    for target in SI_UNITS_TRIED:
         try:
             return np.asarray(to_si(content.values, unit, target, where))
         except RecordError:
@@ -229,10 +236,9 @@ def topic_numbers(
     return content.values
 
 
-def delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """Return a column corrected for its ``delay``, s, at the times of its rows.
-
-    Beyond the ends of the column its values are constant. All arrays have shape ``(N,)``.
+def without_delay(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
+    """Return the values ``(N,)`` of a column at ``time (N,)`` plus its ``delay``, s. They are
+    constant beyond the ends of the column.
     """
     finite = np.isfinite(values) & np.isfinite(time)
     if not np.any(finite):
@@ -240,7 +246,7 @@ def delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
     return np.interp(time + delay, time[finite], values[finite])
 
 
-def merged(
+def merge_topics(
     file: RecordFile,
     topics: Sequence[Topic],
     wanted: Sequence[Wanted],
@@ -248,18 +254,15 @@ def merged(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """Merge the wanted channels of several topics on one grid.
+    """Return a file with one table of the wanted channels of several topics, and the channel map of
+    this table.
 
     Parameters
     ----------
-    rate : Hz; of an even grid. None: the grid is the clock of a topic.
-    hold : ``previous`` or ``linear``: slower inputs between their samples, unless the channel map
-        states it. None: held if the input moves in steps.
+    rate : rate of an even grid, Hz; None takes the clock of a topic as grid.
+    hold : ``previous`` or ``linear``, for slower inputs without a hold in the channel map; None
+        holds inputs that move in steps.
     channel_units : SI unit of every known channel.
-
-    Returns
-    -------
-    The file with a single table of the channels, and the channel map of that table.
     """
     used = sorted({place[0] for channel in wanted for place in channel.places.values()})
     clocks = topic_clocks(file, topics, used)
@@ -288,8 +291,10 @@ def merged(
 def topic_clocks(
     file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return by topic its increasing times, s from an origin common to all, and their rows."""
-    absolute: dict[int, Clock] = {}
+    """Return number of a topic -> its increasing times, s, and their rows. The times of all topics
+    count from one origin.
+    """
+    clock_by_topic: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
         index = clock_place(table)
@@ -301,10 +306,10 @@ def topic_clocks(
             raise RecordError(
                 f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy
             )
-        absolute[number] = clock_of(table, index)
-    origin = min(clock.origin for clock in absolute.values())
+        clock_by_topic[number] = clock_of(table, index)
+    origin = min(clock.origin for clock in clock_by_topic.values())
     clocks = {}
-    for number, clock in absolute.items():
+    for number, clock in clock_by_topic.items():
         time = clock.time + (clock.origin - origin)
         rows = np.flatnonzero(np.isfinite(time))
         rows = rows[np.argsort(time[rows], kind="stable")]
@@ -329,7 +334,8 @@ def grid_of(
 ) -> tuple[np.ndarray, str]:
     """Return the times of the grid, s, and a sentence on it.
 
-    ``leading``: topics of which the fastest gives the grid its clock; ``rate``, Hz, replaces it.
+    The grid is the clock of the fastest topic in ``leading``, or an even grid of a given ``rate``,
+    Hz.
     """
     begin, end = max(clocks[n][0][0] for n in used), min(clocks[n][0][-1] for n in used)
     spans = ", ".join(
@@ -402,11 +408,8 @@ def on_grid(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """Return a channel on the grid.
-
-    Returns
-    -------
-    Values, NaN where an output has no sample; their unit; a text on how they were resampled.
+    """Return the values of a channel at the times of the grid, NaN where an output has no sample;
+    their unit; and a text on the resampling.
     """
     unit, unused_unit = unit_of(wanted, topics, channel_units)
     resampled: dict[str, np.ndarray] = {}
@@ -422,9 +425,9 @@ def on_grid(
         if sentence:
             notes.append(sentence)
     where = f"{file.path}, channel {wanted.channel}"
-    values = calibrated(evaluate(wanted.expression, resampled, where), wanted.choice)
+    values = with_calibration(evaluate(wanted.expression, resampled, where), wanted.choice)
     if not wanted.is_input and longest_interval > SAME_RATE * step:
-        values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
+        values = np.where(_nearest_to_samples(clocks, wanted, grid), values, np.nan)
         notes.append(
             f"its own samples come every {longest_interval:.3g} s, the grid's every {step:.3g} s: "
             "it has samples only where it was measured"
@@ -442,12 +445,10 @@ def _resampled(
     wanted: Wanted,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
-    """Return a column at the times of the grid.
+    """Return the values of a column at the times of the grid; its sampling interval, s; and a
+    sentence if it was filtered, held or joined by lines.
 
-    Returns
-    -------
-    The values; the sampling interval of the column, s; a sentence if it was filtered, held or
-    joined by lines.
+    ``step`` is that of the grid, s.
     """
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < 2:
@@ -463,7 +464,7 @@ def _resampled(
     linear = np.interp(grid, time, values)
     if not wanted.is_input or interval <= SAME_RATE * step:
         return linear, interval, ""
-    chosen = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
+    chosen = wanted.choice.hold or hold or ("previous" if moves_in_steps(values) else "linear")
     sentence = (
         f"its own samples come every {interval:.3g} s and are "
         f"{'held' if chosen == 'previous' else 'joined by lines'} between them"
@@ -474,16 +475,16 @@ def _resampled(
     return linear, interval, sentence
 
 
-def leaps(values: np.ndarray) -> bool:
-    """Return whether a signal moves in single steps only, as a digital command does."""
+def moves_in_steps(values: np.ndarray) -> bool:
+    """Return whether a signal is constant between single steps, as a digital command."""
     changes = np.diff(values) != 0.0
-    return bool(np.mean(changes) < STEPS_SHARE) if changes.size else True
+    return not changes.size or bool(np.mean(changes) < COMMAND_CHANGE_SHARE)
 
 
 def _smoothed(time: np.ndarray, values: np.ndarray, interval: float, step: float) -> np.ndarray:
-    """Return a column after the low-pass for a grid of the interval ``step``, s.
+    """Return a column after the low-pass filter for a grid with intervals ``step``, s.
 
-    ``interval``: median sampling interval of the column, s. A short column is not filtered.
+    ``interval`` is the median sampling interval of the column, s. A short column is not filtered.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -493,15 +494,17 @@ def _smoothed(time: np.ndarray, values: np.ndarray, interval: float, step: float
         return values
     corner = 0.5 * CORNER_SHARE / step
     sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
-    padding = min(even_time.size - 1, round(6.0 * step / interval))  # six samples of the grid
+    padding = min(even_time.size - 1, round(PADDING_STEPS * step / interval))
     smooth = sosfiltfilt(sections, np.interp(even_time, time, values), padlen=padding)
     return np.interp(time, even_time, smooth)
 
 
-def _nearest(
+def _nearest_to_samples(
     clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray
 ) -> np.ndarray:
-    """Return which grid times are nearest to a sample of the slowest topic of a channel."""
+    """Return whether each time of the grid is nearest to a sample of the slowest topic of a
+    channel.
+    """
     slowest = max(
         {place[0] for place in wanted.places.values()},
         key=lambda n: float(np.median(np.diff(clocks[n][0]))),

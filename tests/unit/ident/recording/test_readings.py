@@ -278,8 +278,7 @@ def test_the_sigma_of_a_control_power_counts_the_samples_of_a_lag_once(lag: int)
     sigma = float(np.sqrt(left / 80 * np.linalg.inv(rows.T @ rows)[2, 2]))
     found = _control_power_fit(
         np.repeat(change, lag),
-        [np.repeat(each, lag) for each in (first, second)],
-        np.repeat(moved, lag),
+        [np.repeat(each, lag) for each in (first, second, moved)],
         lag,
     )
     assert found is not None
