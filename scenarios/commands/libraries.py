@@ -229,9 +229,9 @@ def show_models(name: str | None) -> None:
         return
     refuse_unknown_model(name, "flightid models")
     if not is_model_file(name):
-        equations, constants, derivatives = _built_in(name)
+        equations, constant_units, parameter_units = _built_in(name)
         print(f"{name}: {TITLES[name]}\n\n{_explanation(equations)}\n")
-        _print_equations(equations, constants.items(), derivatives.items())
+        _print_equations(equations, constant_units.items(), parameter_units.items())
         return
     file = read_model_file(name, MODELS)
     items = file.model.parameters

@@ -376,9 +376,9 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
         print(f"{draft.file.path.name}: {topic.rows} rows of {len(topic.columns)} columns{rate}")
         return
     print(f"{draft.file.path.name}: a log of {len(draft.topics)} topics")
-    shown = draft.topics
+    shown = list(draft.topics)
     if not whole:
-        shown = sorted(draft.topics, key=lambda topic: -topic.rows)[:MOST_TOPICS]
+        shown = sorted(shown, key=lambda topic: -topic.rows)[:MOST_TOPICS]
     names = [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown]
     _print_table(
         [

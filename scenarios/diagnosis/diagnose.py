@@ -333,9 +333,12 @@ def _effect_values(claim: Claim, diagnosis: Diagnosis) -> list[str]:
     texts = [
         _text(name, quantity.value) for name, quantity in claim.parameters.items() if name in own
     ]
-    if isinstance(effect, RangedCurve):
-        texts += [_text("low", effect.low), _text("high", effect.high)]
-    return texts
+    limits: list[str] = (
+        [_text("low", effect.low), _text("high", effect.high)]
+        if isinstance(effect, RangedCurve)
+        else []
+    )
+    return texts + limits
 
 
 def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:

@@ -451,7 +451,8 @@ def model_fit_of(
             A, B = _discretised(A, B, hold_step)
         for target, k, m in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
-            z, hold_response = s, 1.0
+            z = s
+            hold_response: np.ndarray | float = 1.0
             if hold_step is not None:
                 z = np.exp(s * hold_step)
                 hold_response = (1.0 - np.exp(-s * hold_step)) / (s * hold_step)

@@ -66,9 +66,9 @@ def run_on_cluster(
 
 
 class _SentBlock(NamedTuple):
-    """A block that was sent: its index and its future result."""
+    """A block that was sent: its number and its future result."""
 
-    index: int
+    number: int
     future: Future
 
 
@@ -155,7 +155,7 @@ def _results(
             time.sleep(POLL_INTERVAL)
         for future, result in batch:
             sent_block = running.pop(str(future.key))
-            ended = _ended(blocks[sent_block.index], future, result, address)
+            ended = _ended(blocks[sent_block.number], future, result, address)
             future.release()
             yield ended
 

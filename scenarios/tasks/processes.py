@@ -199,24 +199,24 @@ def run_in_processes(
                     _end(pools, block.pool)
                     reason = f"ended after {longest:g} s, the time that it was given"
                     ended = failed_by_circumstance(
-                        blocks[block.index], reason, float(longest or 0.0)
+                        blocks[block.number], reason, float(longest or 0.0)
                     )
                 except BrokenProcessPool as error:
                     _end(pools, block.pool)
                     if block.attempt < MOST_DEATHS_PER_BLOCK:
-                        give(block.index, block.attempt + 1)
+                        give(block.number, block.attempt + 1)
                         continue
                     reason = f"{block.attempt} processes died over it{error}"
-                    ended = failed_by_circumstance(blocks[block.index], reason)
+                    ended = failed_by_circumstance(blocks[block.number], reason)
                 yield ended
     finally:
         _end(pools, *pools)
 
 
 class _RunningBlock(NamedTuple):
-    """A block that a process runs: its index, the number of the attempt, and the pool."""
+    """A block that a process runs: its number, the number of the attempt, and the pool."""
 
-    index: int
+    number: int
     attempt: int
     pool: ProcessPool
 
