@@ -1,9 +1,8 @@
-"""The command line: what each command takes; the work is done in `scenarios.commands`, imported
-when it is run.
+"""The command line: options of each command. `scenarios.commands` has their work.
 
-It may import `commands`, and from below only what loads neither NumPy nor SciPy: the help must
-answer at once. To add a command: a function in `study_commands.py` or
-`record_commands.py`, its entry in `COMMANDS` of `application.py`, and its work in `commands`.
+The help must be fast. So this package imports only modules that load neither NumPy nor SciPy; a
+command imports its work when it runs. To add a command, write a function in `study_commands.py` or
+`record_commands.py`, add it to `COMMANDS` in `application.py`, and write its work in `commands`.
 """
 
 from __future__ import annotations
@@ -14,8 +13,10 @@ __all__ = ["app", "main"]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 130 stopped by
-    Ctrl-C, 1 anything else.
+    """Run the command line and exit.
+
+    The exit code is 0 for success, 2 for bad usage or input (with one line on stderr), 130 after
+    Ctrl-C, and 1 for anything else.
     """
     try:
         from scenarios.cli.application import run_typed
@@ -25,7 +26,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """``app``, the application, made when it is requested."""
+    """Return ``app``, the application; it is built at the first request."""
     if name == "app":
         from scenarios.cli.application import app
 

@@ -1,4 +1,6 @@
-"""The application: commands in groups, help with examples, numbers as typed, exit codes."""
+"""The command-line application: groups of commands, help with examples, check of numbers, exit
+codes.
+"""
 
 from __future__ import annotations
 
@@ -49,47 +51,47 @@ from scenarios.commands.failures import Stopped, each_validated
 from scenarios.files.sources import escaped_streams, versions
 from sim.errors import DeclarationError
 
-# ---- Signals that end the process from outside
+# ---- Signals that end the process
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @contextmanager
 def ending_signals() -> Iterator[list[int]]:
-    """Raise KeyboardInterrupt on SIGTERM and SIGHUP while the body runs; the list holds the numbers
-    of the signals received.
+    """Raise KeyboardInterrupt on SIGTERM and SIGHUP while the body runs.
 
-    A signal that the process was started to ignore, as ``nohup`` does, stays ignored. A fork ends
-    at once, as it would without this.
+    The context yields a list, to which the numbers of received signals are added. A signal that
+    the process ignores from its start, as with ``nohup``, remains ignored. A forked process ends at
+    once.
     """
-    came: list[int] = []
+    received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield came
+        yield received
         return
-    first = os.getpid()
+    own_process = os.getpid()
 
-    def end(number: int, frame: FrameType | None) -> None:
-        if os.getpid() != first:
+    def handle(number: int, frame: FrameType | None) -> None:
+        if os.getpid() != own_process:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-        came.append(number)
+        received.append(number)
         raise KeyboardInterrupt
 
-    former = {number: signal.getsignal(number) for number in ENDING}
-    taken = [number for number, handler in former.items() if handler is signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, end)
+    previous = {number: signal.getsignal(number) for number in ENDING}
+    handled = [number for number, handler in previous.items() if handler is signal.SIG_DFL]
+    for number in handled:
+        signal.signal(number, handle)
     try:
-        yield came
+        yield received
     finally:
-        for number in taken:
-            signal.signal(number, former[number])
+        for number in handled:
+            signal.signal(number, previous[number])
 
 
 # ---- Examples of every command
 
-# What is typed, and what it does. The order is that in which they run: later ones take files that
-# earlier ones wrote.
+# Command -> pairs of a command line and its explanation. They can be run in this order: later
+# examples read files that earlier ones write.
 EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "list": (
         ("flightid list", "what there is to run"),
@@ -257,70 +259,73 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 
 def examples_text(command: str) -> str:
-    """The examples of a command as its help ends with them; empty if there are none."""
-    lines = [
-        line
-        for typed, does in EXAMPLES.get(command, ())
-        for line in (f"  {typed}", f"      {does}")
-    ]
+    """Return the examples at the end of a command's help; empty if there are none."""
+    lines = []
+    for command_line, explanation in EXAMPLES.get(command, ()):
+        lines += [f"  {command_line}", f"      {explanation}"]
     return "\n".join(["Examples:", *lines]) if lines else ""
 
 
-# ---- Pages of help: commands by group, examples as they are typed
+# ---- Help: commands by group, with examples
 
-LARGEST_UNCUT_WIDTH = 1000  # characters: a line too long for the terminal is folded, not cut
+LONGEST_SHORT_HELP = 1000  # characters; so large that the library folds lines and does not cut them
 
 
 class GroupedCommands(TyperGroup):
-    """Lists the commands under the headings of their groups (the command-line library asks for a
-    class here).
+    """Group of commands that lists them under the headings of their groups.
+
+    The command-line library requires a class here.
     """
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write one section a group, in the order in which the commands were declared."""
-        groups: dict[str, list[tuple[str, str]]] = {}
+        """Write a section for each group, with commands in the order of their declaration."""
+        sections: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
             panel = getattr(command, "rich_help_panel", None)
-            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append(
-                (name, command.get_short_help_str(LARGEST_UNCUT_WIDTH))
-            )
-        for group, rows in groups.items():
-            with formatter.section(group):
+            heading = panel if isinstance(panel, str) else "Commands"
+            row = (name, command.get_short_help_str(LONGEST_SHORT_HELP))
+            sections.setdefault(heading, []).append(row)
+        for heading, rows in sections.items():
+            with formatter.section(heading):
                 formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; Ctrl-C leaves with what it says is kept."""
+        """Run the command; Ctrl-C raises ``Stopped`` with its text on the stored results."""
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt as stopped:
-            raise Stopped(str(stopped)) from None
+        except KeyboardInterrupt as interrupt:
+            raise Stopped(str(interrupt)) from None
 
 
 class WithExamples(TyperCommand):
-    """A command whose help ends with examples, each on a line of its own however long it is."""
+    """A command whose help ends with examples."""
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples as they stand."""
+        """Write each example on a line of its own, without folding it."""
         text = examples_text(self.name or "")
         if text:
             formatter.write_paragraph()
             formatter.write(f"{text}\n")
 
 
-# ---- flightid --version: this version, and those of what it computes with
+# ---- flightid --version
 
+# Package -> its name in the line of versions.
 NAMED = {"flightid": "flightid", "python": "Python", "numpy": "NumPy", "scipy": "SciPy"}
 
 
 def show_version() -> None:
-    """One line; a package that is not installed under its name is left out of it."""
-    found = versions()
-    print(", ".join(f"{word} {found[name]}" for name, word in NAMED.items() if name in found))
+    """Print the versions of flightid, Python and its numerical packages in one line.
+
+    Packages that are not installed are left out.
+    """
+    known = versions()
+    print(", ".join(f"{word} {known[name]}" for name, word in NAMED.items() if name in known))
 
 
-# ---- The application: its commands in the order and the groups in which the help lists them
+# ---- The application
 
-# The commands by group: a further one is a file in `declared` and its name here.
+# Group -> its commands, in the order of the help.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign, design, report),
     "Measured data": (
@@ -381,29 +386,36 @@ def _application() -> typer.Typer:
     app.callback()(options)
     for group, functions in COMMANDS.items():
         for function in functions:
-            app.command(function.__name__.rstrip("_"), cls=WithExamples, rich_help_panel=group)(
-                function
-            )
+            declare = app.command(_name_of(function), cls=WithExamples, rich_help_panel=group)
+            declare(function)
     return app
+
+
+def _name_of(function: Callable[..., Any]) -> str:
+    """Return the name of a command; its function may have an underscore after it."""
+    return function.__name__.rstrip("_")
 
 
 app = _application()
 
 
-# ---- Numbers as they are typed
+# ---- Numbers in arguments
 
 
-def refuse_foreign_digits(given: Sequence[str]) -> None:
-    """Raise DeclarationError if an option's number is typed as Python alone would read it: in
-    digits of another script, or with underscores.
+def refuse_foreign_digits(arguments: Sequence[str]) -> None:
+    """Raise DeclarationError if the number of an option has digits of another script or
+    underscores, which Python accepts.
     """
-    for at, word in enumerate(given):
+    for position, word in enumerate(arguments):
         name, equals, text = word.partition("=")
-        values = [text] if equals else given[at + 1 : at + 3]
-        for value in values if name.startswith("--") else ():
+        if not name.startswith("--"):
+            continue
+        # An option takes at most two numbers.
+        values = [text] if equals else arguments[position + 1 : position + 3]
+        for value in values:
             if value.startswith("-") and not value[1:2].isdecimal():
-                break
-            if _is_foreign(value) and name in _numeric_options(given[0]):
+                break  # the next option
+            if _is_foreign_number(value) and name in _numeric_options(arguments[0]):
                 raise DeclarationError(
                     f"{value!r} is no plain number",
                     where=name,
@@ -411,73 +423,76 @@ def refuse_foreign_digits(given: Sequence[str]) -> None:
                 )
 
 
-def _is_foreign(text: str) -> bool:
+def _is_foreign_number(text: str) -> bool:
+    """Return whether Python reads a text as a number though it is no plain one."""
+    if text.isascii() and "_" not in text:
+        return False
     try:
-        return not (text.isascii() and "_" not in text) and float(text) is not None
+        float(text)
     except ValueError:
         return False
+    return True
 
 
 def _numeric_options(command: str) -> frozenset[str]:
-    """The options of a command that take a number, by the annotations of its function."""
-
-    functions = {
-        function.__name__.rstrip("_"): function for group in COMMANDS.values() for function in group
-    }
+    """Return the options of a command that take a number, by the annotations of its function."""
+    functions = {_name_of(function): function for group in COMMANDS.values() for function in group}
     if command not in functions:
         return frozenset()
     hints = typing.get_type_hints(functions[command], include_extras=True).values()
-    options = [(hint, declared) for hint in hints for declared in getattr(hint, "__metadata__", ())]
-    numeric = [declared for hint, declared in options if _holds_number(hint.__origin__)]
-    # Within an annotation the library keeps the first name where a default would be.
+    options = [(hint, option) for hint in hints for option in getattr(hint, "__metadata__", ())]
+    numeric = [option for hint, option in options if _holds_number(hint.__origin__)]
+    # In an annotation, the library stores the first name of an option as its default.
     return frozenset(
         name
-        for each in numeric
-        for name in (each.default, *(each.param_decls or ()))
+        for option in numeric
+        for name in (option.default, *(option.param_decls or ()))
         if isinstance(name, str)
     )
 
 
 def _holds_number(kind: object) -> bool:
+    """Return whether a type is a number or, as ``list[float] | None``, contains one."""
     return kind in (int, float) or any(map(_holds_number, typing.get_args(kind)))
 
 
-# ---- The entry point: what was typed, run, and every end of it as an exit code
+# ---- The entry point
 
-# Threads of the linear algebra that NumPy may have been built with: matrices here are small, and
-# more than one only waits for another.
+# Threads of the linear algebra that NumPy may use. The matrices of this package are small, so one
+# thread is fastest.
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def run_typed(arguments: list[str] | None = None) -> None:
-    """Run what was typed (None: in the shell) and end with its exit code, as ``scenarios.cli.main``
-    says.
+    """Run a command line and end the process with its exit code, see ``scenarios.cli.main``.
+
+    ``arguments`` are the words after the program name; None takes those of the process.
     """
     for name in _THREADS:
-        os.environ.setdefault(name, "1")  # read when NumPy is loaded, by the command itself
+        os.environ.setdefault(name, "1")  # read when a command loads NumPy
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # a letter that the terminal does not have ends no study
+        # A character that the terminal does not have must not end a study.
         sys.stdout.reconfigure(errors="backslashreplace")
-    given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    debug = "--debug" in given
-    with escaped_streams(), ending_signals() as came, warnings.catch_warnings():
+    words = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    debug = "--debug" in words
+    with escaped_streams(), ending_signals() as received, warnings.catch_warnings():
         if not debug:
-            # Libraries warn of numbers beyond the range of floats, and what came of them is refused
-            # where it is written or printed.
+            # Libraries warn of overflows. Results that are not finite are refused where they are
+            # written or printed, so the warnings are not shown.
             warnings.showwarning = lambda *_, **__: None
-        code = _run([text for text in given if text != "--debug"], debug)
+        code = _run([word for word in words if word != "--debug"], debug)
     if arguments is None:
-        _let_go_of_output()
-        # the process ends: nothing is worth the tenth of a second that a last search for garbage
-        # takes
+        _discard_output()
+        # The process ends. Without a last garbage collection it ends 0.1 s sooner.
         gc.freeze()
-    raise SystemExit(128 + came[0] if came else code)
+    raise SystemExit(128 + received[0] if received else code)
 
 
-def _run(given: list[str], debug: bool) -> int:
+def _run(arguments: list[str], debug: bool) -> int:
+    """Run a command and return its exit code; with ``debug``, errors are raised."""
     try:
-        refuse_foreign_digits(given)
-        code = app(args=each_validated(given), prog_name="flightid", standalone_mode=False)
+        refuse_foreign_digits(arguments)
+        code = app(args=each_validated(arguments), prog_name="flightid", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
     except BaseException as error:
@@ -489,15 +504,15 @@ def _run(given: list[str], debug: bool) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _let_go_of_output() -> None:
-    """Let what a full or closed stdout still holds go nowhere: the interpreter would complain of it
-    at its end, in lines of its own.
+def _discard_output() -> None:
+    """Discard the buffer of a full or closed stdout, so that the interpreter prints no error about
+    it at its end.
     """
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
     except (OSError, ValueError):
         with contextlib.suppress(OSError, ValueError):
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())
-            os.close(nowhere)
+            null_device = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null_device, sys.stdout.fileno())
+            os.close(null_device)

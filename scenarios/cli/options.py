@@ -1,9 +1,7 @@
-"""Options that several commands share, shell completion, and output options.
+"""Options that several commands share, with shell completion and output options.
 
-Options that go together in several commands: how records are prepared, and what of a command
-reaches the terminal and the disk.
-
-A command takes such a group as one keyword parameter, and `with_groups` turns it into its options.
+Some options form a group: those on the preparation of records, and those on output. A command
+takes a group as one keyword parameter. `with_groups` turns it into the options of the group.
 """
 
 from __future__ import annotations
@@ -28,9 +26,10 @@ import typer
 from scenarios.preparation.plan import Plan, plan_of, with_maneuvers
 from scenarios.report.figure_formats import Formats, formats_of
 
-# ---- What a shell completes
+# ---- Shell completion
 
-# Copies of lists, so that help and completion load no numerics; a test compares them.
+# Copies of lists in modules that load NumPy, which would slow down help and completion. A test
+# compares them.
 MODEL_NAMES = (
     "ballistic",
     "rigid",
@@ -48,38 +47,38 @@ METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-er
 
 
 def scenarios(incomplete: str) -> list[str]:
-    """Scenarios of the catalogue."""
+    """Return the scenarios of the catalogue that begin with ``incomplete``."""
     from scenarios.studies.catalogue import scenario_names
 
     return _beginning(scenario_names(), incomplete)
 
 
 def models(incomplete: str) -> list[str]:
-    """Built-in models."""
+    """Return the built-in models that begin with ``incomplete``."""
     return _beginning(MODEL_NAMES, incomplete)
 
 
 def methods(incomplete: str) -> list[str]:
-    """Methods of identification."""
+    """Return the methods of identification that begin with ``incomplete``."""
     return _beginning(METHOD_NAMES, incomplete)
 
 
 def effects(incomplete: str) -> list[str]:
-    """Effects of the library."""
+    """Return the effects of the library that begin with ``incomplete``."""
     from sim.effects.library import effect_names
 
     return _beginning(effect_names(), incomplete)
 
 
 def vehicles(incomplete: str) -> list[str]:
-    """Vehicles of the library."""
+    """Return the vehicles of the library that begin with ``incomplete``."""
     from sim.vehicles.library import vehicle_names
 
     return _beginning(vehicle_names(), incomplete)
 
 
 def of(*words: str) -> Callable[[str], list[str]]:
-    """A completion with a few fixed words."""
+    """Return a completion function for fixed words."""
 
     def complete(incomplete: str) -> list[str]:
         return _beginning(words, incomplete)
@@ -101,12 +100,21 @@ def valued(
     complete: Callable[[str], list[str]] | None = None,
     **bounds: Any,
 ) -> Any:
-    """An option with a value: name, word for the value, help; ``bounds``: min, max."""
+    """Declare an option with a value.
+
+    Parameters
+    ----------
+    name : the option, as ``--out``.
+    metavar : word for the value in the help.
+    explanation : line of help.
+    complete : completion function of the shell.
+    bounds : ``min`` and ``max`` of a number.
+    """
     return typer.Option(name, metavar=metavar, help=explanation, autocompletion=complete, **bounds)
 
 
 def flag(name: str, explanation: str) -> Any:
-    """An option without a value: its name and its line of help."""
+    """Declare an option without a value, by its name and line of help."""
     return typer.Option(name, help=explanation)
 
 
@@ -294,13 +302,18 @@ TimeLimit = Annotated[
 ]
 
 
-# ---- --quiet and --json: what of a command reaches the terminal
+# ---- Output of a command: --quiet and --json
 
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """Where a command writes its study (None: nowhere), in which formats its figures, and whether
-    it may show how far it is.
+    """Output of a command.
+
+    Attributes
+    ----------
+    out : folder of the study; None writes nothing.
+    figures : formats of the figures.
+    progress : whether a progress bar may be shown.
     """
 
     out: Path | None
@@ -311,14 +324,14 @@ class OutputOptions:
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 
 
-class _Copied(io.TextIOBase):
-    """A stream that also stores what is written to it."""
+class _CopyingStream(io.TextIOBase):
+    """A stream that passes text on and stores a copy."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream, self.kept = stream, io.StringIO()
+        self._stream, self.copy = stream, io.StringIO()
 
     def write(self, text: str) -> int:
-        self.kept.write(text)
+        self.copy.write(text)
         return self._stream.write(text)
 
     def flush(self) -> None:
@@ -344,9 +357,8 @@ class _Copied(io.TextIOBase):
 
 @contextlib.contextmanager
 def keeping_text(out: Path | None) -> Iterator[None]:
-    """Store the printed text of a successful command as ``study.txt`` in its folder.
-
-    Only if the command does not write this file itself.
+    """Store the printed text of a successful command as ``study.txt`` in its folder, unless the
+    command writes this file itself.
     """
     if out is None:
         yield
@@ -356,72 +368,82 @@ def keeping_text(out: Path | None) -> Iterator[None]:
 
     path = out / TEXT
     before = _identity(path)
-    copied = _Copied(sys.stdout)
-    with contextlib.redirect_stdout(copied):
+    stream = _CopyingStream(sys.stdout)
+    with contextlib.redirect_stdout(stream):
         yield
     if out.is_dir() and _identity(path) == before:
-        with contextlib.suppress(OSError):  # the study is whole without it
-            write_text(path, _COLOURS.sub("", copied.kept.getvalue()))
+        with contextlib.suppress(OSError):  # the study is complete without this file
+            write_text(path, _COLOURS.sub("", stream.copy.getvalue()))
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return inode and time of writing of a file; None if there is none."""
+    """Return inode and time of writing (ns) of a file; None if there is no file."""
     try:
-        told = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return told.st_ino, told.st_mtime_ns
+    return status.st_ino, status.st_mtime_ns
 
 
 @contextlib.contextmanager
 def output_options(
     out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()
 ) -> Iterator[OutputOptions]:
-    """Context manager for a command that prints and writes ``documents`` (JSON files).
+    """Run the body of a command with its output options.
 
-    ``as_json``: print only the documents, several as a list. ``quiet``: print only the documents'
-    warnings, on stderr. Without a folder, a temporary one is used.
+    Parameters
+    ----------
+    out : folder of the study; None writes nothing.
+    figures : formats of the figures.
+    quiet : print only the warnings of the documents, on stderr.
+    as_json : print only the documents, several as a list.
+    documents : paths of the JSON documents that the command writes, below its folder.
+
+    With ``quiet`` or ``as_json`` but without ``out``, a temporary folder is used.
     """
-    # Studies in folders of their own each have their text already.
-    kept = out if any("/" not in name for name in documents) else None
+    # A document in a subfolder belongs to a study that writes its own text.
+    text_folder = out if any("/" not in name for name in documents) else None
     if not (quiet or as_json):
-        with keeping_text(kept):
+        with keeping_text(text_folder):
             yield OutputOptions(out, figures, progress=True)
         return
     with contextlib.ExitStack() as stack:
-        folder = (
-            out
-            if out is not None
-            else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
-        )
+        folder = out
+        if folder is None:
+            temporary = stack.enter_context(TemporaryDirectory(prefix="flightid-"))
+            folder = Path(temporary) / "study"
         try:
-            with contextlib.redirect_stdout(io.StringIO()), keeping_text(kept):
+            with contextlib.redirect_stdout(io.StringIO()), keeping_text(text_folder):
                 yield OutputOptions(folder, figures if out is not None else (), progress=not quiet)
         except KeyboardInterrupt:
             if out is not None:
                 raise
-            # its folder is deleted
+            # The text of this exception names results in the temporary folder, which is deleted.
             raise KeyboardInterrupt from None
         texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
     if as_json:
-        if isinstance(sys.stdout, io.TextIOWrapper):
-            # JSON is UTF-8 wherever it goes; a pipe of Windows has another code page.
-            sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
-        sys.stdout.write(
-            texts[0]
-            if len(texts) == 1
-            else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n"
-        )
-        sys.stdout.flush()
+        _print_json(texts)
         return
     for text in texts:
         for warning in json.loads(text).get("warnings", ()):
             print(f"flightid: warning: {warning}", file=sys.stderr)
 
 
+def _print_json(texts: Sequence[str]) -> None:
+    """Print a JSON document, or several as a list."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # JSON is UTF-8; a pipe of Windows has another encoding.
+        sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
+    if len(texts) == 1:
+        sys.stdout.write(texts[0])
+    else:
+        sys.stdout.write("[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n")
+    sys.stdout.flush()
+
+
 @dataclass(frozen=True)
 class Preparation:
-    """Options by which records are read and prepared; the names are those of the command."""
+    """Options on the reading and preparation of records."""
 
     channels: Channels = None
     columns: Columns = None
@@ -434,16 +456,16 @@ class Preparation:
     lowpass: Lowpass = None
 
     def plan(self, records: Sequence[Path], *, trusted: bool = False) -> Plan:
-        """The plan of these options.
+        """Return the plan of preparation that the options declare.
 
         Parameters
         ----------
-        records : beside which a file of maneuvers is looked for.
-        trusted : of ``--trust-record``.
+        records : the record files; a file of maneuvers may stand beside them.
+        trusted : value of ``--trust-record``.
 
         Raises
         ------
-        DeclarationError : options that contradict each other, or a maneuver that the file lacks.
+        DeclarationError : options contradict each other, or the file lacks a maneuver.
         """
         plan = plan_of(
             self.start,
@@ -468,7 +490,7 @@ class Output:
     as_json: AsJson = False
 
     def of(self, *documents: str) -> AbstractContextManager[OutputOptions]:
-        """Context of a command that writes JSON ``documents``: see `output_options`."""
+        """Return the context of a command that writes JSON ``documents``; see `output_options`."""
         return output_options(
             self.out,
             formats_of(self.figures, self.no_figures),
@@ -482,11 +504,12 @@ GROUPS: tuple[type[Any], ...] = (Preparation, Output)
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameters of a type in ``GROUPS`` are the options of that group, in place.
+    """Return a command with the options of a group in place of each parameter that is a group.
 
     Parameters
     ----------
-    command : function with annotations that the command line reads; its groups are keyword-only.
+    command : function with annotations for the command line. Parameters with a type in ``GROUPS``
+        are groups; they are keyword-only.
 
     Examples
     --------
@@ -506,24 +529,26 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
             parameters.append(parameter.replace(annotation=hints[name]))
             continue
         groups[name] = hints[name]
-        inside = get_type_hints(hints[name], include_extras=True)
+        field_hints = get_type_hints(hints[name], include_extras=True)
         parameters += [
             inspect.Parameter(
                 item.name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=item.default,
-                annotation=inside[item.name],
+                annotation=field_hints[item.name],
             )
             for item in dataclasses.fields(hints[name])
         ]
 
     @functools.wraps(command)
-    def told(*args: Any, **typed: Any) -> None:
-        for name, kind in groups.items():
-            names = [item.name for item in dataclasses.fields(kind)]
-            typed[name] = kind(**{each: typed.pop(each) for each in names if each in typed})
-        command(*args, **typed)
+    def with_options(*args: Any, **options: Any) -> None:
+        for name, group in groups.items():
+            names = [item.name for item in dataclasses.fields(group)]
+            options[name] = group(**{key: options.pop(key) for key in names if key in options})
+        command(*args, **options)
 
-    vars(told)["__signature__"] = inspect.Signature(parameters)
-    told.__annotations__ = {each.name: each.annotation for each in parameters}
-    return told
+    vars(with_options)["__signature__"] = inspect.Signature(parameters)
+    with_options.__annotations__ = {
+        parameter.name: parameter.annotation for parameter in parameters
+    }
+    return with_options

@@ -1,4 +1,4 @@
-"""Commands on measured records: their options."""
+"""Options of the commands on measured records."""
 
 from __future__ import annotations
 
@@ -369,10 +369,10 @@ def check(
         )
 
 
-# ---- A survey's file to copy and edit
+# ---- Example of a survey file
 
-# Names the two records and the vehicle file that `flightid simulate trace-vane --out flight.csv`
-# writes, so that it can be run as it stands.
+# The example names the two records and the vehicle file that
+# `flightid simulate trace-vane --out flight.csv` writes, so it can be run without changes.
 EXAMPLE = """\
 title = "two flights of a bomber"
 model = "rigid"                    # as --model
@@ -448,7 +448,7 @@ def survey(
 
 
 def _refuse_mixed_watch(model: str | None, margins: str | None, signals: list[str]) -> None:
-    """Raise DeclarationError unless either a model or a loop is named."""
+    """Raise DeclarationError unless either a model or a loop, with its signals, is named."""
     if model is None and margins is None:
         remedy = "name one, or the loop whose margins are wanted with --margins"
         raise DeclarationError("there is no model", where="--model", remedy=remedy)
@@ -563,9 +563,10 @@ def watch(
     from scenarios.watching.loop_margins import MAIN, loop_names
 
     plan = plan_of(rate=rate, columns=columns, hold=hold)
-    _refuse_mixed_watch(
-        model, margins, [*(inputs or ()), *(outputs or ()), *([excitation] if excitation else [])]
-    )
+    signals = [*(inputs or ()), *(outputs or ())]
+    if excitation:
+        signals.append(excitation)
+    _refuse_mixed_watch(model, margins, signals)
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
         with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as target:

@@ -1,4 +1,4 @@
-"""Options of the commands on simulated studies, libraries, labs, and models of studies."""
+"""Options of the commands on simulated studies, libraries, labs and models of studies."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def run(
     from scenarios.cli.options import output_options
     from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
 
-    work = run_and_compare if compare else run_scenarios
+    command = run_and_compare if compare else run_scenarios
     with output_options(
         out,
         formats_of(figures, no_figures),
@@ -88,7 +88,7 @@ def run(
         as_json=as_json,
         documents=documents_of(names, compare),
     ) as target:
-        work(names, seed, target.out, changes or [], target.figures, progress=target.progress)
+        command(names, seed, target.out, changes or [], target.figures, progress=target.progress)
 
 
 # ---- flightid simulate
@@ -118,11 +118,11 @@ def simulate(
     from scenarios.cli.options import output_options
     from scenarios.commands.failures import scenario_or_own
     from scenarios.commands.studies import files_text
-    from scenarios.commands.studies import simulate as simulate_what
+    from scenarios.commands.studies import simulate as write_records
 
-    what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
+    flight = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
     with output_options(None, (), quiet=quiet or as_json, as_json=False):
-        files = simulate_what(what, out, seed, changes or [])
+        files = write_records(flight, out, seed, changes or [])
     if as_json:
         print(files_text(files))
 
@@ -171,7 +171,7 @@ def campaign(
     from scenarios.commands.studies import own_campaign, refuse_method, run_campaign
     from scenarios.tasks.study import Execution
 
-    what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
+    flight = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     if runs is None:
         raise DeclarationError(
             "no number of runs is given", where="--runs", remedy="give two or more"
@@ -179,7 +179,7 @@ def campaign(
     formats, documents = formats_of(figures, no_figures), ["campaign.json"]
     with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as target:
         run = partial(
-            run_campaign if isinstance(what, str) else own_campaign,
+            run_campaign if isinstance(flight, str) else own_campaign,
             runs=runs,
             seed=seed,
             execution=Execution(jobs, target.out, resume, cluster, time_limit),
@@ -188,11 +188,11 @@ def campaign(
             levels=noise_levels,
             progress=target.progress,
         )
-        if isinstance(what, str):
-            run(what, method=method)
+        if isinstance(flight, str):
+            run(flight, method=method)
         else:
             refuse_method(method)
-            run(what)
+            run(flight)
 
 
 # ---- flightid compare
@@ -309,7 +309,7 @@ def design(
     from scenarios.maneuver_design.setting import DesignRequest
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
-    asked = DesignRequest(
+    request = DesignRequest(
         model,
         vehicle,
         limits,
@@ -330,7 +330,7 @@ def design(
         as_json=as_json,
         documents=["design.json"],
     ) as target:
-        design_maneuver(asked, target.out, target.figures, progress=target.progress)
+        design_maneuver(request, target.out, target.figures, progress=target.progress)
 
 
 # ---- flightid report
@@ -353,7 +353,7 @@ def report(
     rebuild_pages(folders, tables=tables, pdf=pdf)
 
 
-# ---- flightid list, effects, models and vehicles: what there is
+# ---- flightid list, effects, models and vehicles
 
 
 def list_(

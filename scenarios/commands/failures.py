@@ -1,4 +1,4 @@
-"""Arguments as typed, and every failure as one line on stderr and an exit code."""
+"""Arguments before they are parsed, and failures as one line on stderr with an exit code."""
 
 from __future__ import annotations
 
@@ -20,70 +20,78 @@ if TYPE_CHECKING:
     from scenarios.trials.planted.own_flight import OwnFlight
 
 
-# ---- Arguments as they are typed, made into those that the command-line library understands
+# ---- Arguments, rewritten for the command-line library
 
-# options that take every word up to the next option
+# Command -> options that take every word up to the next option.
 SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}
-NONE_MEANS = {"--profile": "all"}  # value of such an option without a word
-FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")
-BAND = ("--band",)  # options of two words
-FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record and no parameter
+DEFAULT_WORD = {"--profile": "all"}  # value of an option that is given without a word
+FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")  # options without a word
+TWO_WORDS = ("--band",)  # options of two words
+RECORD_SUFFIXES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # a word with one is a record
 
 
-def each_validated(given: list[str]) -> list[str]:
-    """``--validate A B`` as ``--validate A --validate B``, and so ``--profile``: they take every
-    word up to the next option, as documented.
+def each_validated(arguments: list[str]) -> list[str]:
+    """Return the arguments with ``--validate A B`` as ``--validate A --validate B``.
 
-    Where that would leave no record to fit, ``--validate`` takes one file only. ``--profile`` takes
-    no record, and alone means all parameters.
+    ``--validate`` and ``--profile`` take every word up to the next option. If this left no record
+    to fit, ``--validate`` takes one word only. ``--profile`` does not take records; without a word
+    it means all parameters.
     """
-    several = SEVERAL.get(given[0], ()) if given else ()
+    several = SEVERAL.get(arguments[0], ()) if arguments else ()
     if not several:
-        return given
-    out, fitted = _expanded(given, several)
-    return (
-        out
-        if fitted
-        else _expanded(given, [option for option in several if option != "--validate"])[0]
-    )
+        return arguments
+    expanded, fitted = _expanded(arguments, several)
+    if not fitted:
+        several = tuple(option for option in several if option != "--validate")
+        expanded, _ = _expanded(arguments, several)
+    return expanded
 
 
-def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]:
-    """Return the words with the options ``several`` before each of theirs, and how many of them are
-    records to be fitted.
+def _expanded(arguments: list[str], several: Sequence[str]) -> tuple[list[str], int]:
+    """Repeat the options ``several`` before each of their words.
+
+    Returns
+    -------
+    The new arguments, and the number of records to be fitted among them.
     """
-    out, option, taken, fitted = [given[0]], "", 0, 0
-    for text in given[1:]:
-        if text.startswith("-") and text != "-":
-            out += _unsaid(option, taken)
-            option, taken = text, 0
-            out.append(text)
+    expanded, option, taken, fitted = [arguments[0]], "", 0, 0
+    for word in arguments[1:]:
+        if word.startswith("-") and word != "-":
+            expanded += _default_word(option, taken)
+            option, taken = word, 0
+            expanded.append(word)
             continue
-        if option in several and not (option == "--profile" and text.lower().endswith(FILES)):
-            out += [text] if taken == 0 else [option, text]
+        is_record = word.lower().endswith(RECORD_SUFFIXES)
+        if option in several and not (option == "--profile" and is_record):
+            expanded += [word] if taken == 0 else [option, word]
             taken += 1
             continue
-        wanted = (
-            0 if option in ("", *FLAGS, *several) or "=" in option else 2 if option in BAND else 1
-        )
-        if taken >= wanted:
-            out += _unsaid(option, taken)
+        if taken >= _word_count(option, several):
+            expanded += _default_word(option, taken)
             fitted += 1
-            option, taken = ("", 0) if option in several else (option, taken)
+            if option in several:
+                option, taken = "", 0
         else:
             taken += 1
-        out.append(text)
-    out += _unsaid(option, taken)
-    return out, fitted
+        expanded.append(word)
+    expanded += _default_word(option, taken)
+    return expanded, fitted
 
 
-def _unsaid(option: str, taken: int) -> list[str]:
-    """Return the default meaning of an option without a value."""
-    return [NONE_MEANS[option]] if option in NONE_MEANS and taken == 0 else []
+def _word_count(option: str, several: Sequence[str]) -> int:
+    """Return the number of words that follow an option; 0 for ``--option=word``."""
+    if option in ("", *FLAGS, *several) or "=" in option:
+        return 0
+    return 2 if option in TWO_WORDS else 1
+
+
+def _default_word(option: str, taken: int) -> list[str]:
+    """Return the default word of an option that took none; empty if it needs none."""
+    return [DEFAULT_WORD[option]] if option in DEFAULT_WORD and taken == 0 else []
 
 
 def one_segment(plan: Plan) -> Plan:
-    """Return a plan for one part of a record; DeclarationError where it has several."""
+    """Return a plan with a single segment of a record; raise DeclarationError if it has several."""
     if len(plan.segments) > 1:
         raise DeclarationError(
             "a prediction is of one part of a record",
@@ -103,12 +111,17 @@ def scenario_or_own(
     duration: float | None,
     rate: float | None,
 ) -> str | OwnFlight:
-    """Return the flight to simulate: a scenario by its name, or a user model with the given
-    properties of its flight.
+    """Return the flight to simulate: the name of a scenario, or a flight of a user's model.
+
+    Parameters
+    ----------
+    name : name of a scenario.
+    model : file of a user's model; the other parameters describe its flight.
 
     Raises
     ------
-    DeclarationError : both or neither, or an option that only ``--model`` takes.
+    DeclarationError : name and model are both given or both missing, or an option is given that
+        only ``--model`` takes.
     """
     if model is None:
         given = {
@@ -145,12 +158,13 @@ def scenario_or_own(
     )
 
 
-# ---- Every failure as one line on stderr and an exit code
+# ---- Failures as one line on stderr with an exit code
 
 LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
 LONGEST_LINE = 3000  # characters of a line; the middle of a longer one is left out
-_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-INTERRUPTED_EXIT_CODE = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
+_NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+FAILED, BAD_INPUT = 1, 2  # exit codes
+INTERRUPTED_EXIT_CODE = 130  # after Ctrl-C: 128 and the number of the signal
 
 
 class Stopped(Exception):
@@ -158,66 +172,67 @@ class Stopped(Exception):
 
 
 def report(error: BaseException) -> int:
-    """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1
-    anything else, 0 a clean exit.
+    """Print one line for an error and return the exit code.
 
-    Errors from a user's model or effects, SystemExit included, are reported as faults of that file.
-    The text of a KeyboardInterrupt says which results are stored. Errors of the command-line
-    library are recognised by their attributes, since it ships click under changing names.
+    The code is 2 for bad usage or input, 130 for Ctrl-C, 0 for a clean exit, and 1 for anything
+    else. An error in a user's model or effects, SystemExit included, is reported with file and
+    line. The text of a KeyboardInterrupt names the stored results. Errors of the command-line
+    library are recognised by their attributes, because the names of its classes change.
     """
     if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (
-        place := _in_users_file(error)
+        place := _place_in_users_file(error)
     ):
-        return _say(f"{place}: {type(error).__name__}: {error}; mend that line", 2)
+        return _print_line(f"{place}: {type(error).__name__}: {error}; mend that line", BAD_INPUT)
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     if isinstance(error, FlightidError):
-        return _say(str(error), 2)
+        return _print_line(str(error), BAD_INPUT)
     if isinstance(error, MemoryError):
-        return _say(
-            f"out of memory{f': {error}' if str(error) else ''}; give less data at once, or ask "
-            "for fewer samples or runs",
-            1,
+        reason = f": {error}" if str(error) else ""
+        return _print_line(
+            f"out of memory{reason}; give less data at once, or ask for fewer samples or runs",
+            FAILED,
         )
     if isinstance(error, BrokenPipeError):
-        return 1
+        return FAILED
     if isinstance(error, OSError) and error.errno is not None:
-        return _say(_of_system(error), 2)
+        return _print_line(_system_error_text(error), BAD_INPUT)
     name = type(error).__name__
     if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
-        return _say(f"stopped; {str(error) or 'nothing was written'}", INTERRUPTED_EXIT_CODE)
+        results = str(error) or "nothing was written"
+        return _print_line(f"stopped; {results}", INTERRUPTED_EXIT_CODE)
     if name == "NoArgsIsHelpError":
-        return _say("no command is given; see flightid --help", 2)
+        return _print_line("no command is given; see flightid --help", BAD_INPUT)
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
-        return _say(_usage(error), 2)
+        return _print_line(_usage_error_text(error), BAD_INPUT)
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
-    return _say(
-        f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1
+    return _print_line(
+        f"internal error: {name}: {error}; run it again with --debug and report what it prints",
+        FAILED,
     )
 
 
-def _in_users_file(error: BaseException) -> str:
-    """File and line of the user's Python code that an error came through last; empty if it came
-    through none.
-    """
-    found = ""
+def _place_in_users_file(error: BaseException) -> str:
+    """Return file and line of the innermost frame in the user's Python code; empty without one."""
+    place = ""
     for frame, line in walk_tb(error.__traceback__):
         if str(frame.f_globals.get("__name__", "")).startswith(MODULE):
-            found = f"{frame.f_code.co_filename}, line {line}"
-    return found
+            place = f"{frame.f_code.co_filename}, line {line}"
+    return place
 
 
-def _usage(error: Any) -> str:
+def _usage_error_text(error: Any) -> str:
+    """Return the message of the command-line library, and the command that prints its help."""
     text = error.format_message().rstrip(".")
     command = getattr(getattr(error, "ctx", None), "command_path", None) or "flightid"
     return f"{text[:1].lower()}{text[1:]}; see {' '.join(command.split())} --help"
 
 
-def _of_system(error: OSError) -> str:
-    """Return error, file and remedy of an operating-system error."""
+def _system_error_text(error: OSError) -> str:
+    """Return file, message and remedy of an error of the operating system."""
     remedies = {
-        **dict.fromkeys(_FULL, "make room, or write to another place"),
+        **dict.fromkeys(_NO_SPACE, "make room, or write to another place"),
         **dict.fromkeys(
             (errno.EMFILE, errno.ENFILE),
             "raise the limit of open files (ulimit -n), or use fewer processes (--jobs)",
@@ -231,20 +246,15 @@ def _of_system(error: OSError) -> str:
         ),
     }
     number = error.errno or 0
-    place = (
-        os.fsdecode(error.filename)
-        if isinstance(error.filename, str | bytes)
-        else "the output"
-        if number in _FULL
-        else "the system"
-    )
-    return (
-        f"{place}: {error.strerror or error}; "
-        f"{remedies.get(number, 'check the path and its permissions')}"
-    )
+    place = "the output" if number in _NO_SPACE else "the system"
+    if isinstance(error.filename, str | bytes):
+        place = os.fsdecode(error.filename)
+    remedy = remedies.get(number, "check the path and its permissions")
+    return f"{place}: {error.strerror or error}; {remedy}"
 
 
-def _say(text: str, code: int) -> int:
+def _print_line(text: str, code: int) -> int:
+    """Print a text as one line on stderr, shortened if very long, and return the exit code."""
     line = " ".join(text.split()).removeprefix("flightid: ")
     line = re.sub(
         rf"\S{{{LONGEST_WORD},}}",
@@ -253,7 +263,7 @@ def _say(text: str, code: int) -> int:
     )
     if len(line) > LONGEST_LINE:
         line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
-    if sys.stderr is not None:  # it may be closed or full; the exit code remains
+    if sys.stderr is not None:  # if stderr is closed or full, only the exit code remains
         with contextlib.suppress(OSError, ValueError):
             print(f"flightid: {line}", file=sys.stderr)
     return code

@@ -1,4 +1,4 @@
-"""Work of the commands on libraries: scenarios, effects, vehicles, models, labs."""
+"""Commands on libraries: list and show scenarios, effects, vehicles, models and labs."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ if TYPE_CHECKING:
     from sim.declaration.model import Equations, Model
 
 
-# ---- flightid list, flightid effects and flightid vehicles: what there is
+# ---- flightid list, flightid effects and flightid vehicles
 
-TERMINAL_COLUMNS = 80  # width of lists
-UNLIMITED = 1e9  # in SI: what effects write for no bound
+LIST_WIDTH = 80  # characters of a line in a list
+WIDEST = 100  # characters of a line of text or of a table
+UNLIMITED = 1e9  # SI; an effect declares a parameter without bound by a larger number
 
 
 def list_scenarios() -> None:
-    """Scenarios, one line each."""
+    """Print one line for each scenario."""
     from scenarios.studies.catalogue import scenario_names, scenario_title
 
     names = scenario_names()
@@ -57,100 +58,93 @@ def show_scenario(name: str) -> None:
 
 
 def show_effects(name: str | None) -> None:
-    """All effects by station, or one in full."""
-    from sim.declaration.proposal import Refinable
-    from sim.effects.library import effect_names, find_effect
-
+    """Print one line for each effect, or the effect ``name`` in full."""
     if name is None:
-        names = effect_names()
-        width = max(len(each) for each in names)
-        for each in names:
-            effect = find_effect(each)
-            start = f"{each:{width}}  {effect.station.value:11}  "
-            print(
-                start
-                + textwrap.shorten(
-                    _first_clause(effect.explanation),
-                    TERMINAL_COLUMNS - len(start),
-                    placeholder=" ...",
-                )
-            )
+        _list_effects()
         return
-    effect, other = _effect_of_any_model(name)
-    if other:
-        print(other)
-    width = min(terminal_width(), 100)
-    absent = (
-        f"absent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; "
-        f"{effect.regularity.value}"
-    )
-    alike = (
-        folded(f"hard to tell from {', '.join(effect.aliases)}", width) if effect.aliases else []
-    )
+    from sim.declaration.proposal import Refinable
+
+    effect, other_name = _effect_of_any_model(name)
+    if other_name:
+        print(other_name)
+    width = min(terminal_width(), WIDEST)
+    absent = ", ".join(f"{key} = {value:g}" for key, value in effect.absent.items())
     lines = [
         f"{effect.name}  ({effect.station.value})",
         "",
         *folded(" ".join(effect.explanation.split()), width),
         "",
-        *folded(absent, width),
-        *alike,
+        *folded(f"absent when {absent}; {effect.regularity.value}", width),
     ]
-    lines += ["", "parameters:", *table_lines(_parameters(effect), width=width)]
+    if effect.aliases:
+        lines += folded(f"hard to tell from {', '.join(effect.aliases)}", width)
+    lines += ["", "parameters:", *table_lines(_parameter_columns(effect), width=width)]
     if isinstance(effect, Refinable):
-        known = {item.name for item in effect.parameters}
-        more = [
+        names = {item.name for item in effect.parameters}
+        added = [
             f"{item.name} ({item.unit})" if item.unit != "1" else item.name
             for item in effect.finer().parameters
-            if item.name not in known
+            if item.name not in names
         ]
-        lines += [
-            "",
-            *folded(
-                f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width
-            ),
-        ]
+        sentence = f"a freer form of it, tried where this one is found, adds {', '.join(added)}"
+        lines += ["", *folded(sentence, width)]
     print("\n".join(lines))
 
 
-def _parameters(effect: Effect) -> list[TableColumn]:
-    """Return start, bounds and plausible range of each parameter."""
+def _list_effects() -> None:
+    """Print name, station and first clause of the explanation of each effect."""
+    from sim.effects.library import effect_names, find_effect
+
+    names = effect_names()
+    width = max(len(name) for name in names)
+    for name in names:
+        effect = find_effect(name)
+        start = f"{name:{width}}  {effect.station.value:11}  "
+        clause = _first_clause(effect.explanation)
+        print(start + textwrap.shorten(clause, LIST_WIDTH - len(start), placeholder=" ..."))
+
+
+def _parameter_columns(effect: Effect) -> list[TableColumn]:
+    """Return unit, start, bounds and plausible range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
-    shown = [shown_in(item.unit, item.name) for item in effect.parameters]
-    items = list(zip(effect.parameters, shown, strict=True))
+    units = [shown_in(item.unit, item.name) for item in effect.parameters]
+    items = [(item, factor) for item, (factor, _) in zip(effect.parameters, units, strict=True)]
     return [
         TableColumn("parameter", [item.name for item in effect.parameters], left=True),
-        TableColumn("unit", [unit_cell(unit) for _, unit in shown], left=True),
-        TableColumn("start", [f"{factor * item.value:.3g}" for item, (factor, _) in items]),
-        TableColumn("range", [_range(item.bounds, factor) for item, (factor, _) in items]),
-        TableColumn(
-            "plausible", [_believed(effect, item.name, factor) for item, (factor, _) in items]
-        ),
+        TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
+        TableColumn("start", [f"{factor * item.value:.3g}" for item, factor in items]),
+        TableColumn("range", [_range(item.bounds, factor) for item, factor in items]),
+        TableColumn("plausible", [_plausible(effect, item.name, factor) for item, factor in items]),
     ]
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
-    """Return an effect of the library, or one that is made for the inputs, channels, loads and
-    derivatives of a model; a line where it has another name.
+    """Return an effect of the library or of a model, and a sentence if its name is another.
+
+    Effects of a model are made for its inputs, channels, loads and derivatives.
     """
     from sim.effects.library import effect_names, effects_for, find_effect, other_names
     from sim.vehicles.factory import FAMILIES
 
-    for equations, _, _ in FAMILIES.values() if name not in effect_names() else ():
-        own = other_names(equations).get(name, name)
-        made = [effect for effect in effects_for(equations) if effect.name == own]
-        if made:
-            return (
-                made[0],
-                f"{name} on {equations.name} is what {own} stands for, and bears that name"
-                if own != name
-                else "",
+    if name in effect_names():
+        return find_effect(name), ""
+    for equations, _, _ in FAMILIES.values():
+        own_name = other_names(equations).get(name, name)
+        for effect in effects_for(equations):
+            if effect.name != own_name:
+                continue
+            if own_name == name:
+                return effect, ""
+            sentence = (
+                f"{name} on {equations.name} is what {own_name} stands for, and bears that name"
             )
+            return effect, sentence
     return find_effect(name), ""
 
 
 def show_vehicles(name: str | None, other: str | None) -> None:
-    """All vehicles, one number by number, or what differs between two."""
+    """Print one line for each vehicle, all numbers of one, or the differences of two vehicles."""
     from scenarios.report.quantities import console
     from sim.vehicles.library import difference, read_parameter_set, vehicle_names
 
@@ -162,9 +156,9 @@ def show_vehicles(name: str | None, other: str | None) -> None:
                 remedy="name one before it",
             )
         names = vehicle_names()
-        width = max(map(len, names))
-        for each in names:
-            print(f"{each:{width}}  {read_parameter_set(each).title}")
+        width = max(len(vehicle) for vehicle in names)
+        for vehicle in names:
+            print(f"{vehicle:{width}}  {read_parameter_set(vehicle).title}")
         return
     data, out = read_parameter_set(name), console()
     if other is None:
@@ -172,29 +166,22 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         print_paragraph(out, data.source, 0)
         numbers = (*data.numbers, *data.initial)
         columns = [
-            TableColumn("parameter", [n.name for n in numbers], left=True),
-            TableColumn("value", [f"{n.value:.7g}" for n in numbers]),
-            TableColumn("unit", [n.unit for n in numbers], left=True),
-            TableColumn("as printed", [n.printed for n in numbers], left=True),
-            TableColumn("origin", [n.source for n in numbers], left=True),
+            TableColumn("parameter", [number.name for number in numbers], left=True),
+            TableColumn("value", [f"{number.value:.7g}" for number in numbers]),
+            TableColumn("unit", [number.unit for number in numbers], left=True),
+            TableColumn("as printed", [number.printed for number in numbers], left=True),
+            TableColumn("origin", [number.source for number in numbers], left=True),
         ]
         print_table(out, "", columns)
-    else:
-        rows = []
-        for d in difference(data, read_parameter_set(other)):
-            there = [each for each in (d.first, d.second) if each is not None]
-            rows.append(
-                (
-                    d.name,
-                    there[0].unit,
-                    *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second)),
-                )
-            )
-        print_table(
-            out,
-            f"{name} against {other}",
-            columns_of(("parameter", "unit", name, other), rows, left=2),
-        )
+        return
+    rows = []
+    for change in difference(data, read_parameter_set(other)):
+        pair = (change.first, change.second)
+        unit = next(number.unit for number in pair if number is not None)
+        values = ["-" if number is None else f"{number.value:.7g}" for number in pair]
+        rows.append((change.name, unit, *values))
+    columns = columns_of(("parameter", "unit", name, other), rows, left=2)
+    print_table(out, f"{name} against {other}", columns)
 
 
 def _first_clause(text: str) -> str:
@@ -207,78 +194,76 @@ def _range(bounds: tuple[float, float], factor: float) -> str:
     )
     if math.isfinite(low) and math.isfinite(high):
         return f"{low:.4g} to {high:.4g}"
-    return (
-        f"from {low:.4g} up"
-        if math.isfinite(low)
-        else f"up to {high:.4g}"
-        if math.isfinite(high)
-        else ""
-    )
+    if math.isfinite(low):
+        return f"from {low:.4g} up"
+    return f"up to {high:.4g}" if math.isfinite(high) else ""
 
 
-def _believed(effect: Effect, name: str, factor: float) -> str:
-    """Return the range within which a value is believed without asking."""
+def _plausible(effect: Effect, name: str, factor: float) -> str:
+    """Return the plausible range of a parameter; empty if the effect declares none."""
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
-    return (
-        f"{factor * ranges[name][0]:.4g} to {factor * ranges[name][1]:.4g}"
-        if name in ranges
-        else ""
-    )
+    if name not in ranges:
+        return ""
+    low, high = ranges[name]
+    return f"{factor * low:.4g} to {factor * high:.4g}"
 
 
 # ---- flightid models
 
-SAME_VALUE_TOLERANCE = 1e-12  # relative, of a call with arrays to single ones: rounding
-SLOPE_TOLERANCE = 1e-5  # between complex steps and differences, whose error is smaller
+ARRAY_TOLERANCE = 1e-12  # relative difference of array and scalar calls: rounding
+SLOPE_TOLERANCE = 1e-5  # relative difference of complex-step and finite-difference derivatives
 
 
 def show_models(name: str | None) -> None:
-    """All models, one line each, or one in full."""
+    """Print one line for each model, or the model ``name`` in full."""
     from scenarios.files.aircraft_files import read_model_file
     from scenarios.files.user_models import is_model_file
     from scenarios.files.vehicles import MODELS, refuse_unknown_model
 
     if name is None:
-        width = max(len(each) for each in MODELS)
-        for each in MODELS:
-            print(f"{each:{width}}  {TITLES.get(each, '')}".rstrip())
+        width = max(len(model) for model in MODELS)
+        for model in MODELS:
+            print(f"{model:{width}}  {TITLES.get(model, '')}".rstrip())
         return
     refuse_unknown_model(name, "flightid models")
     if not is_model_file(name):
-        equations, constants, derivatives = _built_in(name)
+        equations, constant_units, parameter_units = _built_in(name)
         print(f"{name}: {TITLES[name]}\n\n{_explanation(equations)}\n")
-        _print_equations(equations, constants.items(), derivatives.items())
+        _print_equations(equations, constant_units.items(), parameter_units.items())
         return
-    own = read_model_file(name, MODELS)
-    items = own.model.parameters
-    text = getattr(own.model.equations, "explanation", "")
-    print(f"{own.model.name}: the model of {own.identity.name}\n" + (f"\n{text}\n" if text else ""))
-    held, free = (
-        [(item.name, f"{item.value:g} {item.unit}") for item in items if item.free is wanted]
-        for wanted in (False, True)
+    file = read_model_file(name, MODELS)
+    items = file.model.parameters
+    explanation = getattr(file.model.equations, "explanation", "")
+    print(f"{file.model.name}: the model of {file.identity.name}\n")
+    if explanation:
+        print(f"{explanation}\n")
+    constants, parameters = (
+        [(item.name, f"{item.value:g} {item.unit}") for item in items if item.free is free]
+        for free in (False, True)
     )
-    _print_equations(own.model.equations, held, free, own.model)
+    _print_equations(file.model.equations, constants, parameters, file.model)
     print()
-    print_checks(own.model)
+    print_checks(file.model)
 
 
 def _explanation(equations: Equations) -> str:
-    """Return the explanation of the equations: their ``explanation``, or the docstring of their
-    file.
+    """Return the attribute ``explanation`` of the equations or, without it, the docstring of their
+    module.
     """
     from scenarios.files.vehicles import AIRCRAFT
 
     if text := getattr(equations, "explanation", ""):
         return str(text)
-    own = equations.name == AIRCRAFT
-    home = "sim.vehicles.aircraft" if own else type(equations).__module__
-    return (sys.modules[home].__doc__ or "").strip()
+    module = type(equations).__module__
+    if equations.name == AIRCRAFT:
+        module = "sim.vehicles.aircraft"
+    return (sys.modules[module].__doc__ or "").strip()
 
 
 def show_example(name: str | None) -> None:
-    """Print the example of a model file, for ``flightid models --example > my_model.py``."""
+    """Print an example of a model file, for ``flightid models --example > my_model.py``."""
     if name is not None:
         raise DeclarationError(
             f"a model is named as well, {name!r}",
@@ -291,41 +276,51 @@ def show_example(name: str | None) -> None:
 
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
-    """Return the equations of a model, and its constants and parameters with units."""
+    """Return the equations of a built-in model, and the units of its constants and parameters."""
     from scenarios.files.aircraft_files import example
     from scenarios.files.vehicles import AIRCRAFT
     from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
 
     if name == AIRCRAFT:
         model = example()
-        held, free = (
-            {item.name: item.unit for item in model.parameters if item.free is wanted}
-            for wanted in (False, True)
+        constants, parameters = (
+            {item.name: item.unit for item in model.parameters if item.free is free}
+            for free in (False, True)
         )
-        return model.equations, held, free
+        return model.equations, constants, parameters
     if name != "flexible":
         return FAMILIES[name]
-    equations, constants, derivatives = FAMILIES["rigid"]
-    modal = {full: unit for full, unit, _ in mode_units(1)}
-    held = {full: unit for full, unit in modal.items() if full.rstrip("1") in MODE_CONSTANTS}
-    return (
-        equations,
-        {**constants, **held},
-        {**derivatives, **{full: unit for full, unit in modal.items() if full not in held}},
-    )
+    # The flexible model is the rigid one with elastic modes; mode 1 stands for all.
+    equations, rigid_constants, derivatives = FAMILIES["rigid"]
+    modal = {parameter: unit for parameter, unit, _ in mode_units(1)}
+    mode_constants = {
+        parameter: unit
+        for parameter, unit in modal.items()
+        if parameter.rstrip("1") in MODE_CONSTANTS
+    }
+    mode_derivatives = {
+        parameter: unit for parameter, unit in modal.items() if parameter not in mode_constants
+    }
+    return equations, {**rigid_constants, **mode_constants}, {**derivatives, **mode_derivatives}
 
 
 def _print_equations(
     equations: Equations,
     constants: Iterable[tuple[str, str]],
     parameters: Iterable[tuple[str, str]],
-    own: Model | None = None,
+    user_model: Model | None = None,
 ) -> None:
+    """Print the signals and parameters of a model, and the effects that can act on it.
+
+    ``constants`` and ``parameters`` are pairs of a name and its unit, or its value with unit.
+    """
     from scenarios.diagnosis.opening import can_act
     from sim.declaration.effect import Station
     from sim.effects.library import effects_for, other_names
 
-    effects = effects_for(equations) if own is None else can_act(effects_for(equations), own)
+    effects = effects_for(equations)
+    if user_model is not None:
+        effects = can_act(effects, user_model)
     _print_block("states", _signals(equations.states))
     _print_block("inputs", _signals(equations.inputs))
     _print_block("outputs", _signals(equations.outputs))
@@ -342,7 +337,8 @@ def _print_equations(
             _print_block(f"  {station.value}", names)
     others = other_names(equations)
     if others:
-        _print_block("  other names", [f"{name} is {own}" for name, own in others.items()])
+        aliases = [f"{alias} is {effect}" for alias, effect in others.items()]
+        _print_block("  other names", aliases)
 
 
 def _signals(signals: Sequence[Signal]) -> list[str]:
@@ -353,18 +349,17 @@ def _signals(signals: Sequence[Signal]) -> list[str]:
 
 
 def _print_block(heading: str, entries: Sequence[str]) -> None:
-    lines = wrapped(", ".join(entries) or "none", 100)
-    print(
-        "\n".join(
-            f"{heading if first else '':14} {line.strip()}"
-            for first, line in zip([True, *[False] * len(lines)], lines, strict=False)
-        )
-    )
+    """Print the entries beside a heading, which only the first line has."""
+    for i, line in enumerate(wrapped(", ".join(entries) or "none", WIDEST)):
+        print(f"{heading if i == 0 else '':14} {line.strip()}")
 
 
 def print_checks(model: Model) -> None:
-    """Print the checks of a user model that need no record. Raises ModelError if arrays or
-    complex steps do not pass through it.
+    """Print the checks of a user's model that need no record.
+
+    Raises
+    ------
+    ModelError : the model cannot be computed with arrays or with complex steps.
     """
     from scenarios.identification.model_checks import (
         SHAPE,
@@ -375,82 +370,79 @@ def print_checks(model: Model) -> None:
     )
 
     labels = unknown_units(model)
-    print(
-        "units: "
-        + (
-            f"no conversion for {', '.join(labels)}: columns of a record carry the same or none"
-            if labels
-            else "all known"
+    if labels:
+        print(
+            f"units: no conversion for {', '.join(labels)}: columns of a record carry the same or "
+            "none"
         )
-    )
-    apart = one_by_one(model)
-    print(f"arrays of shape {SHAPE} against single numbers: {apart:.1g} apart")
-    if not apart <= SAME_VALUE_TOLERANCE:
+    else:
+        print("units: all known")
+    difference = one_by_one(model)
+    print(f"arrays of shape {SHAPE} against single numbers: {difference:.1g} apart")
+    if not difference <= ARRAY_TOLERANCE:  # NaN fails, too
         raise ModelError(
-            f"a call with arrays differs from single ones by {apart:.1g}",
+            f"a call with arrays differs from single ones by {difference:.1g}",
             where=f"model {model.name}",
-            remedy=_ELEMENTARY,
+            remedy=_USE_SIM_MATHS,
         )
-    apart = steps_against_differences(model)
-    print(f"complex steps against differences: {apart:.1g} apart")
-    if not apart <= SLOPE_TOLERANCE:
+    difference = steps_against_differences(model)
+    print(f"complex steps against differences: {difference:.1g} apart")
+    if not difference <= SLOPE_TOLERANCE:  # NaN fails, too
         raise ModelError(
-            f"complex steps differ from differences by {apart:.1g}",
+            f"complex steps differ from differences by {difference:.1g}",
             where=f"model {model.name}",
-            remedy=_ELEMENTARY,
+            remedy=_USE_SIM_MATHS,
         )
-    motion, found = excited(model)
+    motion, precisions = excited(model)
     units = {signal.name: signal.unit for signal in model.equations.inputs}
-    flown = (
-        " and ".join(f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items())
-        or "none"
-    )
+    amplitudes = [f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items()]
     cut = ", cut short where it leaves all measure" if motion.ran_away else ""
     print(
-        f"\nexample: doublets of {motion.pulse:.3g} s to each side on {flown}, {motion.end:.3g} "
+        f"\nexample: doublets of {motion.pulse:.3g} s to each side on "
+        f"{' and '.join(amplitudes) or 'none'}, {motion.end:.3g} "
         f"s{cut}; noise 1 % of each output's largest move"
     )
-    for one in found:
-        if one.sigma < float("inf"):
-            share = (
-                f"known to {100.0 * one.sigma / abs(one.value):.2g} %"
-                if one.value
-                else f"known to {one.sigma:.2g}"
-            )
+    for parameter in precisions:
+        if not parameter.sigma < math.inf:
+            text = "moves no output"
+            if parameter.beside:
+                text = f"not told from {', '.join(parameter.beside)}"
+        elif parameter.value:
+            text = f"known to {100.0 * parameter.sigma / abs(parameter.value):.2g} %"
         else:
-            share = f"not told from {', '.join(one.beside)}" if one.beside else "moves no output"
-        print(f"  {one.name:14} {share}")
+            text = f"known to {parameter.sigma:.2g}"
+        print(f"  {parameter.name:14} {text}")
 
 
-_ELEMENTARY = "write it with the functions of sim.maths, each run by itself"
+_USE_SIM_MATHS = "write it with the functions of sim.maths, each run by itself"
 
 
-# ---- flightid lab: teaching notebooks listed, opened, copied, and their instructor's keys
+# ---- flightid lab: list, open and copy teaching notebooks, and print their keys
 
 _FILE = re.compile(r"lab(\d+)_\w+\.py")
 _TITLE = re.compile(r'app_title="Lab \d+: ([^"]+)"')
-_HOST = "127.0.0.1"  # a notebook runs code: nobody else's browser may reach it
+_HOST = "127.0.0.1"  # a notebook runs code, so only this machine may reach it
 
 
 def lab_files() -> dict[int, Path]:
     """Return the notebooks by their number, in order."""
     with as_file(files("flightid.labs")) as folder:
-        found = {
+        notebooks = {
             int(match[1]): path
             for path in folder.iterdir()
             if (match := _FILE.fullmatch(path.name))
         }
-    return dict(sorted(found.items()))
+    return dict(sorted(notebooks.items()))
 
 
 def title_of(path: Path) -> str:
-    """Return the title in a notebook."""
-    found = _TITLE.search(path.read_text(encoding="utf-8"))
-    return found[1] if found else path.stem
+    """Return the title of a notebook, or its file stem if it has none."""
+    match = _TITLE.search(path.read_text(encoding="utf-8"))
+    return match[1] if match else path.stem
 
 
 def list_labs() -> None:
-    """One line for each lab."""
+    """Print one line for each lab."""
     for number, path in lab_files().items():
         print(f"{number}  {title_of(path)}")
     print(
@@ -460,16 +452,17 @@ def list_labs() -> None:
 
 
 def show_key(number: int) -> None:
-    """The instructor's key of a lab, as Markdown."""
+    """Print the instructor's key of a lab as Markdown."""
     print((_lab(number).parent / "keys" / f"lab{number}.md").read_text(encoding="utf-8"), end="")
 
 
 def copy_lab(number: int, folder: Path) -> Path:
-    """Return a copy of a lab in a folder that is made where it is missing.
+    """Copy a lab into a folder, which is made if it is missing, and return the path of the copy.
 
     Raises
     ------
-    DeclarationError : the folder has one already. FlightidError : it cannot be written.
+    DeclarationError : the folder already has a file of this name.
+    FlightidError : the file cannot be written.
     """
     path = _lab(number)
     target = folder / path.name
@@ -495,8 +488,13 @@ def copy_lab(number: int, folder: Path) -> Path:
 def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: Path | None) -> int:
     """Serve a lab to a browser on this machine until it is stopped, and return the exit code.
 
-    ``edit`` opens the copy in ``folder`` (None: the current one), which is made if it is missing:
-    the installed lab stays as it is.
+    Parameters
+    ----------
+    number : number of the lab.
+    edit : open a copy of the lab in an editor; the copy is made if it is missing.
+    port : port of the server; None takes a free one.
+    browser : open a browser.
+    folder : folder of the copy; None takes the current folder.
 
     Raises
     ------
@@ -512,20 +510,16 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
     if port is not None:
         _refuse_taken(port)
     if edit:
-        own = (folder or Path()) / path.name
-        path = own if own.exists() else copy_lab(number, folder or Path())
-    command = [
-        sys.executable,
-        "-m",
-        "marimo",
-        "edit" if edit else "run",
-        str(path),
-        "--host",
-        _HOST,
-    ]
-    command += ["--port", str(port)] if port is not None else []
-    command += [] if browser else ["--headless"]
-    command += ["--skip-update-check"] if edit else []
+        copy = (folder or Path()) / path.name
+        path = copy if copy.exists() else copy_lab(number, folder or Path())
+    action = "edit" if edit else "run"
+    command = [sys.executable, "-m", "marimo", action, str(path), "--host", _HOST]
+    if port is not None:
+        command += ["--port", str(port)]
+    if not browser:
+        command.append("--headless")
+    if edit:
+        command.append("--skip-update-check")
     try:
         return subprocess.call(command)
     except KeyboardInterrupt:
@@ -533,14 +527,14 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
 
 
 def _lab(number: int) -> Path:
-    known = lab_files()
-    if number not in known:
+    labs = lab_files()
+    if number not in labs:
         raise DeclarationError(
             f"there is no lab {number}",
             where="flightid lab",
-            remedy=f"use a number from 1 to {max(known)}",
+            remedy=f"use a number from 1 to {max(labs)}",
         )
-    return known[number]
+    return labs[number]
 
 
 def _refuse_taken(port: int) -> None:

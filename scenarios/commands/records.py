@@ -1,4 +1,4 @@
-"""Work of the commands on measured records: printed and written."""
+"""Commands on measured records: each reads, computes, prints and writes a study folder."""
 
 from __future__ import annotations
 
@@ -45,22 +45,25 @@ from sim.errors import DeclarationError, RecordError
 if TYPE_CHECKING:
     from scenarios.structure.study import StructureOptions
 
+# Shares of the work that are done when a study is written.
+WRITING_SURVEY_SHARE, WRITING_DIAGNOSIS_SHARE = 0.98, 0.97
+
 # ---- flightid check: sensor faults by kinematics
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:
     """Check records, write the study into ``out`` and print the findings."""
-    found = check_files(request)
+    check = check_files(request)
     if out is not None:
         from scenarios.compatibility.report import write_check
 
-        write_check(found, out, figures=figures)
-    print_check(found, details=details_in(out))
+        write_check(check, out, figures=figures)
+    print_check(check, details=details_in(out))
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid survey: all flights of a test campaign, printed and written
+# ---- flightid survey: all flights of a test campaign
 
 
 def survey_records(
@@ -72,41 +75,48 @@ def survey_records(
     progress: bool = True,
     cluster: str | None = None,
 ) -> None:
-    """Diagnose the new flights of a campaign, pool all of them, write and print the survey.
+    """Diagnose the new flights of a campaign, combine all flights, write and print the survey.
 
-    ``progress`` : whether a progress bar is shown. ``cluster`` : address of a Dask scheduler.
+    Parameters
+    ----------
+    file : file that names the flights.
+    out : folder of the survey; None keeps nothing.
+    jobs : number of processes; None takes one for each core.
+    figures : formats of the figures.
+    progress : show a progress bar.
+    cluster : address of a Dask scheduler.
     """
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
     from scenarios.tasks.processes import available_cores
 
-    with TemporaryDirectory(prefix="flightid-") as passing:
-        folder = out if out is not None else Path(passing) / "survey"
-        with progress_bar(progress) as tell:
+    with TemporaryDirectory(prefix="flightid-") as temporary:
+        folder = out if out is not None else Path(temporary) / "survey"
+        with progress_bar(progress) as show_progress:
             try:
-                found = survey_flights(
+                survey = survey_flights(
                     file,
                     folder,
                     jobs or available_cores(),
                     figures if out is not None else (),
-                    tell,
+                    show_progress,
                     cluster,
                 )
-            except KeyboardInterrupt as stopped:
+            except KeyboardInterrupt as interrupt:
                 if out is not None:
                     raise
-                raise KeyboardInterrupt("nothing is kept without --out") from stopped
+                raise KeyboardInterrupt("nothing is kept without --out") from interrupt
             if out is not None:
                 from scenarios.survey.files import write_survey
 
-                tell("writing the survey", 0.98)
-                write_survey(found, out, figures=figures)
-    print(survey_text(found, terminal_width(), details_in(out)), end="")
+                show_progress("writing the survey", WRITING_SURVEY_SHARE)
+                write_survey(survey, out, figures=figures)
+    print(survey_text(survey, terminal_width(), details_in(out)), end="")
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid identify: a measured record to parameters, printed and written
+# ---- flightid identify: parameters from measured records
 
 ALL_PARAMETERS = "all"  # value of --profile
 
@@ -114,14 +124,18 @@ ALL_PARAMETERS = "all"  # value of --profile
 def options_of(
     profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
 ) -> Options:
-    """Return the options of an identification other than the method."""
-    names = (
-        None
-        if profile is None
-        else ()
-        if ALL_PARAMETERS in profile
-        else tuple(dict.fromkeys(profile))
-    )
+    """Return the options of an identification other than the method.
+
+    Parameters
+    ----------
+    profile : parameters whose profile likelihood is computed, or ``["all"]``; None for none.
+    band : frequency band, Hz.
+    engine : implementation of the method.
+    """
+    if profile is None:
+        return Options(None, band, engine)
+    # An empty tuple means all parameters.
+    names = () if ALL_PARAMETERS in profile else tuple(dict.fromkeys(profile))
     return Options(names, band, engine)
 
 
@@ -133,35 +147,35 @@ def identify_records(
     options: Options = DEFAULT_OPTIONS,
     matrices: Path | None = None,
 ) -> None:
-    """Identify records, write the study and the linearised model's ``matrices``, and print."""
+    """Identify records, write the study, print it, and write the linearised model's matrices.
+
+    ``matrices`` is the file of the matrices, or None.
+    """
     from scenarios.files.measured.columns import path_of
     from scenarios.identification.files import refuse_place, state_space_of, write_state_space
     from scenarios.identification.identify import identify_files
     from scenarios.identification.report import print_identification
 
     if matrices is not None:
-        ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
-        given = [
-            path
-            for record in (*request.records, *request.validate)
-            if (path := path_of(record)) is not None
-        ]
-        refuse_place(matrices, [*given, *ours])
+        study_files = [out / "comparison.json", out / "record.csv"] if out is not None else []
+        record_paths = [path_of(record) for record in (*request.records, *request.validate)]
+        given = [path for path in record_paths if path is not None]
+        refuse_place(matrices, [*given, *study_files])
     identified = identify_files(request, method, options)
-    space = state_space_of(identified.found) if matrices is not None else None
+    state_space = state_space_of(identified.found) if matrices is not None else None
     if out is not None:
         from scenarios.identification.files import write_identification
 
         write_identification(identified, out, figures=figures)
     print_identification(identified.found, identified.flown, details=details_in(out))
-    if matrices is not None and space is not None:
-        write_state_space(space, matrices)
+    if matrices is not None and state_space is not None:
+        write_state_space(state_space, matrices)
         print(f"matrices written to {matrices}")
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid maneuvers: the maneuvers in a long record, printed and written
+# ---- flightid maneuvers: the maneuvers in a long record
 
 
 def search_record(
@@ -171,32 +185,32 @@ def search_record(
     from scenarios.files.declarations import read_channel_map
 
     choices = read_channel_map(channels, surfaces=True) if channels is not None else None
-    found = maneuvers_of(record, choices, plan)
+    maneuvers = maneuvers_of(record, choices, plan)
     if out is not None:
         from scenarios.maneuvers import write_maneuvers
 
-        write_maneuvers(found, out, figures=figures)
-    print_maneuvers(found, details=details_in(out))
+        write_maneuvers(maneuvers, out, figures=figures)
+    print_maneuvers(maneuvers, details=details_in(out))
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid predict: the model of a study on another record, printed and written
+# ---- flightid predict: another record predicted with the model of a study
 
 
-def predict_with_study(asked: PredictionRequest, out: Path | None, figures: Formats) -> None:
+def predict_with_study(request: PredictionRequest, out: Path | None, figures: Formats) -> None:
     """Predict a record with the model of a study, write the prediction and print it."""
-    found = predict_record(asked)
+    prediction = predict_record(request)
     if out is not None:
         from scenarios.prediction import write_prediction
 
-        write_prediction(found, out, figures=figures)
-    print(prediction_text(found, terminal_width()), end="")
+        write_prediction(prediction, out, figures=figures)
+    print(prediction_text(prediction, terminal_width()), end="")
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid response: frequency responses, printed and written
+# ---- flightid response: frequency responses
 
 Texts = tuple[str, ...]
 
@@ -216,13 +230,21 @@ def respond(
 ) -> None:
     """Estimate frequency responses, write them into ``out`` and print them.
 
-    ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
-    ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
-    outputs are. ``margins`` : minus or plus, how the loop takes back the output. ``levels`` : class
-    and category, airspeed. ``pilot`` : closed-loop bandwidth, rad/s, and delay, s.
-    ``model`` : a linear model to fit, and its vehicle file.
+    Parameters
+    ----------
+    request : the records and how they are read.
+    names : inputs, outputs and references.
+    options : band (Hz), windows (s), number of tapers, least coherence.
+    fit : forms, fixed parameters, and whether poles are shared.
+    bandwidth : whether the outputs are a "rate" or an "attitude".
+    margins : sign with which the loop feeds the output back, "minus" or "plus".
+    levels : aircraft class with category, and airspeed (m/s).
+    out : folder of the study.
+    figures : formats of the figures.
+    pilot : closed-loop bandwidth (rad/s) and delay (s) of the pilot.
+    model : linear model to fit, and its vehicle file.
     """
-    found = responses_of(
+    responses = responses_of(
         request,
         Names(*names),
         ResponseOptions(*options),
@@ -236,8 +258,8 @@ def respond(
     if out is not None:
         from scenarios.responses.report import write_responses
 
-        write_responses(found, out, figures=figures)
-    print_responses(found, details=details_in(out))
+        write_responses(responses, out, figures=figures)
+    print_responses(responses, details=details_in(out))
     if out is not None:
         print(written_to(out))
 
@@ -245,22 +267,30 @@ def respond(
 # ---- flightid map
 
 CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
-MOST_EXPRESSION_LETTERS = 60  # characters of an expression
-
-
-FEWEST_NAMED = 2  # channels of a file with one fault, of which a draft is made all the same
+MOST_EXPRESSION_LETTERS = 60  # characters of an expression in a table
+MOST_TOPICS = 15  # topics that are shown without --topics
+# If no channel can be read for one and the same reason, a draft is made from the names of at least
+# so many channels.
+FEWEST_NAMED = 2
 
 
 def draft_map(
     path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool
 ) -> None:
-    """Print the topics, the channels found with their ranges, every fault, and the draft; write it
-    where ``out`` is given.
+    """Draft a channel map and a vehicle file for a record, print them or write them into ``out``.
+
+    Parameters
+    ----------
+    path : the record.
+    out : folder of the drafts; None prints them.
+    rate : sampling rate (Hz) of a record without time.
+    columns : names of the columns of a record without header.
+    topics : show all topics of a log.
 
     Raises
     ------
-    FlightidError : the file cannot be read, or none of its columns; ``out`` holds a map or vehicle
-        file already.
+    FlightidError : the file or all its columns cannot be read; ``out`` already holds a map or a
+        vehicle file.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
@@ -292,27 +322,7 @@ def draft_map(
     if idle := _idle_words(draft):
         print_paragraph(console(), f"next: {idle}", indent=0)
     elif draft.model:
-        if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
-            print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
-        # What opened the file here opens it there.
-        opening = [
-            f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "",
-            f"--columns {columns}" if columns else "",
-        ]
-        words = " ".join(word for word in opening if word)
-        files = f"--channels {out / CHANNEL_MAP_FILE} --vehicle {out / VEHICLE_FILE}"
-        commands = [guess.channel for guess in draft.guesses if guess.command and not guess.fault]
-        if commands:
-            print_paragraph(
-                console(),
-                f"first: {', '.join(commands)} commanded from -1 to 1; enter the "
-                f"surface's angle in {out / CHANNEL_MAP_FILE}",
-                indent=0,
-            )
-        print(
-            f"next: flightid identify {path} --model {draft.model} "
-            f"{files}{f' {words}' if words else ''}"
-        )
+        _print_identify_command(draft, path, out, rate, columns)
     else:
         missing = missing_channels(draft)
         absent = f"not found: {', '.join(missing)}; " if missing else ""
@@ -324,14 +334,38 @@ def draft_map(
         )
 
 
+def _print_identify_command(
+    draft: Draft, path: Path, out: Path, rate: float | None, columns: str | None
+) -> None:
+    """Print the command that identifies the record with the drafts, after what it still needs."""
+    if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
+        print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
+    commands = [guess.channel for guess in draft.guesses if guess.command and not guess.fault]
+    if commands:
+        print_paragraph(
+            console(),
+            f"first: {', '.join(commands)} commanded from -1 to 1; enter the "
+            f"surface's angle in {out / CHANNEL_MAP_FILE}",
+            indent=0,
+        )
+    options = ["--channels", str(out / CHANNEL_MAP_FILE), "--vehicle", str(out / VEHICLE_FILE)]
+    if rate is not None:
+        options += ["--rate", f"{rate:g}"]
+    elif draft.clockless:
+        options += ["--rate", "HZ"]
+    if columns:
+        options += ["--columns", columns]
+    print(f"next: flightid identify {path} --model {draft.model} {' '.join(options)}")
+
+
 def _idle_words(draft: Draft) -> str:
-    """What to do if the log of a multirotor has no command that moves; else empty."""
+    """Return a sentence if all commands in the log of a multirotor are zero; else an empty text."""
     commands = [guess for guess in draft.guesses if guess.channel in COMMANDS and guess.samples]
-    still = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
-    if draft.model != "multirotor" or not commands or "thrust_command" not in still:
+    idle = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
+    if draft.model != "multirotor" or not commands or "thrust_command" not in idle:
         return ""
     return (
-        f"{', '.join(still)}: zero throughout, so the motors moved nothing; take a log of a flight"
+        f"{', '.join(idle)}: zero throughout, so the motors moved nothing; take a log of a flight"
     )
 
 
@@ -342,17 +376,16 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
         print(f"{draft.file.path.name}: {topic.rows} rows of {len(topic.columns)} columns{rate}")
         return
     print(f"{draft.file.path.name}: a log of {len(draft.topics)} topics")
-    shown = draft.topics if whole else sorted(draft.topics, key=lambda topic: -topic.rows)[:15]
-    _table(
+    shown = list(draft.topics)
+    if not whole:
+        shown = sorted(shown, key=lambda topic: -topic.rows)[:MOST_TOPICS]
+    names = [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown]
+    _print_table(
         [
             TableColumn("topic", [topic.name for topic in shown], left=True),
             TableColumn("rows", [str(topic.rows) for topic in shown]),
             TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
-            TableColumn(
-                "columns",
-                [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown],
-                left=True,
-            ),
+            TableColumn("columns", names, left=True),
         ]
     )
     if len(shown) < len(draft.topics):
@@ -377,35 +410,21 @@ def _print_channels(draft: Draft) -> None:
         else shown_in(CHANNEL_UNITS[guess.channel], guess.channel)
         for guess in usable
     ]
-    _table(
+    sources = [_short(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable]
+    guesses = [(guess, factor) for guess, (factor, _) in zip(usable, units, strict=True)]
+    _print_table(
         [
             TableColumn("channel", [guess.channel for guess in usable], left=True),
-            TableColumn(
-                "from",
-                [_short(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable],
-                left=True,
-            ),
+            TableColumn("from", sources, left=True),
             TableColumn("samples", [str(guess.samples) for guess in usable]),
-            TableColumn(
-                "least",
-                [
-                    f"{factor * guess.least:.4g}"
-                    for guess, (factor, _) in zip(usable, units, strict=True)
-                ],
-            ),
-            TableColumn(
-                "most",
-                [
-                    f"{factor * guess.most:.4g}"
-                    for guess, (factor, _) in zip(usable, units, strict=True)
-                ],
-            ),
+            TableColumn("least", [f"{factor * guess.least:.4g}" for guess, factor in guesses]),
+            TableColumn("most", [f"{factor * guess.most:.4g}" for guess, factor in guesses]),
             TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
         ]
     )
 
 
-def _table(columns: list[TableColumn]) -> None:
+def _print_table(columns: list[TableColumn]) -> None:
     print("\n".join(f"  {line}" for line in table_lines(columns, width=terminal_width())))
 
 
@@ -439,18 +458,18 @@ def _short(text: str, most: int) -> str:
 def diagnose_records(
     request: Request, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
-    """Trace what the model of a record lacks, write the study and print it.
+    """Diagnose the model of records, write the study and print it.
 
-    ``progress`` : whether a progress bar is shown.
+    ``progress`` : show a progress bar.
     """
-    with progress_bar(progress, counted=False) as tell:
+    with progress_bar(progress, counted=False) as show_progress:
         from scenarios.diagnosis.diagnose import diagnose_files
 
-        tracing = diagnose_files(request, tell)
+        tracing = diagnose_files(request, show_progress)
         if out is not None:
             from scenarios.diagnosis.report.files import write_diagnosis
 
-            tell("writing the study", 0.97)
+            show_progress("writing the study", WRITING_DIAGNOSIS_SHARE)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
     from scenarios.report.summary import details_in, terminal_width, written_to
@@ -466,23 +485,24 @@ def diagnose_records(
 def find_structure(
     request: Request, options: StructureOptions, out: Path | None, figures: Formats
 ) -> None:
-    """Choose the terms of the aerodynamic coefficients, write a vehicle file of them and print.
+    """Choose the terms of the aerodynamic coefficients, write and print them.
 
     Parameters
     ----------
     request : records and vehicle file.
     options : how terms are offered and chosen.
-    out : folder.
+    out : folder of the study; it also gets a vehicle file with the terms.
+    figures : formats of the figures.
     """
     from scenarios.structure.report import structure_text, write_structure
     from scenarios.structure.study import structure_of_files
 
-    found = structure_of_files(request, options)
+    structure = structure_of_files(request, options)
     if out is not None:
-        write_structure(found, out, figures=figures)
-    print(structure_text(found, terminal_width(), details_in(out)), end="")
+        write_structure(structure, out, figures=figures)
+    print(structure_text(structure, terminal_width(), details_in(out)), end="")
     if out is not None:
-        names = " ".join(str(each) for each in request.records)
+        names = " ".join(str(record) for record in request.records)
         channels = "" if request.channels is None else f"--channels {request.channels} "
         print(
             f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE_FILE} "
@@ -495,10 +515,18 @@ def find_structure(
 
 
 def export_model(study: Path, to: str, out: Path | None, model: Path | None) -> None:
-    """Read the study's model, write it for a target, print a line: see ``written_model``."""
+    """Write the model of a study for a target and print a line; see ``written_model``.
+
+    Parameters
+    ----------
+    study : folder of the study.
+    to : the target.
+    out : file or folder to write.
+    model : file of a user's own model.
+    """
     from scenarios.export.targets import written_model
 
-    path, found, told = written_model(study, to, out, model)
-    print(f"{path}: {found.model} model of {found.name}, {told}")
-    for remark in found.remarks:
+    path, exported, description = written_model(study, to, out, model)
+    print(f"{path}: {exported.model} model of {exported.name}, {description}")
+    for remark in exported.remarks:
         print(f"note: {remark}")

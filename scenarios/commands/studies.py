@@ -1,4 +1,4 @@
-"""Work of the commands on simulated studies: run, simulate, campaign, compare, design, report."""
+"""Commands on simulated studies: run, simulate, campaign, compare, design, report."""
 
 from __future__ import annotations
 
@@ -36,12 +36,18 @@ if TYPE_CHECKING:
 def compare_studies(
     studies: Sequence[str], out: Path | None, every: bool, figures: Formats
 ) -> None:
-    """Compare studies, read from their folders: print the tables, and write them with figures if a
-    folder is named.
+    """Compare studies side by side, print the tables and write them into ``out``.
+
+    Parameters
+    ----------
+    studies : folders of the studies.
+    out : folder of the comparison; None writes nothing.
+    every : show all methods of each study, not only its main one.
+    figures : formats of the figures.
 
     Raises
     ------
-    DeclarationError : what is named is no study, or the studies share no parameter.
+    DeclarationError : a folder holds no study, or the studies share no parameter.
     """
     from scenarios.side_by_side.comparison import compare_columns, read_columns
     from scenarios.side_by_side.report import print_compared
@@ -56,33 +62,36 @@ def compare_studies(
         print(written_to(out))
 
 
-# ---- flightid simulate of flights by JSBSim
+# ---- flightid simulate: flights by JSBSim
 
 
 def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
-    """Write record, vehicle files for suitable models, and truth; return the files."""
+    """Write record, vehicle files and true values of a flight by JSBSim; return the files."""
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of, write_jsbsim
 
     flight = jsbsim_of(*load_document(name, changes))
-    chosen = flight.seed if seed is None else seed
+    if seed is None:
+        seed = flight.seed
     with named_after(scenario_file(name)):
-        record, truth = fly_jsbsim(flight, chosen)
+        record, truth = fly_jsbsim(flight, seed)
     with files_together(out) as scratch:
-        made, truth_file = write_jsbsim(flight, chosen, record, truth, scratch, out.stem)
-    vehicles = {model: out.parent / path.name for model, path in made.items()}
-    kept = out.parent / truth_file.name
+        scratch_vehicles, scratch_truth = write_jsbsim(
+            flight, seed, record, truth, scratch, out.stem
+        )
+    vehicles = {model: out.parent / path.name for model, path in scratch_vehicles.items()}
+    truth_file = out.parent / scratch_truth.name
     print(
         f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, "
-        f"{flight.maneuver}; the truth is in {kept.name}"
+        f"{flight.maneuver}; the truth is in {truth_file.name}"
     )
     for model, vehicle in vehicles.items():
         print(f"flightid identify {out} --model {model} --vehicle {vehicle}")
-    return [out, *vehicles.values(), kept]
+    return [out, *vehicles.values(), truth_file]
 
 
-# ---- flightid simulate and campaign of tracing scenarios, simulate of users' own models
+# ---- flightid simulate: tracing scenarios and users' own models
 
 
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
@@ -94,24 +103,23 @@ def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str
 
 
 def simulate_own(
-    asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
+    flight: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
 ) -> list[Path]:
-    """Write the records and vehicle file of a user's model in a flight; return the files."""
+    """Write the records and vehicle file of a flight of a user's model; return the files."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.trials.planted.flights import trace_scenario_of
     from scenarios.trials.planted.own_flight import trace_document
 
-    document = with_changes(trace_document(asked), changes)
-    return _write(
-        trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed
-    )
+    document = with_changes(trace_document(flight), changes)
+    scenario = trace_scenario_of(document, Path(flight.model).stem, flight.model)
+    return _write(scenario, flight.model, out, seed)
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Write both records and the vehicle file, without the truth; return the files.
+    """Write both records and the vehicle file, without true values; return the files.
 
-    ``file``: declares the scenario. A requested ``record.csv`` is the training record, next to
-    ``record_validate.csv`` and ``record_vehicle.toml``.
+    ``file`` declares the scenario; errors name it. If ``out`` is ``record.csv``, it holds the
+    record to fit; ``record_validate.csv`` and ``record_vehicle.toml`` stand beside it.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.trials.planted.flights import fly_trace
@@ -148,63 +156,75 @@ def run_scenarios(
 ) -> None:
     """Run scenarios one after the other; several get separate folders under ``out``.
 
-    ``print_folder``: print the folder. ``progress``: show progress. After Ctrl-C, finished studies
-    remain.
+    Parameters
+    ----------
+    names : scenarios of the catalogue, or paths of TOML files.
+    seed : seed of the noise; None takes that of each scenario.
+    out : folder of the studies; None writes nothing.
+    changes : changes of the scenario files, as ``"KEY=VALUE"``.
+    figures : formats of the figures.
+    print_folder : print where the studies were written.
+    progress : show a progress bar.
+
+    After Ctrl-C, finished studies remain.
     """
     from scenarios.studies.catalogue import scenario_kind
 
-    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
+    short_names = [_short_name(name) for name in names]
     kinds = [scenario_kind(name) for name in names]
-    _refuse_same_names(shorts)
+    _refuse_same_names(short_names)
     runners = [LOADERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
-    folders = [
-        None if out is None else out if len(runners) == 1 else out / short for short in shorts
-    ]
+    folders: list[Path | None] = [None] * len(names)
+    if out is not None:
+        folders = [out] if len(names) == 1 else [out / short for short in short_names]
     started = time.monotonic()
     for done, (name, folder, runner) in enumerate(zip(names, folders, runners, strict=True)):
         try:
             with progress_bar(
                 progress, counted=runner.counted, before=(done, len(names), started)
-            ) as tell:
-                tell(name, 0.0)
-                study = _studied(runner, name, seed, folder, figures, tell)
-        except KeyboardInterrupt as stopped:
-            raise KeyboardInterrupt(
-                "; ".join(
-                    filter(None, (str(stopped), _kept(folders[:done], len(names), print_folder)))
-                )
-            ) from None
+            ) as show_progress:
+                show_progress(name, 0.0)
+                study = _run_and_write(runner, name, seed, folder, figures, show_progress)
+        except KeyboardInterrupt as interrupt:
+            finished = ""
+            if print_folder:
+                finished = _finished_sentence(folders[:done], len(names))
+            sentences = [text for text in (str(interrupt), finished) if text]
+            raise KeyboardInterrupt("; ".join(sentences)) from None
         runner.show(study, details_in(folder if print_folder else None))
         if folder is not None and print_folder:
             print(written_to(folder))
 
 
-def _kept(folders: Sequence[Path | None], of: int, print_folder: bool) -> str:
-    """Return a sentence on the results that remain if ``run`` is stopped; empty if there are
-    none.
+def _short_name(name: str) -> str:
+    """Return the name of a scenario, or the stem of its file."""
+    return Path(name).stem if name.endswith(".toml") else name
+
+
+def _finished_sentence(folders: Sequence[Path | None], total: int) -> str:
+    """Return a sentence on the studies that are finished if ``run`` is stopped; empty without
+    any. ``total`` is the number of all studies.
     """
-    if not folders or not print_folder:
+    if not folders:
         return ""
     written = [str(folder) for folder in folders if folder is not None]
-    return (
-        f"{len(folders)} of {of} studies are "
-        f"finished{': ' + ', '.join(written) if written else ', and printed above'}"
-    )
+    where = f": {', '.join(written)}" if written else ", and printed above"
+    return f"{len(folders)} of {total} studies are finished{where}"
 
 
-def _studied(
+def _run_and_write(
     runner: Runner,
     name: str,
     seed: int | None,
     folder: Path | None,
     figures: Formats,
-    tell: Progress,
+    progress: Progress,
 ) -> Any:
-    """Run a scenario, write it if a folder is named, and return the study."""
+    """Run a scenario, write its study if a folder is named, and return the study."""
     from scenarios.studies.catalogue import scenario_file
 
     with named_after(scenario_file(name)):
-        study = runner.run(seed, tell)
+        study = runner.run(seed, progress)
     if folder is not None:
         runner.write(study, folder, figures=figures)
     return study
@@ -212,18 +232,13 @@ def _studied(
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
     """Return the paths of the JSON documents that ``run`` writes, relative to its folder: one for a
-    comparison, else one a study.
+    comparison, else one for each study.
     """
     if compare:
         return ["compared.json"]
-    return (
-        ["comparison.json"]
-        if len(names) == 1
-        else [
-            f"{Path(name).stem if name.endswith('.toml') else name}/comparison.json"
-            for name in names
-        ]
-    )
+    if len(names) == 1:
+        return ["comparison.json"]
+    return [f"{_short_name(name)}/comparison.json" for name in names]
 
 
 def run_and_compare(
@@ -235,13 +250,13 @@ def run_and_compare(
     *,
     progress: bool = True,
 ) -> None:
-    """Run scenarios as ``run_scenarios``, then put their study folders side by side; without
-    ``out`` these are gone afterwards.
+    """Run scenarios as ``run_scenarios`` and compare their studies; without ``out`` no study folder
+    remains.
     """
     from tempfile import TemporaryDirectory
 
-    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
-    if len(shorts) < 2:
+    short_names = [_short_name(name) for name in names]
+    if len(names) < 2:
         raise DeclarationError(
             "one scenario has nothing beside it",
             where="flightid run --compare",
@@ -250,21 +265,23 @@ def run_and_compare(
     if out is not None:
         run_scenarios(names, seed, out, changes, figures, progress=progress)
         print()
-        compare_studies([str(out / short) for short in shorts], out, False, figures)
+        compare_studies([str(out / short) for short in short_names], out, False, figures)
         return
     with TemporaryDirectory(prefix="flightid-") as scratch:
         run_scenarios(
             names, seed, Path(scratch), changes, (), print_folder=False, progress=progress
         )
         print()
-        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
+        folders = [str(Path(scratch) / short) for short in short_names]
+        compare_studies(folders, None, False, ())
 
 
 def simulate(
-    what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
+    flight: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]
 ) -> list[Path]:
-    """Write the record of a scenario, or of a flight of a user's own model, without the truth;
-    return the files.
+    """Write the record of a scenario, or of a flight of a user's own model; return the files.
+
+    True values are not written.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.studies.catalogue import scenario_kind
@@ -274,31 +291,32 @@ def simulate(
             f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file"
         )
     try:
-        if not isinstance(what, str):
-            return simulate_own(what, out, seed, changes)
-        write_flight = {"trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
-        if write_flight is not None:
-            return write_flight(what, out, seed, changes)
-        record = flown_record(what, seed, changes)
-        vehicle_name = _flown_vehicle(what)
+        if not isinstance(flight, str):
+            return simulate_own(flight, out, seed, changes)
+        kind = scenario_kind(flight)
+        if kind == "trace":
+            return simulate_trace(flight, out, seed, changes)
+        if kind == "jsbsim":
+            return simulate_jsbsim(flight, out, seed, changes)
+        record = flown_record(flight, seed, changes)
+        vehicle_name = _vehicle_of(flight)
         vehicle = out.parent / f"{out.stem}_vehicle.toml"
-        own = vehicle_name.endswith(AIRCRAFT_SUFFIX)  # a file, which goes with the record
+        has_file = vehicle_name.endswith(AIRCRAFT_SUFFIX)  # the file is copied beside the record
         with files_together(out) as scratch:
             written = write_record(scratch, record, out.stem, simulated=True)
-            if own:
+            if has_file:
                 write_text(scratch / vehicle.name, Path(vehicle_name).read_text(encoding="utf-8"))
-        if own:
+        paths = [out.parent / path.name for path in written]
+        if has_file:
             command = ["identify", str(out), "--model", "aircraft", "--vehicle", str(vehicle)]
             print(f"written: {out.name} and {vehicle.name} (for --vehicle), with true values")
             print(f"next: flightid {shlex.join(command)}")
-        else:
-            words = (
-                f"; --vehicle {vehicle_name} names its vehicle, with true values"
-                if vehicle_name
-                else ""
-            )
-            print(f"written: {out.name}{words}")
-        return [*(out.parent / path.name for path in written), *([vehicle] if own else [])]
+            return [*paths, vehicle]
+        hint = ""
+        if vehicle_name:
+            hint = f"; --vehicle {vehicle_name} names its vehicle, with true values"
+        print(f"written: {out.name}{hint}")
+        return paths
     except OSError as error:
         raise FlightidError(
             f"cannot be written ({error.strerror})",
@@ -307,17 +325,18 @@ def simulate(
         ) from None
 
 
-def _flown_vehicle(name: str) -> str:
+def _vehicle_of(name: str) -> str:
     """Return the vehicle of a scenario of identification: a name of the library, or the path of an
-    aircraft's file; empty for other scenarios, and for a model of one's own.
+    aircraft file; empty for other scenarios and for a user's own model.
     """
     from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_kind
 
     if scenario_kind(name) != IDENTIFICATION:
         return ""
     vehicle = load_scenario(name).flight.vehicle
-    own = vehicle.endswith(".py")  # a model, whose values are in the scenario
-    return "" if own else vehicle
+    if vehicle.endswith(".py"):
+        return ""  # a user's own model; the scenario has its values
+    return vehicle
 
 
 def files_text(files: Sequence[Path]) -> str:
@@ -335,11 +354,11 @@ def _refuse_same_names(names: Sequence[str]) -> None:
             )
 
 
-# ---- flightid campaign: Monte Carlo, printed and written
+# ---- flightid campaign: Monte Carlo simulation
 
 
 def own_campaign(
-    asked: OwnFlight,
+    flight: OwnFlight,
     runs: int,
     seed: int | None,
     execution: Execution,
@@ -349,20 +368,15 @@ def own_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run a campaign as ``run_campaign``, of a user's model in a flight that the command line
-    describes.
-    """
+    """Run a campaign of a user's model, as ``run_campaign``; options describe its flight."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
-    rebuilt_scenario = Rebuilt(
-        with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model
-    )
-    scenario = scenario_of(rebuilt_scenario.document, rebuilt_scenario.name, rebuilt_scenario.where)
-    _run(
-        scenario, rebuilt_scenario, runs, seed, execution, figures, levels=levels, progress=progress
-    )
+    document = with_changes(study_document(flight), changes)
+    rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
+    scenario = scenario_of(rebuilt.document, rebuilt.name, rebuilt.where)
+    _run(scenario, rebuilt, runs, seed, execution, figures, levels=levels, progress=progress)
 
 
 def run_campaign(
@@ -377,12 +391,21 @@ def run_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run a campaign of a scenario of estimators by one ``method``, print it, and write
-    ``campaign.json`` and the runs into ``execution.out``.
+    """Run a campaign of a scenario of identification, print it and write it.
 
-    ``method``: the main one of the scenario when None. ``levels``: noise levels by likelihood even
-    where no sigma is wrong. ``progress``: show progress. After Ctrl-C, the runs that had ended are
-    printed and written.
+    Parameters
+    ----------
+    name : the scenario.
+    runs : number of runs.
+    seed : seed of the first run; None takes that of the scenario.
+    execution : where the runs are computed and written.
+    changes : changes of the scenario file, as ``"KEY=VALUE"``.
+    method : the estimator; None takes the main one of the scenario.
+    figures : formats of the figures.
+    levels : estimate noise levels by likelihood even if all sigmas are right.
+    progress : show a progress bar.
+
+    After Ctrl-C, the finished runs are printed and written.
     """
     from scenarios.studies.catalogue import (
         IDENTIFICATION,
@@ -398,13 +421,13 @@ def run_campaign(
     if kind != IDENTIFICATION:
         what = f"there is no campaign of a scenario of kind {kind}"
         raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
-    document, short, where = load_document(name, changes)
-    rebuilt_scenario = Rebuilt(
-        {key: value for key, value in document.items() if key != "kind"}, short, where
+    document, short_name, where = load_document(name, changes)
+    rebuilt = Rebuilt(
+        {key: value for key, value in document.items() if key != "kind"}, short_name, where
     )
     _run(
         load_scenario(name, changes),
-        rebuilt_scenario,
+        rebuilt,
         runs,
         seed,
         execution,
@@ -425,7 +448,7 @@ def refuse_method(method: str | None) -> None:
 
 def _run(
     scenario: Scenario,
-    rebuilt_scenario: Rebuilt,
+    rebuilt: Rebuilt,
     runs: int,
     seed: int | None,
     execution: Execution,
@@ -435,9 +458,9 @@ def _run(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    with named_after(rebuilt_scenario.where), progress_bar(progress) as tell:
-        campaign = fly_campaign(scenario, runs, seed, method, tell, execution, rebuilt_scenario)
-        judgement, ended = _assessed(campaign, levels, tell)
+    with named_after(rebuilt.where), progress_bar(progress) as show_progress:
+        campaign = fly_campaign(scenario, runs, seed, method, show_progress, execution, rebuilt)
+        judgement, complete = _judgement_of(campaign, levels, show_progress)
     out = execution.out
     print_campaign(campaign, details=details_in(out), judgement=judgement)
     if out is not None:
@@ -445,56 +468,67 @@ def _run(
         print(written_to(out))
     if len(campaign.seeds) < campaign.asked:
         raise stopped(len(campaign.seeds), campaign.asked, "runs", out)
-    if not ended:
+    if not complete:
         raise KeyboardInterrupt(
             "all runs had ended; why sigmas are wrong was not looked for to the end"
         )
 
 
-def _assessed(
-    campaign: CampaignRuns, levels: bool, tell: CampaignProgress
+def _judgement_of(
+    campaign: CampaignRuns, levels: bool, progress: CampaignProgress
 ) -> tuple[Judgement, bool]:
-    """Return the judgement of the runs; a stopped campaign has no causes. The bool is False if
-    Ctrl-C ended the search for causes.
+    """Return the judgement of the sigmas, and whether the search for causes was complete.
+
+    A stopped campaign has no causes. Ctrl-C also stops the search for causes.
     """
-    whole = len(campaign.seeds) == campaign.asked
-    tell("whether the sigmas are right, and why not", 1.0)
+    all_runs = len(campaign.seeds) == campaign.asked
+    progress("whether the sigmas are right, and why not", 1.0)
     try:
-        return judge(campaign, causes=whole, levels=levels), True
+        return judge(campaign, causes=all_runs, levels=levels), True
     except KeyboardInterrupt:
         return judge(campaign, causes=False), False
 
 
-# ---- flightid design: which maneuver to fly, printed and written
+# ---- flightid design: the maneuver to fly
 
 
 def design_maneuver(
-    asked: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
+    request: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
-    """Design a maneuver, write and print it; ``progress``: show progress."""
+    """Design a maneuver, write it into ``out`` and print it.
+
+    ``progress`` : show a progress bar.
+    """
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text
     from scenarios.report.summary import terminal_width
 
-    with progress_bar(progress) as tell:
-        found = design(asked, tell)
+    with progress_bar(progress) as show_progress:
+        result = design(request, show_progress)
         if out is not None:
             from scenarios.maneuver_design.report import write_design
 
-            write_design(found, out, figures=figures)
-    print(design_text(found, terminal_width(), details_in(out)), end="")
+            write_design(result, out, figures=figures)
+    print(design_text(result, terminal_width(), details_in(out)), end="")
     if out is not None:
         print(written_to(out))
 
 
-# ---- flightid report: pages remade from their folders
+# ---- flightid report: pages of study folders, written again
 
 
 def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
-    """Make ``report.html`` of each folder again and say where it is; ``tables``: write
-    its tables as Markdown, LaTeX and XLSX as well; ``pdf``: print it as ``report.pdf``.
+    """Write ``report.html`` of each folder again.
 
-    Raises FlightidError for the first folder that has no content of a page.
+    Parameters
+    ----------
+    folders : study folders.
+    tables : also write the tables as Markdown, LaTeX and XLSX.
+    pdf : also write the page as ``report.pdf``.
+
+    Raises
+    ------
+    FlightidError : a folder has no content of a page.
     """
     from scenarios.report.folder import rebuilt, stored_page
 

@@ -1,5 +1,6 @@
-"""`flightid watch`: identification of a stream while it arrives, compared with a reference and
-written continuously; and the stability margins of a loop in it.
+"""`flightid watch`: identification of a stream while it arrives, and stability margins of a loop.
+
+Estimates are compared with a reference and written continuously.
 """
 
 from __future__ import annotations
@@ -71,11 +72,12 @@ if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan
     from scenarios.watching.page import Follow
 
-PIPE = "-"
-LOW_ORDER = "loes"  # the model that banks of filters follow
-FILE_IDLE = 5.0  # s; a pipe says by itself when it ends
-# two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
+PIPE = "-"  # argument for standard input
+LOW_ORDER = "loes"  # the model that a bank of filters identifies
+FILE_IDLE = 5.0  # s without new rows after which a file has ended; a pipe reports its end
+# Most rows of a refinement: 2.5 minutes at 40 Hz. The refinement computes about fifty passes.
 REFINED_ROWS = 6000
+UNFINISHED = "the stream ended in the middle of it"
 
 
 def watch_stream(
@@ -93,10 +95,23 @@ def watch_stream(
     plan: Plan | None = None,
     band: tuple[float, float] | None = None,
 ) -> None:
-    """Follow the stream to its end, then print, and write where a folder is named; with a ``page``
-    serve it until Ctrl-C.
+    """Identify a stream until it ends, print the result and write it.
 
-    ``band`` : Hz, of the regression in the frequency domain; None for the usual one.
+    Parameters
+    ----------
+    record : file that grows, or ``"-"`` for standard input.
+    model : the model.
+    vehicle : vehicle file.
+    reference : study or file whose values are compared with the estimates.
+    channels : channel map.
+    out : folder of the study.
+    idle : time (s) without new rows after which the stream has ended.
+    until_end : stop at the end of the file instead of waiting for new rows.
+    refine : fit all rows again at the end.
+    page : serve a page of the estimates until Ctrl-C.
+    port : port of the page.
+    plan : preparation of the record.
+    band : band (Hz) of the regression in the frequency domain; None for the usual one.
     """
     refuse_page(port, page)
     refuse_unknown_model(model, "--model")
@@ -117,39 +132,40 @@ def watch_stream(
     watch.omega = _frequencies(band)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
-    limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
+    limit = _idle_limit(record, idle)
     if model != LOW_ORDER:
         _watch_in_frequency(watch, model, record, out, limit, until_end)
         return
-    with ExitStack() as open_until_done:
-        read = open_until_done.enter_context(_source(record, until_end))
-        follow = open_until_done.enter_context(_page(watch, port)) if page else None
-        history = open_until_done.enter_context(History(out)) if out is not None else None
+    with ExitStack() as stack:
+        read = stack.enter_context(_source(record, until_end))
+        follow = stack.enter_context(_page(watch, port)) if page else None
+        history = stack.enter_context(History(out)) if out is not None else None
         _follow(watch, lines_of(read, limit, watch.name), history, follow)
         session = session_of(watch)
         if session.bank is None:
-            _written(history, session, start(session))
-        end = _finished(watch, session, refine and not (page and watch.stopped))
+            _write_steps(history, session, start(session))
+        outcome = _outcome(watch, session, refine and not (page and watch.stopped))
         if out is not None and history is not None:
-            write_watch(
-                out,
-                session,
-                watch.reference,
-                end,
-                history,
-                Path(record).name if record != PIPE else watch.name,
-            )
-        print_end(watch, session, end)
+            source = Path(record).name if record != PIPE else watch.name
+            write_watch(out, session, watch.reference, outcome, history, source)
+        print_end(watch, session, outcome)
         if out is not None:
             from scenarios.report.summary import written_to
 
             print(written_to(out), flush=True)
         if follow is not None:
-            _stay(watch, session, end, follow)
+            _show_end(watch, session, outcome, follow)
+
+
+def _idle_limit(record: str, idle: float | None) -> float | None:
+    """Return the time (s) without new rows after which a stream has ended; None for no limit."""
+    if idle is not None:
+        return idle
+    return None if record == PIPE else FILE_IDLE
 
 
 def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
-    """Frequencies of the regression, rad/s, as many in a given band as in the usual one."""
+    """Return the frequencies of the regression, rad/s. Every band has equally many."""
     if band is None:
         return frequencies()
     low, high = band
@@ -159,15 +175,14 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
             where="--band",
             remedy="give LOW HIGH in Hz, above 0",
         )
-    return frequencies(
-        low, high, (high - low) * FREQUENCY_SPACING / (HIGHEST_FREQUENCY - LOWEST_FREQUENCY)
-    )
+    spacing = (high - low) * FREQUENCY_SPACING / (HIGHEST_FREQUENCY - LOWEST_FREQUENCY)
+    return frequencies(low, high, spacing)
 
 
 def _watch_in_frequency(
     watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
 ) -> None:
-    """Follow a stream whose model is regressed in the frequency domain."""
+    """Identify a stream by regression in the frequency domain, until it ends; print and write."""
     from scenarios.watching.show import line, print_spectral_end, write_spectral
 
     vehicle = read_vehicle(watch.vehicle_path, model)
@@ -181,14 +196,12 @@ def _watch_in_frequency(
 
     with _source(record, until_end) as read:
         try:
-            for came in lines_of(read, limit, watch.name):
-                rows = rows_in(watch, came)
-                session = session or _begun(watch, vehicle)
+            for lines in lines_of(read, limit, watch.name):
+                rows = rows_in(watch, lines)
+                session = session or _spectral_session(watch, vehicle)
                 if session is not None and rows.size:
                     show(take_rows(session, rows))
-                if came.unfinished and watch.header is not None:
-                    watch.line += 1
-                    report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
+                _report_unfinished(watch, lines)
         except KeyboardInterrupt:
             watch.reason = STOPPED
     if session is None:
@@ -219,8 +232,11 @@ def watch_loop(
     plan: Plan | None,
     band: tuple[float, float] | None,
 ) -> None:
-    """Follow a loop's signals to the end of the stream, margins every second; with a ``page`` serve
-    it until Ctrl-C. ``band`` : Hz, of the broken-loop response; None for the usual one."""
+    """Estimate the stability margins of a loop every second until the stream ends; print and write.
+
+    ``names`` are the signals of the loop. ``band`` (Hz) is the band of the broken-loop response;
+    None takes the usual one. The other parameters are those of ``watch_stream``.
+    """
     from scenarios.watching.show import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
@@ -232,28 +248,26 @@ def watch_loop(
     watch.signals = names.signals
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
-    limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
+    limit = _idle_limit(record, idle)
     session = MarginSession(names, watch.name, band)
-    with ExitStack() as open_until_done:
-        read = open_until_done.enter_context(_source(record, until_end))
-        live = open_until_done.enter_context(served_loop(watch, session, port)) if page else None
+    with ExitStack() as stack:
+        read = stack.enter_context(_source(record, until_end))
+        live_page = stack.enter_context(served_loop(watch, session, port)) if page else None
 
         def show(points: list[MarginPoint], rows: np.ndarray) -> None:
             for point in points:
                 print(loop_line(session, point, watch.left_out), flush=True)
-                if live is not None:
-                    live.point(point)
-            if live is not None:
-                live.rows(rows)
+                if live_page is not None:
+                    live_page.point(point)
+            if live_page is not None:
+                live_page.rows(rows)
 
         try:
-            for came in lines_of(read, limit, watch.name):
-                rows = rows_in(watch, came)
+            for lines in lines_of(read, limit, watch.name):
+                rows = rows_in(watch, lines)
                 if rows.size:
                     show(take_loop(session, rows), rows)
-                if came.unfinished and watch.header is not None:
-                    watch.line += 1
-                    report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
+                _report_unfinished(watch, lines)
         except KeyboardInterrupt:
             watch.reason = STOPPED
         rows, faults, watch.order = at_end(watch.order, len(watch.signals.names))
@@ -267,10 +281,10 @@ def watch_loop(
             source = Path(record) if record != PIPE else None
             write_loop(out, watch, session, source.name if source else watch.name, source)
             print(written_to(out), flush=True)
-        if live is not None:
+        if live_page is not None:
             from scenarios.watching.page import until_interrupted
 
-            live.end()
+            live_page.end()
             if not watch.stopped:
                 until_interrupted()
 
@@ -281,8 +295,15 @@ def refuse_page(port: int | None, page: bool) -> None:
         raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
 
 
-def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
-    """Return the session, once the header has come."""
+def _report_unfinished(watch: Watch, lines: Lines) -> None:
+    """Report a last line that is incomplete."""
+    if lines.unfinished and watch.header is not None:
+        watch.line += 1
+        report(watch, [Fault(watch.line, UNFINISHED)])
+
+
+def _spectral_session(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
+    """Return a session for the outputs in the header; None before the header has arrived."""
     if watch.header is None or watch.omega is None:
         return None
     columns = watch.header.columns[1 + len(watch.signals.inputs) :]
@@ -300,11 +321,11 @@ def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
     return served(watch, port)
 
 
-def _stay(watch: Watch, session: Session, end: WatchOutcome, follow: Follow) -> None:
-    """The page shows the end until Ctrl-C; a stream that was stopped by Ctrl-C has had it."""
+def _show_end(watch: Watch, session: Session, outcome: WatchOutcome, follow: Follow) -> None:
+    """Show the outcome on the page until Ctrl-C, which may already have stopped the stream."""
     from scenarios.watching.page import until_interrupted
 
-    follow.end(session, end)
+    follow.end(session, outcome)
     if not watch.stopped:
         until_interrupted()
 
@@ -322,20 +343,20 @@ def _prepared(
     from scenarios.files.measured.columns import read_sidecar
     from scenarios.preparation.plan import BY_HAND
 
-    known = read_reference(reference, needed) if reference is not None else None
+    reference_values = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
-    names, rate, hold = (
+    columns, rate, hold = (
         (plan.columns, plan.rate, plan.hold) if plan is not None else ((), None, None)
     )
     if record == PIPE:
         return Watch(
             "standard input",
             vehicle,
-            known,
+            reference_values,
             choices,
             {},
             refine,
-            columns=names,
+            columns=columns,
             rate=rate,
             hold=hold,
         )
@@ -346,12 +367,12 @@ def _prepared(
     return Watch(
         record,
         vehicle,
-        known,
+        reference_values,
         choices,
         sidecar.units,
         refine,
         sidecar.file,
-        names,
+        columns,
         rate,
         hold,
         hold_from,
@@ -360,6 +381,7 @@ def _prepared(
 
 @contextmanager
 def _source(record: str, until_end: bool) -> Iterator[Read]:
+    """Open the stream and yield the function that reads it."""
     if record == PIPE:
         yield standard_input()
         return
@@ -370,42 +392,41 @@ def _source(record: str, until_end: bool) -> Iterator[Read]:
 def _follow(
     watch: Watch, lines: Iterator[Lines], history: History | None, follow: Follow | None = None
 ) -> None:
-    """Take lines until the stream ends or Ctrl-C."""
-    with display(watch) as table:
+    """Process lines, show and write the steps, until the stream ends or Ctrl-C."""
+    with display(watch) as show_in_terminal:
 
         def show(steps: list[WatchStep]) -> None:
-            table(steps)
+            show_in_terminal(steps)
             if follow is not None:
                 follow(steps)
 
         try:
-            for came in lines:
-                rows = rows_in(watch, came)
+            for new_lines in lines:
+                rows = rows_in(watch, new_lines)
                 for piece in pieces(watch.session, rows):
                     steps = take(session_of(watch), piece)
-                    _written(history, session_of(watch), steps)
+                    _write_steps(history, session_of(watch), steps)
                     show(steps)
                 show([])
-                if came.unfinished and watch.header is not None:
-                    watch.line += 1
-                    report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
+                _report_unfinished(watch, new_lines)
         except KeyboardInterrupt:
             watch.reason = STOPPED
         if watch.header is not None:
             rows, faults, watch.order = at_end(watch.order)
             report(watch, faults)
             session = session_of(watch)
-            _written(history, session, take(session, rows))
+            _write_steps(history, session, take(session, rows))
 
 
-def _written(history: History | None, session: Session, steps: list[WatchStep]) -> None:
+def _write_steps(history: History | None, session: Session, steps: list[WatchStep]) -> None:
     if history is not None and session.bank is not None:
         history.write(session.bank, steps, session.refine)
 
 
-def _finished(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
-    """Return the refinement over all rows where it is wanted and affordable, and the last estimates
-    against the reference.
+def _outcome(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
+    """Return the last estimates, their refinement, and the comparison with the reference.
+
+    ``refine`` : fit all rows again, if these are at most ``REFINED_ROWS``.
     """
     from scenarios.identification.low_order import identify_loes
 
@@ -413,21 +434,21 @@ def _finished(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
         regress(session.spectral)
     state, record = session.state, record_of(session)
     assert session.bank is not None and state is not None
-    found, online = None, so_far(session)
+    refined, online = None, so_far(session)
     if refine and len(record) <= REFINED_ROWS and bool(state.sound.any()):
         try:
-            found = identify_loes(record, session.vehicle)
+            refined = identify_loes(record, session.vehicle)
         except KeyboardInterrupt:
             watch.reason = STOPPED
         except FlightidError as error:
             print(f"flightid: not refined: {error}", file=sys.stderr)
-    if found is None:
+    if refined is None:
         items = comparisons(online.estimate, online.derived, watch.reference, online.hanging)
     else:
-        items = comparisons(found.estimate, found.derived, watch.reference)
+        items = comparisons(refined.estimate, refined.derived, watch.reference)
     return WatchOutcome(
         record,
-        found,
+        refined,
         online,
         session.bank.delays,
         items,

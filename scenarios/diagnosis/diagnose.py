@@ -1,8 +1,5 @@
-"""The tracing loop on files: records, vehicle and candidates together, a part held out if there is
-one, and a maneuver designed that would separate effects that these records cannot.
-
-Types of a diagnosis of files, its model as the study folder keeps it, and overflows counted
-during a search.
+"""Diagnosis of files: read records, vehicle and candidate effects, hold a part of the records out,
+run the tracing loop, and design the maneuver that would decide an ambiguous diagnosis.
 """
 
 from __future__ import annotations
@@ -28,18 +25,19 @@ from scenarios.diagnosis.kinematics import (
     OF_MODEL,
     Kinematics,
     kinematics_of_files,
+    named_by,
     right_clock,
 )
 from scenarios.diagnosis.opening import (
     InputReading,
-    Opened,
-    Posed,
+    LoopInput,
+    OpenedFiles,
     at_bounds,
     can_act,
     candidates_for,
+    loop_input_for,
     opened_files,
     own_effects,
-    posed_for,
     settings_of,
     vehicle_path_of,
 )
@@ -75,10 +73,15 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty if only a part of a file was
-    held out, ``effects`` where none was named.
+    """All files of a diagnosis.
 
-    ``model`` is the file of a user's own model, None if it is built in.
+    Attributes
+    ----------
+    records : files of the fitted records.
+    validation : files of the predicted records; empty if a part of a fitted file was held out.
+    vehicle : the vehicle file.
+    effects : files of the user's own effects.
+    model : file of a user's own model; None for a built-in model.
     """
 
     records: tuple[InputFile, ...]
@@ -90,23 +93,23 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracing:
-    """A diagnosis with what it was made from.
+    """A diagnosis with its files, records, model and settings.
 
     Attributes
     ----------
     records, validation : fitted and predicted records.
     held_out_from : time (s) at which the last record was cut; None for whole predicted records.
-    explanations, traits : of the candidates, by name.
-    notes : on the preparation of the records.
-    doubts : likely faults of the files.
-    kinematics : results without aerodynamics, None if not computed.
+    explanations, traits : explanation and traits of each candidate, by name.
+    notes : sentences on the preparation of the records.
+    doubts : sentences on likely faults of the files.
+    kinematics : kinematic check of the sensors; None if not computed.
     look : check of the raw columns.
-    overflows : computations that overflowed and were skipped.
+    overflows : number of computations that overflowed and were skipped.
     plan : preparation of the records.
-    effort : of the search.
+    effort : effort of the search.
     flown : aircraft class and flight phase for levels of flying qualities.
     decides : for an ambiguous diagnosis, the maneuver that would decide it.
-    simulated : all records are simulated, according to their JSON files.
+    simulated : whether all records are simulated, according to their JSON files.
     """
 
     diagnosis: Diagnosis
@@ -140,13 +143,13 @@ class Tracing:
         )
 
 
-SPIKES = "sensor-spikes:"
+SPIKES = "sensor-spikes:"  # an effect's name up to the channel
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """Return the final model of a diagnosis; None if its trained values are unknown."""
-    d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
-    if d.trained_before is None or d.trained_after is None:
+    """Return the final model of a diagnosis; None if its fitted values are unknown."""
+    diagnosis, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
+    if diagnosis.trained_before is None or diagnosis.trained_after is None:
         return None
     inputs = {signal.name for signal in tracing.model.equations.inputs}
     reading = KeptReading(
@@ -158,8 +161,8 @@ def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
         lowpass=plan.lowpass or 0.0,
         trusted=plan.trusted,
     )
-    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    spiked = tuple(
+    claimed = tuple(claim.name for claim in diagnosis.effects if claim.claimed)
+    spiked_inputs = tuple(
         name.removeprefix(SPIKES)
         for name in claimed
         if name.startswith(SPIKES) and name.removeprefix(SPIKES) in inputs
@@ -172,10 +175,10 @@ def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
         vehicle.own_file,
         reading,
         tracing.model.biases,
-        d.trained_after,
-        d.trained_before,
+        diagnosis.trained_after,
+        diagnosis.trained_before,
         tracing.inputs.effects[0] if tracing.inputs.effects else None,
-        spiked,
+        spiked_inputs,
         claimed=claimed,
     )
 
@@ -200,7 +203,7 @@ class Trace(Protocol):
 
 @dataclass
 class Overflows:
-    """Counter of overflowed computations, which the loop skips."""
+    """Counter of computations that overflow in the tracing loop, which skips them."""
 
     count: int = 0
 
@@ -209,8 +212,9 @@ class Overflows:
         self.count += 1
 
     def counted(self, trace: Trace) -> Trace:
-        """Return the same loop, its overflows counted instead of warned of; a share below the
-        smallest number is none.
+        """Return the same loop with its overflows counted instead of printed as warnings.
+
+        Underflow is ignored: a probability below the smallest number is zero.
         """
 
         def counting(*arguments: Any, **named: Any) -> Diagnosis:
@@ -220,35 +224,47 @@ class Overflows:
         return counting
 
 
-DESIGN_DIGITS = 4  # digits of a design's inputs, so that printed numbers repeat it
-# s, shortest and longest flight of a design
-SHORTEST, LONGEST = 10.0, 20.0
-# a hand is quicker, in peaks a second, where it does not go to the full deflection
+DESIGN_DIGITS = 4  # digits of numbers in a design request: the printed request repeats the design
+SHORTEST, LONGEST = 10.0, 20.0  # s, duration of a designed flight
+# A pilot moves the stick faster at small deflections than at full deflection: by this factor.
 SMALLER_DEFLECTION_RATE = 2.0
 
 
 def deciding_maneuver(
-    d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]
+    diagnosis: Diagnosis,
+    request: Request,
+    vehicle: VehicleFile,
+    model: Model,
+    records: Sequence[Record],
 ) -> DesignResult | None:
     """Return the design of a deciding maneuver for an ambiguous diagnosis; None if not possible.
 
     Peak deflections, sampling and noise are those of the records; derivatives and effects have
     their estimated values.
     """
-    asked = _asked(d, request, vehicle, model, records) if d.verdict is Verdict.AMBIGUOUS else None
-    if asked is None:
+    if diagnosis.verdict is not Verdict.AMBIGUOUS:
+        return None
+    design_request = _design_request(diagnosis, request, vehicle, model, records)
+    if design_request is None:
         return None
     try:
-        return design(asked)
+        return design(design_request)
     except FlightidError:
-        return None  # as a law of the user's own, or a model without an input
+        return None  # no design exists, as for a user's own control law
 
 
-def _asked(
-    d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]
+def _design_request(
+    diagnosis: Diagnosis,
+    request: Request,
+    vehicle: VehicleFile,
+    model: Model,
+    records: Sequence[Record],
 ) -> DesignRequest | None:
-    doubtful = [claim for claim in d.effects if claim.claimed and claim.alternatives]
-    known = {
+    """Return the request for a maneuver that separates the first claim with alternatives from one
+    of them; None if there is no pair that a flight can separate.
+    """
+    doubtful = [claim for claim in diagnosis.effects if claim.claimed and claim.alternatives]
+    library = {
         effect.name: effect
         for effect in effects_for(model.equations)
         if isinstance(effect, Traceable)
@@ -256,47 +272,45 @@ def _asked(
     if not doubtful or not model.equations.inputs:
         return None
     claim = doubtful[0]
-    # Equivalent effects cannot be separated by any flight. Use one rival, the simplest form.
-    rivals = (
-        [
-            name
-            for name in claim.alternatives
-            if name in known and name not in known[claim.name].traits.equivalents
-        ]
-        if claim.name in known
-        else []
-    )
+    if claim.name not in library:
+        return None
+    # No flight can separate equivalent effects.
+    equivalents = library[claim.name].traits.equivalents
+    rivals = [name for name in claim.alternatives if name in library and name not in equivalents]
     if not rivals:
         return None
-    names = (claim.name, min(rivals, key=lambda name: len(known[name].parameters)))
+    simplest = min(rivals, key=lambda name: len(library[name].parameters))
+    names = (claim.name, simplest)
     values = [
-        _text(name, q.value) for name, q in d.after.items() if name in model.parameters.free_names
+        _text(name, quantity.value)
+        for name, quantity in diagnosis.after.items()
+        if name in model.parameters.free_names
     ]
-    noise = [_text(name, std) for name, std in d.residual_std.items() if std > 0.0]
+    noise = [_text(name, std) for name, std in diagnosis.residual_std.items() if std > 0.0]
     interval = float(np.median(np.diff(records[0].time)))
-    span = min(
-        LONGEST, max(SHORTEST, float(max(record.time[-1] - record.time[0] for record in records)))
-    )
+    longest_record = float(max(record.time[-1] - record.time[0] for record in records))
+    duration = min(LONGEST, max(SHORTEST, longest_record))
     return DesignRequest(
         model=request.model,
         vehicle=_source(request, vehicle),
         tell=names,
-        size=",".join(_size(claim, d)),
+        size=",".join(_effect_values(claim, diagnosis)),
         values=tuple(values),
         noise=tuple(noise),
         amplitude=tuple(
             _text(name, size) for name, size in _peaks(model, records).items() if size > 0.0
         ),
-        duration=float(f"{span:.{DESIGN_DIGITS}g}"),
+        duration=float(f"{duration:.{DESIGN_DIGITS}g}"),
         rate=float(f"{1.0 / interval:.{DESIGN_DIGITS}g}"),
         computer=not by_hand(model, records),
-        command_names=_names(request, vehicle),
+        command_names=_command_names(request, vehicle),
     )
 
 
 def by_hand(model: Model, records: Sequence[Record]) -> bool:
-    """Return whether no input of the records changes faster than a pilot's hand can; faster inputs
-    are from a flight computer, which can fly the next maneuver as well.
+    """Return whether a pilot can move the stick as fast as all inputs of the records.
+
+    Faster inputs come from a flight computer, which can also fly the designed maneuver.
     """
     peaks = _peaks(model, records)
     return all(
@@ -312,19 +326,27 @@ def _text(name: str, value: float) -> str:
     return f"{name}={value:.{DESIGN_DIGITS}g}"
 
 
-def _size(claim: Claim, d: Diagnosis) -> list[str]:
-    """The claimed effect's own parameters, and of a curve the range that it was fitted over."""
-    effects: Sequence[Traceable] = d.trained_after.effects if d.trained_after is not None else ()
-    form = next((effect for effect in effects if effect.name == claim.name), None)
-    own = {item.name for item in form.parameters} if form is not None else set()
-    texts = [_text(name, q.value) for name, q in claim.parameters.items() if name in own]
-    return texts + (
-        [_text("low", form.low), _text("high", form.high)] if isinstance(form, RangedCurve) else []
+def _effect_values(claim: Claim, diagnosis: Diagnosis) -> list[str]:
+    """Return ``name=value`` of each parameter of the claimed effect, and for a curve the limits of
+    the range over which it was fitted.
+    """
+    fitted = diagnosis.trained_after
+    effects: Sequence[Traceable] = fitted.effects if fitted is not None else ()
+    effect = next((effect for effect in effects if effect.name == claim.name), None)
+    own = {item.name for item in effect.parameters} if effect is not None else set()
+    texts = [
+        _text(name, quantity.value) for name, quantity in claim.parameters.items() if name in own
+    ]
+    limits: list[str] = (
+        [_text("low", effect.low), _text("high", effect.high)]
+        if isinstance(effect, RangedCurve)
+        else []
     )
+    return texts + limits
 
 
 def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
-    """Return the largest deflection of each input from where its record begins."""
+    """Return the largest deflection of each input from its value at the start of a record."""
     names = [signal.name for signal in model.equations.inputs]
     return {
         name: max(
@@ -338,7 +360,7 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
-    """Return the vehicle file as it was read; None if an own model went without one."""
+    """Return the vehicle file as it was read; None if a user's own model has none."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -348,8 +370,8 @@ def _source(request: Request, vehicle: VehicleFile) -> Source | None:
     return Source(path, vehicle.text.encode(), vehicle.identity)
 
 
-def _names(request: Request, vehicle: VehicleFile) -> Mapping[str, str]:
-    """Return the names of model and vehicle file for a command line."""
+def _command_names(request: Request, vehicle: VehicleFile) -> Mapping[str, str]:
+    """Return the names of model and vehicle file for the printed design command."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -367,126 +389,137 @@ def diagnose_files(
     progress: Callable[[str, float], None] = lambda stage, share: None,
     trace: Trace | None = None,
 ) -> Tracing:
-    """Read everything, run the loop, and return its result with what went in.
+    """Read the files of a request, run the tracing loop, and return the diagnosis with its inputs.
 
     Parameters
     ----------
-    request : the files and how they are read. With none to validate on, the last of several
-        records, or the last part of one, is held out.
+    request : the files and how they are read. If it names no record for validation, the last of
+        several records, or the last part of a single record, is held out.
     progress : called with the stage and the share done, 0 to 1.
-    trace : the loop; None takes ``ident.tracing.loop.diagnose``.
+    trace : the tracing loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
     ------
     FlightidError : anything in the files that keeps them from being used.
     """
     refuse_unknown_model(request.model, "--model")
-    usual = settings_of(request.effort)
+    effort_settings = settings_of(request.effort)
     refuse_twice(
         [*request.records, *request.validate],
         "name each record once, for the fit or for --validate",
     )
     progress("reading", 0.0)
     opened = opened_files(request, vehicle_path_of(request))
-    posed = posed_for(opened, request.plan)
-    settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
-    own, of_effects = own_effects(request.effects, posed.model)
-    candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
-    measured = {name for record in posed.records for name in record.output_names}
-    absent = {signal.name for signal in posed.model.equations.outputs} - measured
-    candidates = tuple(  # a sensor that is not recorded cannot be what is missing
-        each for each in candidates if each in own or getattr(each, "channel", "") not in absent
+    loop_input = loop_input_for(opened, request.plan)
+    step = step_for(loop_input.model, loop_input.records, effort_settings.max_step)
+    settings = replace(effort_settings, max_step=step)
+    own, effect_files = own_effects(request.effects, loop_input.model)
+    candidates, guards = candidates_for(loop_input.model, own), _guards(loop_input.model)
+    measured = {name for record in loop_input.records for name in record.output_names}
+    absent = {signal.name for signal in loop_input.model.equations.outputs} - measured
+    # The fault of a sensor that is not recorded cannot explain the records.
+    candidates = tuple(
+        effect
+        for effect in candidates
+        if effect in own or getattr(effect, "channel", "") not in absent
     )
-    if note := right_clock(posed.measured):
-        candidates = tuple(each for each in candidates if each.name != CLOCK)
-        posed = replace(posed, notes=(*posed.notes, note))
-    run = (overflows := Overflows()).counted(trace or _loop(posed.model))
-    study = _Study(request, opened, of_effects, candidates, settings, overflows)
+    if note := right_clock(loop_input.measured):
+        candidates = tuple(effect for effect in candidates if effect.name != CLOCK)
+        loop_input = replace(loop_input, notes=(*loop_input.notes, note))
+    overflows = Overflows()
+    counted_trace = overflows.counted(trace or _loop(loop_input.model))
+    context = _Context(request, opened, effect_files, candidates, settings, overflows)
 
-    # The check costs as much as some candidates: it is made where the declared model is not enough.
+    # The kinematic check takes as long as several candidates: it is computed once, and only if
+    # the loop or the verdict asks for it.
     checks: list[Kinematics | None] = []
 
-    def checked() -> Kinematics | None:
+    def kinematic_check() -> Kinematics | None:
         if not checks:
-            checks.append(_kinematics(opened, posed, request.plan))
+            checks.append(_kinematics(opened, loop_input, request.plan))
         return checks[0]
 
-    def looped(posed: Posed, reread: Callable[[], Data] | None = None) -> Diagnosis:
-        given = (
-            posed.records,
-            posed.model,
+    def run_loop(loop_input: LoopInput, reread: Callable[[], Data] | None = None) -> Diagnosis:
+        return counted_trace(
+            loop_input.records,
+            loop_input.model,
             candidates,
             guards,
-            posed.predicted,
+            loop_input.predicted,
             settings,
             progress,
+            kinematics=lambda: named_by(kinematic_check()),
+            reread=reread,
         )
-        return run(*given, kinematics=lambda: _named_by_kinematics(checked()), reread=reread)
 
     reading = InputReading(opened, request.plan)
-    diagnosis = looped(posed, reading.offered(posed))
-    posed, diagnosis = reading.settled(posed, diagnosis, looped)
-    kinematics = checked() if diagnosis.verdict is not Verdict.CONSISTENT else None
-    return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
+    diagnosis = run_loop(loop_input, reading.linear_data(loop_input))
+    loop_input, diagnosis = reading.with_better_reading(loop_input, diagnosis, run_loop)
+    kinematics = kinematic_check() if diagnosis.verdict is not Verdict.CONSISTENT else None
+    decides = _decides(diagnosis, request, opened, loop_input)
+    return context.tracing(loop_input, diagnosis, kinematics, decides)
 
 
 @dataclass(frozen=True, eq=False)
-class _Study:
-    """Context of a result: files, their preparation, and candidate effects."""
+class _Context:
+    """Files, settings and candidate effects of one diagnosis.
+
+    ``effect_files`` : files of the user's own effects.
+    """
 
     request: Request
-    opened: Opened
-    of_effects: tuple[InputFile, ...]
+    opened: OpenedFiles
+    effect_files: tuple[InputFile, ...]
     candidates: Sequence[Traceable]
     settings: TraceSettings
     overflows: Overflows
 
-    def _read_beside(self) -> tuple[str, ...]:
-        """Return the files that were read without being named."""
+    def _unnamed_files(self) -> tuple[str, ...]:
+        """Return sentences on the files that were read though the request does not name them."""
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
-    def told(
+    def tracing(
         self,
-        posed: Posed,
+        loop_input: LoopInput,
         diagnosis: Diagnosis,
         kinematics: Kinematics | None = None,
         decides: DesignResult | None = None,
     ) -> Tracing:
-        """Return the result with what went in."""
+        """Return the diagnosis with its files, records, model and settings."""
         opened = self.opened
-        diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
-        if not moves_about_rest(posed.model):
+        diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, loop_input.parted))
+        if not moves_about_rest(loop_input.model):
             diagnosis = replace(
                 diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None
             )
         assert opened.vehicle.identity is not None
-        diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
+        diagnosis, bound_notes = at_bounds(diagnosis, opened.vehicle.constraints)
         return Tracing(
             diagnosis,
             opened.vehicle,
-            posed.model,
-            posed.records,
-            posed.predicted,
+            loop_input.model,
+            loop_input.records,
+            loop_input.predicted,
             Inputs(
-                posed.fitted,
-                posed.validation,
+                loop_input.fitted,
+                loop_input.validation,
                 opened.vehicle.identity,
-                self.of_effects,
+                self.effect_files,
                 opened.vehicle.own_file,
             ),
-            posed.held_out_from,
+            loop_input.held_out_from,
             {effect.name: " ".join(effect.explanation.split()) for effect in self.candidates},
             {effect.name: effect.traits for effect in reversed(self.candidates)},
             (
-                *self._read_beside(),
-                *posed.notes,
-                *constraint_sentences(opened.vehicle.constraints, posed.model),
-                *pressed,
+                *self._unnamed_files(),
+                *loop_input.notes,
+                *constraint_sentences(opened.vehicle.constraints, loop_input.model),
+                *bound_notes,
             ),
-            posed.doubts,
+            loop_input.doubts,
             kinematics,
-            posed.look,
+            loop_input.look,
             self.overflows.count,
             self.settings.effort,
             opened.flown,
@@ -499,38 +532,40 @@ class _Study:
 def _whole(
     predictions: Sequence[Prediction], parted: Sequence[PartedRecord]
 ) -> tuple[Prediction, ...]:
-    """Return the predictions with the parts of each record that was named for it put together."""
+    """Return one prediction for each predicted record, joined from those of its parts."""
     if not parted:
         return tuple(predictions)
-    out = []
-    for one, span in parts_of(parted, [each.record for each in predictions]):
-        some = predictions[span]
-        rows = [[each.before for each in some], [each.after for each in some]]
-        record, (before, after) = put_together(one, [each.record for each in some], rows)
-        out.append(Prediction(record, some[0].channels, before, after))
-    return tuple(out)
+    joined = []
+    for parted_record, span in parts_of(parted, [part.record for part in predictions]):
+        parts = predictions[span]
+        rows = [[part.before for part in parts], [part.after for part in parts]]
+        record, (before, after) = put_together(parted_record, [part.record for part in parts], rows)
+        joined.append(Prediction(record, parts[0].channels, before, after))
+    return tuple(joined)
 
 
 def _decides(
-    diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed
+    diagnosis: Diagnosis, request: Request, opened: OpenedFiles, loop_input: LoopInput
 ) -> DesignResult | None:
-    """Return the maneuver that would decide; only an ambiguous verdict costs its time."""
-    if diagnosis.verdict is not Verdict.AMBIGUOUS:
-        return None
-
+    """Return the maneuver that would decide an ambiguous diagnosis; None for other verdicts."""
     return deciding_maneuver(
-        diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted)
+        diagnosis,
+        request,
+        opened.vehicle,
+        loop_input.model,
+        (*loop_input.records, *loop_input.predicted),
     )
 
 
 def _guards(model: Model) -> Sequence[Traceable]:
+    """Return the catch-all terms that can act on the model."""
     from sim.effects.library import catch_all_terms_for
 
     return can_act(catch_all_terms_for(model.equations), model)
 
 
 def _loop(model: Model) -> Trace:
-    """Return the tracing loop, with terms for errors of this model's forces."""
+    """Return the tracing loop with the model discrepancy of these equations."""
     from functools import partial
 
     from ident.tracing.loop import diagnose
@@ -540,34 +575,24 @@ def _loop(model: Model) -> Trace:
     return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
 
 
-def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Return the names of the effects that the kinematics alone name."""
-    from scenarios.diagnosis.kinematics import named_by
+def _kinematics(opened: OpenedFiles, loop_input: LoopInput, plan: Plan) -> Kinematics | None:
+    """Return the kinematic check of the sensors; None if the model is not of an aircraft.
 
-    return named_by(kinematics)
-
-
-def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
-    """Return the check of the kinematics alone: on all that was read where one record is fitted,
-    else on the fitted records; None if there is none.
+    The check takes the fitted records. If only one record is fitted, the held-out data are added.
     """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):
         return None
     parts = [(file, segment) for file in opened.records for segment in plan.segments]
-    if len(posed.records) == 1:
-        parts += (
-            [(file, segment) for file in opened.validation for segment in WHOLE]
-            if plan.segments == WHOLE
-            else []
-        )
+    one_record = len(loop_input.records) == 1
+    if one_record:
+        if plan.segments == WHOLE:
+            parts += [(file, segment) for file in opened.validation for segment in WHOLE]
     elif not opened.validation:
-        (last, segment) = parts.pop()
-        parts += (
-            [(last, replace(segment, stop=posed.held_out_from))]
-            if posed.held_out_from is not None
-            else []
-        )
-    found = kinematics_of_files(parts, opened.vehicle, opened.choices, plan)
-    alone = len(posed.records) == 1 and (not opened.validation or plan.segments == WHOLE)
-    return replace(found, held_out=alone)
+        # The last part is held out, whole or from a time on.
+        last, segment = parts.pop()
+        if loop_input.held_out_from is not None:
+            parts.append((last, replace(segment, stop=loop_input.held_out_from)))
+    kinematics = kinematics_of_files(parts, opened.vehicle, opened.choices, plan)
+    with_held_out = one_record and (not opened.validation or plan.segments == WHOLE)
+    return replace(kinematics, held_out=with_held_out)

@@ -1,4 +1,4 @@
-"""Kinematic evidence of a diagnosis on sensor faults: what is checked, and what is found."""
+"""Kinematic check of the sensors in a diagnosis, and its comparison with the claimed effects."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
     CompatibilitySettings,
+    FaultQuantity,
     SensorEstimate,
     SensorFinding,
 )
@@ -28,34 +29,38 @@ if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 
-RECORDS_NAMED = 4  # checked records that are named
-AGREEING_SIGMAS = 3.0  # standard deviations within which two values agree
-PARAMETERS = {
+RECORDS_NAMED = 4  # checked records whose names are printed
+AGREEING_SIGMAS = 3.0  # two values agree if they differ by at most this many sigmas
+PARAMETERS = {  # sensor fault -> its parameter
     "delay": "delay",
     "lag": "time_constant",
     "scale": "scale",
     "drift": "slope",
     "arm": "arm",
 }
-BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
+BIAS = "bias"  # not an effect: a diagnosis estimates the bias of each channel anyway
 AGREES, IN_KIND, DIFFERS = "agrees", "agrees in kind", "differs in size"
 CONTRADICTS, NOTHING = "contradicts", "says nothing"
-# For kinematics, a vane ahead equals an accelerometer behind: (d/V) q and the integral of
-# (g/V) (arm/g) q_dot have the same form.
+# The kinematic equations cannot separate a vane ahead of the c.g. from an accelerometer behind it:
+# (d/V) q has the same form as the integral of (g/V) (arm/g) q_dot.
 MIRRORED = {
     "vane-offset": "accelerometer-offset:nz",
     "accelerometer-offset:nz": "vane-offset",
     "accelerometer-offset:ny": "vane-offset",
 }
-_TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
+_TIMES = ("delay", "lag")  # faults whose sizes, both in s, can be compared with each other
 
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Kinematic check of records of a diagnosis.
+    """Kinematic check of the records of a diagnosis.
 
-    ``records``: names. ``result``: None if not possible, with the reason in ``why``. ``held_out``:
-    held-out data were included.
+    Attributes
+    ----------
+    records : names of the checked records.
+    result : result of the check; None if it was not possible.
+    why : the reason, if it was not possible.
+    held_out : whether held-out data were included.
     """
 
     records: tuple[str, ...]
@@ -65,11 +70,11 @@ class Kinematics:
 
     @property
     def source(self) -> str:
-        """The records that were checked, in a sentence."""
-        shown = self.records[:RECORDS_NAMED]
-        more = len(self.records) - len(shown)
-        last = f"{more} more" if more else shown[-1]
-        first = shown if more else shown[:-1]
+        """A sentence that names the checked records."""
+        items = list(self.records[:RECORDS_NAMED])
+        if more := len(self.records) - len(items):
+            items.append(f"{more} more")
+        *first, last = items
         named = f"{', '.join(first)} and {last}" if first else last
         data = "fitted and held-out data together" if self.held_out else "fitted data alone"
         return f"kinematics were checked on {named}: {data}"
@@ -77,10 +82,15 @@ class Kinematics:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Comparison of one sensor effect of a diagnosis with the kinematics.
+    """Comparison of one sensor effect of a diagnosis with the kinematic check.
 
-    ``says``: AGREES, IN_KIND (a related effect with another kind of size), DIFFERS, CONTRADICTS or
-    NOTHING. ``found``: value from kinematics.
+    Attributes
+    ----------
+    effect : name of the claimed effect.
+    says : AGREES, IN_KIND (a related effect whose size cannot be compared), DIFFERS, CONTRADICTS
+        or NOTHING.
+    found : value of the kinematic check, None if it has none.
+    sentence : the comparison in words.
     """
 
     effect: str
@@ -100,210 +110,200 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
 
 
 def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Return groups of effects that both methods of the check name, the likeliest first."""
+    """Return groups of effects that both methods of the check name.
+
+    The effects of a group explain the records equally well; the most probable is first.
+    """
     result = None if kinematics is None else kinematics.result
     if result is None:
         return []
-    doubted = {each.name for each in result.joint.estimates if not each.agrees}
-    stand = [each for each in result.findings if each.stands and each.kind != BIAS]
+    in_doubt = {estimate.name for estimate in result.joint.estimates if not estimate.agrees}
     groups: dict[frozenset[str], tuple[str, ...]] = {}
-    for each in (one for one in stand if one.name not in doubted):
-        names = {each.name, *each.group}
-        likely = sorted(names, key=lambda name: (-each.probabilities.get(name, 0.0), name))
-        groups.setdefault(frozenset(names), tuple(likely))
+    for finding in _accepted(result):
+        if finding.name in in_doubt:
+            continue
+        names = {finding.name, *finding.group}
+        odds = finding.probabilities
+        ranked = sorted(names, key=lambda name: (-odds.get(name, 0.0), name))
+        groups.setdefault(frozenset(names), tuple(ranked))
     return list(groups.values())
 
 
+def _accepted(result: Compatibility) -> list[SensorFinding]:
+    """Return the faults that the check accepts, without biases."""
+    return [finding for finding in result.findings if finding.stands and finding.kind != BIAS]
+
+
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
-    """Return one kinematic fault of each group without a claim or an equivalent claim."""
+    """Return the accepted faults that the diagnosis does not claim, one of each group."""
     from sim.effects.library import traits_of
 
     named = {name for claim in claims for name in (claim.name, *claim.alternatives)}
     named |= {
         twin for name in tuple(named) if not _is_sensor(name) for twin in traits_of(name).twins
     }
-    out = []
+    faults = []
     for finding in kinematics.result.findings if kinematics.result is not None else ():
-        if finding.stands and not named.intersection((finding.name, *finding.group)):
-            out.append(finding)
-            named |= {finding.name, *finding.group}
-    return out
+        group = {finding.name, *finding.group}
+        if finding.stands and not named & group:
+            faults.append(finding)
+            named |= group
+    return faults
 
 
 def _agreement(claim: Claim, result: Compatibility) -> Agreement:
-    mine = next(iter(claim.parameters.values()))
+    """Return the comparison of a claim with the finding that is closest to it."""
+    claimed = next(iter(claim.parameters.values()))
     members = {claim.name, *claim.alternatives}
-    standing = [finding for finding in result.findings if finding.stands and finding.kind != BIAS]
+    accepted = _accepted(result)
     named = sorted(
-        (f for f in standing if f.name in members),
-        key=lambda f: (f.name != claim.name, not _comparable(f, claim.name)),
+        (finding for finding in accepted if finding.name in members),
+        key=lambda finding: (finding.name != claim.name, not _comparable(finding, claim.name)),
     )
     if named and _comparable(named[0], claim.name):
-        return _compared(claim, mine, named[0], result)
-    kin = next(
-        (finding for finding in standing if members.intersection((finding.name, *finding.group))),
+        return _compared(claim, claimed, named[0], result)
+    related = next(
+        (finding for finding in accepted if members.intersection((finding.name, *finding.group))),
         None,
     )
-    if kin is not None:
-        found = Quantity(kin.value, kin.std, kin.unit)
-        if kin.name == MIRRORED.get(claim.name):
-            return _on_the_other_side(claim, mine, found, kin)
-        words = (
-            f"of the group that the diagnosis names with {claim.name}; their sizes cannot be "
-            "compared"
+    if related is not None:
+        found = _size_of(related)
+        if related.name == MIRRORED.get(claim.name):
+            return _mirrored(claim, claimed, found, related)
+        sentence = (
+            f"kinematics alone give {related.name} {with_sigma(found)}: of the group that the "
+            f"diagnosis names with {claim.name}; their sizes cannot be compared"
         )
-        return Agreement(
-            claim.name,
-            IN_KIND,
-            found,
-            f"kinematics alone give {kin.name} {with_sigma(found)}: {words}",
-        )
-    return _ruled_out(claim, result) or _unproven(
-        claim,
-        mine,
-        next((item for item in result.joint.estimates if item.name == claim.name), None),
-    )
+        return Agreement(claim.name, IN_KIND, found, sentence)
+    estimate = next((item for item in result.joint.estimates if item.name == claim.name), None)
+    return _ruled_out(claim, result) or _unproven(claim, claimed, estimate)
+
+
+def _size_of(finding: SensorFinding) -> Quantity:
+    return Quantity(finding.value, finding.std, finding.unit)
 
 
 def _comparable(finding: SensorFinding, name: str) -> bool:
-    """Return whether sizes of finding and ``name`` compare: same effect, or both are times."""
+    """Return whether a finding and effect ``name`` have comparable sizes: they are the same effect,
+    or both are times of one channel.
+    """
     kind, _, channel = name.removeprefix("sensor-").partition(":")
     return finding.name == name or (
         finding.kind in _TIMES and kind in _TIMES and finding.channel == channel
     )
 
 
-def _as_well(same: SensorFinding, result: Compatibility) -> str:
-    """Return the other faults that explain the records equally well, with their sizes."""
-    by_name = {each.name: each for each in result.findings}
-    known = [by_name[name] for name in same.group if name in by_name]
-    texts = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
-    texts += [name for name in same.group if name not in by_name]
+def _equivalents_text(finding: SensorFinding, result: Compatibility) -> str:
+    """Return the faults that explain the records as well as ``finding``, with their sizes."""
+    by_name = {item.name: item for item in result.findings}
+    texts = [
+        f"{name} {with_sigma(_size_of(by_name[name]))}" for name in finding.group if name in by_name
+    ]
+    texts += [name for name in finding.group if name not in by_name]
     return f" or, equally well, {' or '.join(texts)}" if texts else ""
 
 
 def _compared(
-    claim: Claim, mine: Quantity, same: SensorFinding, result: Compatibility
+    claim: Claim, claimed: Quantity, finding: SensorFinding, result: Compatibility
 ) -> Agreement:
-    found = Quantity(same.value, same.std, same.unit)
-    sentence = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
-    group = (
-        ""
-        if same.name == claim.name
-        else f"of the group that the diagnosis names with {claim.name}: "
-    )
-    if _differ(found, mine, worth_of(same)):
-        words = (
-            f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, "
-            f"{_apart(found, mine):.1f} sigmas"
+    """Return the comparison of a claim with a finding of comparable size."""
+    found = _size_of(finding)
+    equivalents = _equivalents_text(finding, result)
+    sentence = f"kinematics alone give {finding.name} {with_sigma(found)}{equivalents}: "
+    if finding.name != claim.name:
+        sentence += f"of the group that the diagnosis names with {claim.name}: "
+    if _differ(found, claimed, systematic_error(finding)):
+        sentence += (
+            f"differs: {with_sigma(found)} against {with_sigma(claimed)} in the diagnosis, "
+            f"{_distance(found, claimed):.1f} sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {group}{words}")
-    return Agreement(
-        claim.name,
-        AGREES,
-        found,
-        f"{sentence}: {group}agrees with the diagnosis, {with_sigma(mine)}",
-    )
+        return Agreement(claim.name, DIFFERS, found, sentence)
+    sentence += f"agrees with the diagnosis, {with_sigma(claimed)}"
+    return Agreement(claim.name, AGREES, found, sentence)
 
 
-def _on_the_other_side(
-    claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding
+def _mirrored(
+    claim: Claim, claimed: Quantity, found: Quantity, finding: SensorFinding
 ) -> Agreement:
     """Return the comparison of an arm with its kinematic equivalent, of opposite sign."""
-    as_mine = Quantity(-found.value, found.std, found.unit)
+    as_claimed = Quantity(-found.value, found.std, found.unit)
     sentence = (
-        f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
-        f"{claim.name} {with_sigma(as_mine)}"
+        f"kinematics alone give {finding.name} {with_sigma(found)}, which they cannot tell from "
+        f"{claim.name} {with_sigma(as_claimed)}: "
     )
-    if _differ(as_mine, mine, worth_of(kin)):
-        words = (
-            f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} "
-            "sigmas"
+    if _differ(as_claimed, claimed, systematic_error(finding)):
+        sentence += (
+            f"differs from {with_sigma(claimed)} in the diagnosis by "
+            f"{_distance(as_claimed, claimed):.1f} sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {words}")
-    return Agreement(
-        claim.name,
-        AGREES,
-        found,
-        f"{sentence}: agrees with the diagnosis, {with_sigma(mine)}",
-    )
+        return Agreement(claim.name, DIFFERS, found, sentence)
+    sentence += f"agrees with the diagnosis, {with_sigma(claimed)}"
+    return Agreement(claim.name, AGREES, found, sentence)
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
-    """Return the comparison of a lag or delay for which kinematics find the other kind."""
-    own = next((finding for finding in result.findings if finding.name == claim.name), None)
-    other = late_instead(own, result) if own is not None else None
-    if own is None or other is None or own.lost is None or not math.isfinite(own.lost):
+    """Return the contradiction of a claimed lag or delay if the check finds the other kind."""
+    rejected = next((finding for finding in result.findings if finding.name == claim.name), None)
+    if rejected is None or rejected.lost is None or not math.isfinite(rejected.lost):
         return None
-    found = Quantity(other.value, other.std, other.unit)
-    words = (
-        f"{claim.name} in its place is less likely by {own.lost:.1f} of log likelihood: "
-        "contradicts the diagnosis"
+    accepted = late_instead(rejected, result)
+    if accepted is None:
+        return None
+    found = _size_of(accepted)
+    sentence = (
+        f"kinematics alone give {accepted.name} {with_sigma(found)}; {claim.name} in its place is "
+        f"less likely by {rejected.lost:.1f} of log likelihood: contradicts the diagnosis"
     )
-    return Agreement(
-        claim.name,
-        CONTRADICTS,
-        found,
-        f"kinematics alone give {other.name} {with_sigma(found)}; {words}",
-    )
+    return Agreement(claim.name, CONTRADICTS, found, sentence)
 
 
-def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
-    """Return the finding that replaces a rejected one: another way for the same channel to be
-    late.
-    """
-    if own.stands or not _late(own):
+def late_instead(rejected: SensorFinding, result: Compatibility) -> SensorFinding | None:
+    """Return the accepted finding that delays the channel of a rejected one in another way."""
+    if rejected.stands or not _delays(rejected):
         return None
     return next(
-        (f for f in result.findings if f.stands and f.channel == own.channel and _late(f)), None
+        (
+            finding
+            for finding in result.findings
+            if finding.stands and finding.channel == rejected.channel and _delays(finding)
+        ),
+        None,
     )
 
 
-def _late(finding: SensorFinding) -> bool:
+def _delays(finding: SensorFinding) -> bool:
     return finding.kind in _TIMES or finding.name == "vane-offset"
 
 
-def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
-    """Return the comparison of a claim without an accepted kinematic fault, by its estimate."""
-    if item is None or not item.determined or not _finite(item.smoother.value, item.smoother.std):
-        return Agreement(
-            claim.name,
-            NOTHING,
-            None,
-            f"kinematics alone say nothing of {claim.name}: these channels cannot tell it",
-        )
-    found = Quantity(item.smoother.value, item.smoother.std, item.unit)
+def _unproven(claim: Claim, claimed: Quantity, estimate: SensorEstimate | None) -> Agreement:
+    """Return the comparison of a claim with the estimate of a fault that is not accepted."""
+    if estimate is None or not estimate.determined or not _finite(estimate.smoother):
+        sentence = f"kinematics alone say nothing of {claim.name}: these channels cannot tell it"
+        return Agreement(claim.name, NOTHING, None, sentence)
+    found = Quantity(estimate.smoother.value, estimate.smoother.std, estimate.unit)
     sentence = f"kinematics alone give {claim.name} {with_sigma(found)}"
-    absent = Quantity(1.0 if item.kind == "scale" else 0.0, 0.0, item.unit)
-    if not item.agrees:
-        return Agreement(
-            claim.name,
-            NOTHING,
-            found,
-            f"{sentence}, but their two methods disagree: says nothing of the diagnosis",
+    absent = Quantity(1.0 if estimate.kind == "scale" else 0.0, 0.0, estimate.unit)
+    if not estimate.agrees:
+        sentence += ", but their two methods disagree: says nothing of the diagnosis"
+        return Agreement(claim.name, NOTHING, found, sentence)
+    if _differ(found, claimed, systematic_error(estimate)):
+        sentence += f": contradicts the {with_sigma(claimed)} of the diagnosis"
+        return Agreement(claim.name, CONTRADICTS, found, sentence)
+    if _distance(found, absent) > AGREEING_SIGMAS:
+        sentence += (
+            f": agrees with the diagnosis, {with_sigma(claimed)}, though it does not stand there "
+            "by itself"
         )
-    if _differ(found, mine, worth_of(item)):
-        return Agreement(
-            claim.name,
-            CONTRADICTS,
-            found,
-            f"{sentence}: contradicts the {with_sigma(mine)} of the diagnosis",
-        )
-    if _apart(found, absent) > AGREEING_SIGMAS:
-        words = (
-            f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
-            "itself"
-        )
-        return Agreement(claim.name, AGREES, found, f"{sentence}: {words}")
-    return Agreement(
-        claim.name,
-        NOTHING,
-        found,
-        f"{sentence}: says nothing, neither against the diagnosis nor for it",
-    )
+        return Agreement(claim.name, AGREES, found, sentence)
+    sentence += ": says nothing, neither against the diagnosis nor for it"
+    return Agreement(claim.name, NOTHING, found, sentence)
 
 
-def worth_of(item: SensorEstimate | SensorFinding) -> float:
+def _finite(estimate: FaultQuantity) -> bool:
+    return math.isfinite(estimate.value) and math.isfinite(estimate.std)
+
+
+def systematic_error(item: SensorEstimate | SensorFinding) -> float:
     """Return the error of a fault's size from interpolation and a slightly wrong airspeed, in
     addition to its standard deviation.
     """
@@ -312,44 +312,42 @@ def worth_of(item: SensorEstimate | SensorFinding) -> float:
     return SensorFault(item.channel, item.kind).smallest_finding
 
 
-def _differ(a: Quantity, b: Quantity, worth: float) -> bool:
-    return _apart(a, b) > AGREEING_SIGMAS and abs(a.value - b.value) > worth
+def _differ(a: Quantity, b: Quantity, error: float) -> bool:
+    """Return whether two values differ significantly and by more than a systematic ``error``."""
+    return _distance(a, b) > AGREEING_SIGMAS and abs(a.value - b.value) > error
 
 
-def _apart(a: Quantity, b: Quantity) -> float:
-    spread = math.hypot(a.std, b.std)
-    return abs(a.value - b.value) / spread if spread > 0.0 else math.inf
+def _distance(a: Quantity, b: Quantity) -> float:
+    """Return the difference of two values in standard deviations."""
+    std = math.hypot(a.std, b.std)
+    return abs(a.value - b.value) / std if std > 0.0 else math.inf
 
 
 def _is_sensor(name: str) -> bool:
-    """Return whether an effect is a fault in the kinematic check."""
+    """Return whether an effect is a sensor fault of the kinematic check."""
     base = name.partition(":")[0].partition("#")[0]
     return base in ("vane-offset", "accelerometer-offset") or base in {
         f"sensor-{kind}" for kind in PARAMETERS
     }
 
 
-def _finite(*values: float) -> bool:
-    return all(math.isfinite(value) for value in values)
-
-
-# samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
-MOST_SAMPLES = 2600
+MOST_SAMPLES = 2600  # samples checked: two records of 25 s at 50 Hz; the time grows with them
+MOST_RECORDS = 12  # records checked: each keeps about 20 s at 10 Hz
 BANK = "phi"
-MOST_RECORDS = 12  # records, so that of each some twenty seconds at 10 Hz are left
 
 
 @dataclass(frozen=True)
 class Relations:
-    """Kinematic check for one kind of equations.
+    """Channels and names of the kinematic check for one kind of equations.
 
     Attributes
     ----------
-    needed : required channels of a record.
+    needed : channels that a record must have.
     channels : channels that are used if recorded.
-    rates : channels that measure how much a stretch moves.
-    six : six degrees of freedom, with load factors instead of accelerometers.
-    names : fault of the check -> effect of the model, where they differ.
+    rates : angular rates that show where a record moves most.
+    six : whether the check has six degrees of freedom, with load factors instead of
+        accelerometers.
+    names : fault of the check -> effect of the model, where their names differ.
     """
 
     needed: tuple[str, ...]
@@ -388,10 +386,10 @@ def kinematics_of_files(
     choices: Mapping[str, ColumnChoice] | None = None,
     plan: Plan | None = None,
 ) -> Kinematics:
-    """Return the results of ``flightid check`` for all parts of files that measure the channels of
-    the model's relations, with about ``MOST_SAMPLES`` samples; failures are reported, not raised.
+    """Return the kinematic check of segments of files, as ``flightid check`` makes it.
 
-    ``choices``: a channel map. ``plan``: how they are prepared; its segments are not asked.
+    ``choices`` is the channel map. ``plan`` is the preparation; its segments are ignored. A failure
+    is reported in the result, not raised.
     """
     from scenarios.compatibility.check import record_to_check, settings_of
     from scenarios.preparation.plan import Plan
@@ -407,81 +405,81 @@ def kinematics_of_files(
 
 
 def kinematics_of(
-    records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH
+    records: Iterable[Record], settings: CompatibilitySettings, relations: Relations = PITCH
 ) -> Kinematics:
-    """Check all records with the needed channels, each at its own airspeed.
+    """Check up to ``MOST_RECORDS`` records that have the needed channels, each at its airspeed.
 
-    Long records are shortened to the stretch with most motion, ``MOST_SAMPLES`` in all. Up to
-    ``MOST_RECORDS`` are used, since several airspeeds separate the arm of a vane from a delay.
-    Failures are reported, not raised.
+    Records at several airspeeds separate the arm of a vane from a delay. Long records are cut to
+    the stretch with most motion, ``MOST_SAMPLES`` in all. A failure is reported, not raised.
     """
     from ident.compatibility.check import compatibility
 
     try:
-        records, banked = _level(list(records), settings, asked)
-        if banked and not records:
-            return Kinematics((), None, banked[0])
-        records = [_taking_part(record, asked) for record in records]
-        chosen = [
-            record for record in records if set(asked.needed) <= set(_measured(record, asked))
-        ]
-        chosen = shortened(spread(chosen, MOST_RECORDS), MOST_SAMPLES, asked.rates)
+        records, bank_notes = _level(list(records), settings, relations)
+        if bank_notes and not records:
+            return Kinematics((), None, bank_notes[0])
+        records = [_with_used_channels(record, relations) for record in records]
+        needed = set(relations.needed)
+        usable = [record for record in records if needed <= set(_measured(record, relations))]
+        chosen = shortened(spread(usable, MOST_RECORDS), MOST_SAMPLES, relations.rates)
         names = tuple(record.name for record in chosen)
         if not chosen:
-            return Kinematics(
-                (),
-                None,
-                f"no record measures {', '.join(asked.needed)} together: their kinematics cannot "
-                "be checked",
+            why = (
+                f"no record measures {', '.join(relations.needed)} together: their kinematics "
+                "cannot be checked"
             )
+            return Kinematics((), None, why)
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))
     try:
-        return Kinematics(
-            names, _renamed(compatibility(chosen, settings, each=False, six=asked.six), asked.names)
-        )
+        result = compatibility(chosen, settings, each=False, six=relations.six)
+        return Kinematics(names, _renamed(result, relations.names))
     except (FlightidError, ArithmeticError, ValueError) as error:
-        # Must not stop the diagnosis; LinAlgError is a ValueError.
+        # A failed check must not stop the diagnosis. LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))
 
 
 def _level(
-    records: list[Record], settings: CompatibilitySettings, asked: Relations
+    records: list[Record], settings: CompatibilitySettings, relations: Relations
 ) -> tuple[list[Record], list[str]]:
-    """Return the records with nearly level wings, and remarks on the others."""
+    """Return the records with nearly level wings, and sentences on the others.
+
+    Relations with the bank angle take all records.
+    """
     from ident.compatibility.check import misled_by_bank
 
-    if BANK in asked.channels:
+    if BANK in relations.channels:
         return records, []
-    kept, notes = list[Record](), list[str]()
+    level, notes = list[Record](), list[str]()
     for record in records:
         unbanked = replace(
             record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
         )
         sentences = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
         notes += sentences
-        kept += [] if sentences else [record]
-    return kept, notes
+        if not sentences:
+            level.append(record)
+    return level, notes
 
 
-def _taking_part(record: Record, asked: Relations) -> Record:
-    """Return the record with the channels that are used."""
+def _with_used_channels(record: Record, relations: Relations) -> Record:
+    """Return the record with the outputs that the check uses."""
     from scenarios.preparation.measured_inputs import with_load_factors
 
-    record = with_load_factors(record)[0] if asked.six else record
-    outputs = tuple(channel for channel in record.outputs if channel.name in asked.channels)
+    record = with_load_factors(record)[0] if relations.six else record
+    outputs = tuple(channel for channel in record.outputs if channel.name in relations.channels)
     return record if len(outputs) == len(record.outputs) else replace(record, outputs=outputs)
 
 
-def _measured(record: Record, asked: Relations) -> tuple[str, ...]:
+def _measured(record: Record, relations: Relations) -> tuple[str, ...]:
     from ident.compatibility.signals import measured_channels
     from ident.compatibility.six_degrees.kinematics import recorded
 
-    return recorded(record) if asked.six else measured_channels(record)
+    return recorded(record) if relations.six else measured_channels(record)
 
 
 def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
-    """Return a check with its faults under the names of the model's effects."""
+    """Return a check whose faults have the names of the model's effects."""
     if not names:
         return result
 
@@ -495,18 +493,18 @@ def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
             group=tuple(names.get(name, name) for name in item.group),
         )
 
-    def checked(each: CheckResult) -> CheckResult:
+    def check(part: CheckResult) -> CheckResult:
         return replace(
-            each,
-            estimates=tuple(map(estimate, each.estimates)),
-            findings=tuple(map(finding, each.findings)),
+            part,
+            estimates=tuple(map(estimate, part.estimates)),
+            findings=tuple(map(finding, part.findings)),
         )
 
-    return replace(result, joint=checked(result.joint), single=tuple(map(checked, result.single)))
+    return replace(result, joint=check(result.joint), single=tuple(map(check, result.single)))
 
 
 def spread(records: Sequence[Record], most: int) -> list[Record]:
-    """Return at most ``most`` records, with widely spread airspeeds if recorded, else the first."""
+    """Return at most ``most`` records: spread over the airspeeds if recorded, else the first."""
     if len(records) <= most:
         return list(records)
     speeds = [
@@ -519,73 +517,77 @@ def spread(records: Sequence[Record], most: int) -> list[Record]:
 
 
 def shortened(
-    records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)
+    records: Sequence[Record], samples: int, rates: Sequence[str] = ("q",)
 ) -> list[Record]:
-    """Return the records cut to about ``enough`` samples in all, where the ``rates`` move most."""
-    if sum(len(record) for record in records) <= enough:
+    """Return the records cut to about ``samples`` samples in all, where the ``rates`` move most."""
+    if sum(len(record) for record in records) <= samples:
         return list(records)
-    left, share = enough, {}
-    # Longer records get the samples that short ones do not need.
-    for place, i in enumerate(sorted(range(len(records)), key=lambda i: len(records[i]))):
-        share[i] = min(len(records[i]), left // (len(records) - place))
-        left -= share[i]
-    return [_liveliest(record, share[i], rates) for i, record in enumerate(records)]
+    remaining, counts = samples, {}
+    # Shortest records first: longer ones get the samples that short ones do not need.
+    for rank, i in enumerate(sorted(range(len(records)), key=lambda i: len(records[i]))):
+        counts[i] = min(len(records[i]), remaining // (len(records) - rank))
+        remaining -= counts[i]
+    return [_most_moving(record, counts[i], rates) for i, record in enumerate(records)]
 
 
-def _liveliest(record: Record, count: int, rates: Sequence[str]) -> Record:
+def _most_moving(record: Record, count: int, rates: Sequence[str]) -> Record:
+    """Return the window of ``count`` samples with the largest variance of the rates."""
     if count >= len(record):
         return record
-    moved = np.zeros(len(record))
+    square = np.zeros(len(record))
     for name in (name for name in rates if name in record.output_names):
         rate = np.where(record[name].valid, record[name].values, 0.0)
-        moved += (rate - np.median(rate)) ** 2
-    power = np.concatenate([[0.0], np.cumsum(moved)])
-    first = int(np.argmax(power[count:] - power[:-count]))
+        square += (rate - np.median(rate)) ** 2
+    integral = np.concatenate([[0.0], np.cumsum(square)])
+    first = int(np.argmax(integral[count:] - integral[:-count]))
     return record.window(float(record.time[first]), float(record.time[first + count - 1]))
 
 
 def _could_not(error: Exception) -> str:
-    return (
-        "the kinematics could not be checked: "
-        f"{str(error).splitlines()[0] if str(error) else type(error).__name__}"
-    )
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return f"the kinematics could not be checked: {reason}"
 
 
 CLOCK = "time-base"  # the effect of a clock that is too fast or too slow
-SURE = 0.005  # largest sigma of the slope of attitude against the integral of the rate
-FEWEST = 50  # samples of attitude and of rate
-RIGHT = 3.0  # sigmas of that slope from one, within which the clock is right
+# The clock is right if the slope of pitch attitude against the integral of pitch rate is 1.
+LARGEST_SLOPE_STD = 0.005  # largest sigma of this slope for a judgement
+LARGEST_SLOPE_DEVIATION = 3.0  # sigmas by which the slope of a right clock may differ from 1
+FEWEST_SAMPLES = 50  # of attitude and of rate
+TINY = 1e-300  # keeps a quotient finite
 
 
 def right_clock(records: Sequence[Record]) -> str:
-    """A sentence where a measured pitch attitude is the integral of the measured pitch rate over
-    the record's own time, which a wrong clock does not leave so; else empty.
+    """Return a sentence if the records show that their clock is right; else an empty string.
+
+    With a wrong clock, the measured pitch attitude is not the integral of the measured pitch rate
+    over the recorded time.
     """
     parts = []
     for record in records:
         if not {"theta", "q"} <= set(record.output_names):
             return ""
         theta, q = record["theta"], record["q"]
-        known = theta.valid
-        if np.count_nonzero(known) < FEWEST or np.count_nonzero(q.valid) < FEWEST:
+        valid = theta.valid
+        if min(np.count_nonzero(valid), np.count_nonzero(q.valid)) < FEWEST_SAMPLES:
             return ""
         rate = np.interp(record.time, record.time[q.valid], q.values[q.valid])
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(record.time)
-        since = record.time[known] - record.time[0]
-        # A bias of the rate is a trend, a bias of the attitude a constant.
-        trend = np.column_stack([np.ones(len(since)), since])
-        both = np.column_stack([np.append(0.0, np.cumsum(steps))[known], theta.values[known]])
+        time = record.time[valid] - record.time[0]
+        # A bias of the rate adds a trend to its integral, a bias of the attitude a constant.
+        trend = np.column_stack([np.ones(len(time)), time])
+        integral = np.append(0.0, np.cumsum(steps))[valid]
+        both = np.column_stack([integral, theta.values[valid]])
         parts.append(both - trend @ np.linalg.lstsq(trend, both, rcond=None)[0])
     if not parts:
         return ""
-    x, y = np.concatenate(parts).T
-    size = float(x @ x)
-    slope = float(x @ y) / size if size > 0.0 else 0.0
-    rows = [(each[:, 1] - slope * each[:, 0])[None] for each in parts]
+    integral, attitude = np.concatenate(parts).T
+    square = float(integral @ integral)
+    slope = float(integral @ attitude) / square if square > 0.0 else 0.0
+    rows = [(part[:, 1] - slope * part[:, 0])[None] for part in parts]
     share = effective_share(rows, [np.ones(row.shape, dtype=bool) for row in rows])
     residual = np.concatenate(rows, axis=1)
-    std = float(np.std(residual)) / math.sqrt(max(size * share, 1e-300))
-    if std > SURE or abs(slope - 1.0) > RIGHT * std:
+    std = float(np.std(residual)) / math.sqrt(max(square * share, TINY))
+    if std > LARGEST_SLOPE_STD or abs(slope - 1.0) > LARGEST_SLOPE_DEVIATION * std:
         return ""
     slope_text = f"{number_text(slope, std)} +- {number_text(std, std)}"
     return (

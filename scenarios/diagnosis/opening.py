@@ -1,4 +1,6 @@
-"""What a diagnosis is given: effort, records, candidate effects, bounds, inputs between samples."""
+"""Preparation of a diagnosis: settings of the search, records, candidate effects, parameters at
+bounds, and the reading of inputs between samples.
+"""
 
 from __future__ import annotations
 
@@ -47,59 +49,55 @@ from sim.record import Hold, Record
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
-    from scenarios.preparation.reading import PreparedData
 
-Act = TypeVar("Act", bound=Effect)
+AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
-_ATTRIBUTES = (
-    "name",
-    "station",
-    "parameters",
-    "absent",
-    "regularity",
-    "aliases",
-    "explanation",
-    "probes",
+_ATTRIBUTES = tuple(
+    ["name", "station", "parameters", "absent", "regularity", "aliases", "explanation", "probes"]
 )
-# stood with the effect itself before ``traits`` did
-_FORMERLY = ("onset", "per_record", "plausible")
+# Attributes of an effect of the older form, which has no ``traits``.
+_OLDER_ATTRIBUTES = ("onset", "per_record", "plausible")
 
 
 def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceable, ...]:
-    """Return library effects that can act on a model and are not in it, then the user's ``own``."""
+    """Return the library effects that can act on a model and are not part of it, followed by the
+    user's ``own``.
+    """
     from sim.effects.library import effects_for
 
     equations = model.equations
-    taken = {effect.name for effect in model.effects} | {
-        *(equations.contains if isinstance(equations, Containing) else ())
-    }
-    recorded = {signal.name for signal in equations.inputs}
-    offered = can_act(effects_for(equations), model)
-    found = (
-        effect for effect in offered if effect.name not in taken and isinstance(effect, Traceable)
+    in_model = {effect.name for effect in model.effects}
+    if isinstance(equations, Containing):
+        in_model.update(equations.contains)
+    inputs = {signal.name for signal in equations.inputs}
+    from_library = (
+        effect
+        for effect in can_act(effects_for(equations), model)
+        if isinstance(effect, Traceable)
+        and effect.name not in in_model
+        and effect.traits.recorded_as not in inputs
+        and _varies_free_parameters(effect, model)
     )
-    known = (effect for effect in found if effect.traits.recorded_as not in recorded)
-    return (*(effect for effect in known if _may_change(effect, model)), *own)
+    return (*from_library, *own)
 
 
-def _may_change(effect: Effect, model: Model) -> bool:
-    """Return whether the parameters that an effect varies are estimated."""
-    changed = (
-        (effect.parameter,)
-        if isinstance(effect, ParameterEffect)
-        else effect.group
-        if isinstance(effect, GroupEffect)
-        else ()
-    )
-    return all(model.parameters[name].free for name in changed)
+def _varies_free_parameters(effect: Effect, model: Model) -> bool:
+    """Return whether all parameters that an effect varies are estimated."""
+    varied: Sequence[str] = ()
+    if isinstance(effect, ParameterEffect):
+        varied = (effect.parameter,)
+    elif isinstance(effect, GroupEffect):
+        varied = effect.group
+    return all(model.parameters[name].free for name in varied)
 
 
-def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
-    """Return the effects whose signals exist in a model; user models may lack some of them."""
-    return tuple(effect for effect in effects if not is_own(model) or _acts(effect, model))
+def can_act(effects: Sequence[AnyEffect], model: Model) -> tuple[AnyEffect, ...]:
+    """Return the effects whose signals exist in a model; a user's own model may lack some."""
+    return tuple(effect for effect in effects if not is_own(model) or _has_signals(effect, model))
 
 
-def _acts(effect: Effect, model: Model) -> bool:
+def _has_signals(effect: Effect, model: Model) -> bool:
+    """Return whether a model with the effect can be evaluated: it has the effect's signals."""
     try:
         system = compile_model(model.with_effects(effect))
         x, u = system.initial.values().tolist(), inputs_at_rest(model)
@@ -111,21 +109,20 @@ def _acts(effect: Effect, model: Model) -> bool:
     except (AttributeError, KeyError, ModelError):
         return False
     except ArithmeticError:
-        return True  # no value at rest is no lack of a signal
+        pass  # All signals exist; only their values at rest cannot be computed with.
     return True
 
 
 def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, ...]:
-    """Return the effects of a user's Python file, or of one that was read, that can act on a model:
-    its ``EFFECTS``, else its ``VARIANTS``.
+    """Return the effects of a user's Python file that can act on a model.
 
-    The file is run, once, as any Python program is: only a file that the user names comes here.
+    The effects are the file's ``EFFECTS`` or, without these, its ``VARIANTS``. The file is run
+    once, as a Python program; the user must have named it.
 
     Raises
     ------
-    DeclarationError : no such file, an error in it (with its line), no effects in it, an effect
-        that lacks an attribute or has the name of one in the library, or none that can act on this
-        model.
+    DeclarationError : the file does not exist, fails (with its line) or has no effects; an effect
+        lacks an attribute or has the name of a library effect; no effect can act on the model.
     """
     source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
@@ -141,77 +138,77 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
 
 
 def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
-    """Return a user's effects that can act on a model; ``where``: their place, for messages. Raises
-    DeclarationError as ``read_effects``.
+    """Return a user's effects that can act on a model; raise DeclarationError as ``read_effects``.
+
+    ``where`` names the file or argument of the effects in messages.
     """
     from sim.effects.library import applies, library
 
-    known = {effect.name for effect in library()}
+    library_names = {effect.name for effect in library()}
     for effect in effects:
         _check(effect, where)
-        if effect.name in known:
+        if effect.name in library_names:
             raise DeclarationError(
                 f"effect {effect.name}: the library has one of this name",
                 where=where,
                 remedy="give yours another name",
             )
-    able = tuple(effect for effect in effects if applies(effect, model.equations))
-    if not able:
+    equations = model.equations
+    applicable = tuple(effect for effect in effects if applies(effect, equations))
+    if not applicable:
         named = ", ".join(dict.fromkeys(effect.name for effect in effects))
-        e = model.equations
         remedy = (
-            f"its inputs are {_listed(e.inputs)}, its outputs {_listed(e.outputs)}, its ports "
-            f"{_listed(e.ports)}"
+            f"its inputs are {_listed(equations.inputs)}, "
+            f"its outputs {_listed(equations.outputs)}, its ports {_listed(equations.ports)}"
         )
         raise DeclarationError(
-            f"no effect of it ({named}) can act on the {model.equations.name} model",
+            f"no effect of it ({named}) can act on the {equations.name} model",
             where=where,
             remedy=remedy,
         )
-    able_names = [effect.name for effect in able]
-    for name in able_names:
-        if able_names.count(name) > 1:
+    names = [effect.name for effect in applicable]
+    for name in names:
+        if names.count(name) > 1:
             raise DeclarationError(
                 f"effect {name} is there twice", where=where, remedy="give each a name of its own"
             )
-    return able
+    return applicable
 
 
 def _check(effect: Any, where: str) -> None:
-    """Raise an error for a value that is no effect; add traits to effects of the former form."""
+    """Raise an error for a value that is no effect; add traits to an effect of the older form."""
 
-    def fault(what: str, remedy: str) -> DeclarationError:
+    def error(what: str, remedy: str) -> DeclarationError:
         return DeclarationError(what, where=where, remedy=remedy)
 
     kind = type(effect).__name__
     if isinstance(effect, type):
-        remedy = f"put an instance into EFFECTS: {effect.__name__}(...)"
-        raise fault(f"{effect.__name__} is a class", remedy)
-    wanted = _ATTRIBUTES if hasattr(effect, "traits") else (*_ATTRIBUTES, *_FORMERLY)
-    missing = [attribute for attribute in wanted if not hasattr(effect, attribute)]
-    if missing == [*wanted]:
-        raise fault(
+        name = effect.__name__
+        raise error(f"{name} is a class", f"put an instance into EFFECTS: {name}(...)")
+    required = _ATTRIBUTES if hasattr(effect, "traits") else (*_ATTRIBUTES, *_OLDER_ATTRIBUTES)
+    missing = [attribute for attribute in required if not hasattr(effect, attribute)]
+    if missing == [*required]:
+        raise error(
             f"{effect!r:.60} is a {kind}, not an effect",
             "leave effects of the library out, diagnose tries them all; of your own give objects "
             "or the path of their file, as docs/how-to/own-effect.md shows",
         )
-    if missing == [*_FORMERLY]:
+    if missing == [*_OLDER_ATTRIBUTES]:
         missing = ["traits"]
     if missing:
-        named = getattr(effect, "name", "")
-        shown = named if isinstance(named, str) and named else kind
+        name = getattr(effect, "name", "")
+        shown = name if isinstance(name, str) and name else kind
         remedy = "add it as docs/how-to/own-effect.md shows"
-        raise fault(f"effect {shown} lacks {', '.join(missing)}", remedy)
-    if hasattr(effect, "traits") and not isinstance(effect.traits, Traits):
-        remedy = "make them with sim.declaration.proposal.Traits"
-        what = f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}"
-        raise fault(what, remedy)
+        raise error(f"effect {shown} lacks {', '.join(missing)}", remedy)
     if not hasattr(effect, "traits"):
-        # On the class, so that copies of the effect have it, too.
-        type(effect).traits = property(_former_traits)
+        # Traits are a property of the class, so that copies of the effect have them, too.
+        type(effect).traits = property(_traits_of_older_form)
+    elif not isinstance(effect.traits, Traits):
+        what = f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}"
+        raise error(what, "make them with sim.declaration.proposal.Traits")
 
 
-def _former_traits(effect: Any) -> Traits:
+def _traits_of_older_form(effect: Any) -> Traits:
     sentences = (str(effect.sentence),) if hasattr(effect, "sentence") else ()
     return Traits(
         sentences,
@@ -226,8 +223,8 @@ def _listed(signals: Sequence[Signal]) -> str:
 
 
 def settings_of(effort: str) -> TraceSettings:
-    """Return the settings of the loop for an effort; DeclarationError, in one line, for one that
-    there is not.
+    """Return the settings of the tracing loop for an effort; raise DeclarationError for an unknown
+    effort.
     """
     if effort not in EFFORTS:
         raise DeclarationError(
@@ -237,16 +234,17 @@ def settings_of(effort: str) -> TraceSettings:
 
 
 def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
-    """Return a sentence on the effort made, and whether a greater one would look further: if a
-    search used all its fits and the residual is not explained.
+    """Return a sentence on the effort of the search.
+
+    If the search used all its fits without explaining the residual, the sentence says whether a
+    greater effort exists.
     """
-    if not (diagnosis.stopped and diagnosis.verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)):
+    unexplained = diagnosis.verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)
+    if not (diagnosis.stopped and unexplained):
         return f"effort: {effort}"
-    further = (
-        "--effort thorough would look further"
-        if effort == NORMAL.effort
-        else "there is no greater effort"
-    )
+    further = "there is no greater effort"
+    if effort == NORMAL.effort:
+        further = "--effort thorough would look further"
     return (
         f"effort: {effort}; the search used all its fits, and the residual is not explained: "
         f"{further}"
@@ -254,49 +252,52 @@ def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
 
 
 def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis, tuple[str, ...]]:
-    """Return the diagnosis with a sigma of zero, which is printed as a bound, for each parameter
-    that ended at one; a sentence on each.
+    """Return the diagnosis with sigma 0, printed as "at its bound", for each parameter at a bound,
+    and a sentence on each.
     """
     before, after = (
-        _pressed(side, constraints.bounds) for side in (diagnosis.before, diagnosis.after)
+        _names_at_bounds(values, constraints.bounds)
+        for values in (diagnosis.before, diagnosis.after)
     )
     sentences = []
     for name in dict.fromkeys([*before, *after]):
-        sides = [
-            word
-            for word, names in (("with the declared model", before), ("with what was found", after))
-            if name in names
-        ]
+        models = []
+        if name in before:
+            models.append("with the declared model")
+        if name in after:
+            models.append("with what was found")
         value = (diagnosis.before if name in before else diagnosis.after)[name].value
         sentences.append(
-            f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma"
+            f"{name} is at its bound {value:g}, {' and '.join(models)}: it has no sigma"
         )
     if not sentences:
         return diagnosis, ()
     return replace(
-        diagnosis, before=_held(diagnosis.before, before), after=_held(diagnosis.after, after)
+        diagnosis,
+        before=_without_sigma(diagnosis.before, before),
+        after=_without_sigma(diagnosis.after, after),
     ), tuple(sentences)
 
 
-def _pressed(
+def _names_at_bounds(
     values: Mapping[str, Quantity], bounds: Mapping[str, tuple[float, float]]
 ) -> list[str]:
     return [
         name
-        for name, pair in bounds.items()
-        if name in values and side_at(values[name].value, pair)
+        for name, limits in bounds.items()
+        if name in values and side_at(values[name].value, limits)
     ]
 
 
-def _held(values: Mapping[str, Quantity], names: list[str]) -> dict[str, Quantity]:
+def _without_sigma(values: Mapping[str, Quantity], names: list[str]) -> dict[str, Quantity]:
     return {
-        name: replace(each, std=0.0) if name in names else each for name, each in values.items()
+        name: replace(value, std=0.0) if name in names else value for name, value in values.items()
     }
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
-    """Everything that was read for a request, each file once."""
+class OpenedFiles:
+    """Files of a request after reading; each file is read once."""
 
     vehicle: VehicleFile
     choices: Mapping[str, ColumnChoice] | None
@@ -306,13 +307,20 @@ class Opened:
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
-    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation``
-    hold their names and hashes.
+class LoopInput:
+    """Model and records of the tracing loop.
 
-    ``parted``: records that are predicted, each with the number of its parts in ``predicted``;
-    none if something is held out of ``records``. ``measured``: the fitted records with all that
-    they measure.
+    Attributes
+    ----------
+    model : the declared model.
+    records, predicted : fitted and predicted records.
+    fitted, validation : names and hashes of their files.
+    held_out_from : time (s) from which the last record is held out; None if whole records are.
+    notes, doubts : sentences on the preparation and on likely faults of the files.
+    look : check of the raw columns.
+    parted : each predicted record with the number of its parts in ``predicted``; empty if a part
+        of ``records`` is held out.
+    measured : the fitted records with all measured channels.
     """
 
     model: Model
@@ -328,76 +336,69 @@ class Posed:
     measured: tuple[Record, ...] = ()
 
 
-def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
+def opened_files(request: Request, vehicle: Path | Source | None) -> OpenedFiles:
     """Open vehicle, class and category, channel map and records, in this order."""
     declared = read_vehicle(vehicle, request.model)
     flown = declared_phase(request, declared)
     choices = column_choices(
         request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS
     )
-    return Opened(
+    return OpenedFiles(
         declared, choices, *read_with_validation(request.records, request.validate), flown
     )
 
 
-def posed_for(opened: Opened, plan: Plan) -> Posed:
-    """Return records prepared for the declared model with biases, and the held-out part.
+def loop_input_for(opened: OpenedFiles, plan: Plan) -> LoopInput:
+    """Return the declared model with biases, the records prepared for it, and the held-out part.
 
-    Raises an error for records without information.
+    Raise an error for records without information.
     """
     from scenarios.preparation import plausibility
     from scenarios.preparation.declared_model import model_of_file
-    from scenarios.preparation.reading import refuse_unfit_records
+    from scenarios.preparation.reading import prepare, refuse_unfit_records
 
-    ready = _ready(opened, model_of_file(opened.vehicle).with_noise(Noise()), plan)
-    whole, predicted, notes, held_out_from = ready.fitted, ready.validation, ready.notes, None
-    model = ready.model.with_biases(_biased(ready.model, whole))
-    plausibility.refuse_too_few(whole, model)
-    fitted, files = whole, (opened.records, opened.validation)
+    model = model_of_file(opened.vehicle).with_noise(Noise())
+    prepared = prepare(
+        opened.records, model, plan, opened.choices, opened.validation, attitude=True
+    )
+    plausibility.refuse_unrelated_records(prepared.fitted, prepared.validation)
+    records, notes = prepared.fitted, prepared.notes
+    model = prepared.model.with_biases(_outputs_with_bias(prepared.model, records))
+    plausibility.refuse_too_few(records, model)
+    fitted, predicted, held_out_from = records, prepared.validation, None
+    fitted_files, predicted_files = opened.records, opened.validation
     if not opened.validation:
-        split = split_off(whole, model)
-        fitted, predicted, held_out_from, notes = (
-            split.fitted,
-            (split.held_out,),
-            split.cut,
-            (split.sentence, *notes),
-        )
-        if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
-            files = (opened.records[:-1], opened.records[-1:])
-    refuse_unfit_records(whole, model)
-    plausibility.refuse_still(whole, model)
-    plausibility.refuse_unpredictable(ready.predicted, model)
-    outputs = tuple(dict.fromkeys(name for record in whole for name in record.output_names))
-    notes = (*notes, *plausibility.not_recorded(outputs, ready.predicted))
-    return Posed(
+        split = split_off(records, model)
+        fitted, predicted, held_out_from = split.fitted, (split.held_out,), split.cut
+        notes = (split.sentence, *notes)
+        record_a_file = len(plan.segments) == 1 and len(records) == len(opened.records)
+        if held_out_from is None and record_a_file:
+            fitted_files, predicted_files = opened.records[:-1], opened.records[-1:]
+    refuse_unfit_records(records, model)
+    plausibility.refuse_still(records, model)
+    plausibility.refuse_unpredictable(prepared.predicted, model)
+    outputs = tuple(dict.fromkeys(name for record in records for name in record.output_names))
+    notes = (*notes, *plausibility.not_recorded(outputs, prepared.predicted))
+    return LoopInput(
         model,
         fitted,
         predicted,
-        identities(files[0]),
-        identities(files[1]),
+        identities(fitted_files),
+        identities(predicted_files),
         held_out_from,
         notes,
-        ready.doubts,
-        ready.look,
-        ready.parted,
-        tuple(ready.measured),
+        prepared.doubts,
+        prepared.look,
+        prepared.parted,
+        tuple(prepared.measured),
     )
-
-
-def _ready(opened: Opened, model: Model, plan: Plan) -> PreparedData:
-    from scenarios.preparation.plausibility import refuse_unrelated_records
-    from scenarios.preparation.reading import prepare
-
-    ready = prepare(opened.records, model, plan, opened.choices, opened.validation, attitude=True)
-    refuse_unrelated_records(ready.fitted, ready.validation)
-    return ready
 
 
 def own_effects(
     given: Path | Sequence[Traceable] | None, model: Model
 ) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """Return a user's effects that can act on the model, and the file that they came from, if they
-    came from one.
+    """Return a user's effects that can act on the model, and their file; effects given as objects
+    have none.
     """
     if given is None:
         return (), ()
@@ -407,8 +408,8 @@ def own_effects(
     return read_effects(source, model), (source.identity,)
 
 
-def _biased(model: Model, records: Sequence[Record]) -> list[str]:
-    """Return the measured outputs whose sensors have a free bias."""
+def _outputs_with_bias(model: Model, records: Sequence[Record]) -> list[str]:
+    """Return the measured outputs whose sensor bias is estimated."""
     measured = {name for record in records for name in record.output_names}
     return outputs_with_bias(
         model, [signal.name for signal in model.equations.outputs if signal.name in measured]
@@ -416,25 +417,18 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
-    """Return the vehicle file, None if an own model goes without one."""
+    """Return the vehicle file; None if a user's own model has none."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
-        what = f"the {request.model} model needs constants and starting values"
+        record_path = path_of(first)
+        record = record_path.name if record_path else "the record"
         raise DeclarationError(
-            what,
+            f"the {request.model} model needs constants and starting values",
             where="--vehicle",
-            remedy=(
-                f"name a vehicle file, or put {BESIDE_RECORD} beside "
-                f"{path.name if (path := path_of(first)) else 'the record'}"
-            ),
+            remedy=f"name a vehicle file, or put {BESIDE_RECORD} beside {record}",
         )
     return chosen
-
-
-def _name_of(record: Path | RecordFile) -> str:
-    path = path_of(record)
-    return path.name if path is not None else "a record file"
 
 
 CHOOSE = "--hold linear or --hold previous says which"
@@ -443,140 +437,146 @@ READ_AGAIN = "what was found is likelier so than with held ones; --hold previous
 
 @dataclass(eq=False)
 class InputReading:
-    """The other reading of the inputs of a diagnosis: linear between samples, prepared when it is
-    requested.
+    """A second reading of the inputs of a diagnosis: linear between samples instead of held.
 
     Attributes
     ----------
     opened, plan : the files, and how they are read.
-    linear : what the loop is given with linear inputs, once it was requested.
+    linear : input of the loop with linear inputs; None until it is requested.
     """
 
-    opened: Opened
+    opened: OpenedFiles
     plan: Plan
-    linear: Posed | None = field(default=None, init=False)
+    linear: LoopInput | None = field(default=None, init=False)
 
     @property
-    def open(self) -> bool:
-        """Whether nobody said how inputs are to be read between samples."""
+    def undeclared(self) -> bool:
+        """Whether neither options nor files say how inputs move between samples."""
         files = (*self.opened.records, *self.opened.validation)
         return self.plan.hold is None and not any(file.sidecar.says_hold for file in files)
 
-    def posed(self) -> Posed:
-        """Problem of the loop, with linear inputs."""
+    def linear_input(self) -> LoopInput:
+        """Return the input of the loop with linear inputs."""
         if self.linear is None:
-            self.linear = posed_for(self.opened, replace(self.plan, hold=Hold.LINEAR))
+            self.linear = loop_input_for(self.opened, replace(self.plan, hold=Hold.LINEAR))
         return self.linear
 
-    def offered(self, posed: Posed) -> Callable[[], Data] | None:
-        """The records that are fitted and those that are predicted, with linear inputs, for the
-        loop to ask for; None if inputs are linear already, or where somebody said how they move.
+    def linear_data(self, loop_input: LoopInput) -> Callable[[], Data] | None:
+        """Return a function that the loop calls for the records with linear inputs; None if the
+        inputs are linear already or the reading is declared.
         """
-        if not self.open or any(record.hold is not Hold.PREVIOUS for record in posed.records):
+        held = all(record.hold is Hold.PREVIOUS for record in loop_input.records)
+        if not (self.undeclared and held):
             return None
 
         def data() -> Data:
-            linear = self.posed()
+            linear = self.linear_input()
             return linear.records, linear.predicted
 
         return data
 
-    def settled(
-        self, posed: Posed, diagnosis: Diagnosis, looped: Callable[[Posed], Diagnosis]
-    ) -> tuple[Posed, Diagnosis]:
-        """Return the diagnosis with the better reading of the inputs, and changes with the other.
+    def with_better_reading(
+        self, held: LoopInput, diagnosis: Diagnosis, run_loop: Callable[[LoopInput], Diagnosis]
+    ) -> tuple[LoopInput, Diagnosis]:
+        """Return the input of the loop and the diagnosis for the more likely reading.
 
-        Delays found together with a model discrepancy are fitted to both readings. If the other
-        is clearly more likely, the loop runs again.
+        If effects have delays or time constants, the fitted model is fitted to both readings. If
+        linear inputs are clearly more likely, the loop runs again with them.
         """
-        taken = any(each.record.hold is Hold.LINEAR for each in diagnosis.fitted)
-        if self.linear is not None and taken:
-            return replace(self.linear, notes=read_again(self.linear.notes)), diagnosis
-        if not self.open or not tells_times(diagnosis, posed.records):
-            return posed, diagnosis
-        linear = self.posed()
-        refit = refitted(diagnosis, posed.model, posed.records, linear.records)
+        fitted_linear = any(fit.record.hold is Hold.LINEAR for fit in diagnosis.fitted)
+        if self.linear is not None and fitted_linear:
+            return replace(self.linear, notes=notes_of_reread(self.linear.notes)), diagnosis
+        if not self.undeclared or not has_fitted_times(diagnosis, held.records):
+            return held, diagnosis
+        linear = self.linear_input()
+        refit = refit_with_linear(diagnosis, held.model, held.records, linear.records)
         if refit.rise > DECISIVE_LOG_LIKELIHOOD_RATIO:
-            return replace(linear, notes=read_again(linear.notes)), looped(linear)
-        diagnosis, told = left_open(refit, diagnosis)
-        return replace(posed, notes=(*posed.notes, *told)), diagnosis
+            return replace(linear, notes=notes_of_reread(linear.notes)), run_loop(linear)
+        diagnosis, sentences = with_sigmas_of_both(refit, diagnosis)
+        return replace(held, notes=(*held.notes, *sentences)), diagnosis
 
 
-def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Return whether times were found that held inputs would shift by half an interval."""
+def has_fitted_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
+    """Return whether inputs are held and an effect has a time as parameter.
+
+    Held inputs shift such a time by half a sampling interval.
+    """
     if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
-    return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
+    return any(name in TIMES for effect in diagnosis.effects for name in effect.parameters)
 
 
 @dataclass(frozen=True)
 class Refit:
-    """What was found, fitted again with inputs that move linearly between samples.
+    """The fitted model of a diagnosis, fitted again with linear inputs.
 
-    ``rise`` : by how much twice the log likelihood rises; minus infinity where nothing fits.
-    ``values`` : parameters of the effects and of the declared model, by full name.
+    Attributes
+    ----------
+    rise : increase of twice the log likelihood; minus infinity if a fit fails.
+    values : parameters of the effects and of the declared model, by full name.
     """
 
     rise: float
     values: Mapping[str, float]
 
 
-def refitted(
+def refit_with_linear(
     diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]
 ) -> Refit:
-    """Fit what was found to both readings of the inputs."""
+    """Fit the final model of a diagnosis to both readings of the inputs."""
     from ident.tracing.fitted_model import FitData, Start, Values, fit_set
 
-    found = diagnosis.trained_after
-    if found is None:
+    fitted = diagnosis.trained_after
+    if fitted is None:
         return Refit(-math.inf, {})
     fits = []
     for records in (held, linear):
-        masks = [record.output_array(found.outputs)[1] for record in records]
-        data = FitData(records, masks, model, found.outputs)
-        start = Start(Values(found.shared, found.own, ()))
-        fits.append(fit_set(data, found.effects, found.settings, start))
-    first, second = fits
-    if first is None or second is None or not math.isfinite(second.fit.cost):
+        masks = [record.output_array(fitted.outputs)[1] for record in records]
+        data = FitData(records, masks, model, fitted.outputs)
+        start = Start(Values(fitted.shared, fitted.own, ()))
+        fits.append(fit_set(data, fitted.effects, fitted.settings, start))
+    held_fit, linear_fit = fits
+    if held_fit is None or linear_fit is None or not math.isfinite(linear_fit.fit.cost):
         return Refit(-math.inf, {})
-    return Refit(2.0 * (first.fit.cost - second.fit.cost), second.values.shared)
+    rise = 2.0 * (held_fit.fit.cost - linear_fit.fit.cost)
+    return Refit(rise, linear_fit.values.shared)
 
 
-def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
-    """Return the diagnosis with sigmas that include the second reading, and sentences on it.
+def with_sigmas_of_both(refit: Refit, diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
+    """Return the diagnosis with sigmas that cover both readings of the inputs, and a sentence.
 
-    Only if both readings fit about equally: each is weighted by its likelihood; values are those of
-    the first. Otherwise the diagnosis is unchanged.
+    Values remain those of held inputs; each reading is weighted by its likelihood. The diagnosis
+    is unchanged if one reading is clearly more likely or no value changes by more than its sigma.
     """
-    if abs(again.rise) > DECISIVE_LOG_LIKELIHOOD_RATIO:
-        return first, ()
-    share = 1.0 / (1.0 + math.exp(-0.5 * again.rise))
-    moved: list[str] = []
+    if abs(refit.rise) > DECISIVE_LOG_LIKELIHOOD_RATIO:
+        return diagnosis, ()
+    linear_share = 1.0 / (1.0 + math.exp(-0.5 * refit.rise))
+    changes: list[str] = []
 
     def widened(prefix: str, quantities: Mapping[str, Quantity]) -> dict[str, Quantity]:
-        made = dict(quantities)
-        for name, was in quantities.items():
-            other = again.values.get(prefix + name, was.value)
-            if abs(other - was.value) > was.std:
-                moved.append(f"{prefix}{name} {other:.4g} for {was.value:.4g}")
-            std = math.hypot(was.std, math.sqrt(share) * (other - was.value))
-            made[name] = replace(was, std=std)
-        return made
+        result = dict(quantities)
+        for name, held in quantities.items():
+            linear = refit.values.get(prefix + name, held.value)
+            if abs(linear - held.value) > held.std:
+                changes.append(f"{prefix}{name} {linear:.4g} for {held.value:.4g}")
+            std = math.hypot(held.std, math.sqrt(linear_share) * (linear - held.value))
+            result[name] = replace(held, std=std)
+        return result
 
     effects = tuple(
-        replace(found, parameters=widened(f"{found.name}.", found.parameters))
-        for found in first.effects
+        replace(effect, parameters=widened(f"{effect.name}.", effect.parameters))
+        for effect in diagnosis.effects
     )
-    after = widened("", first.after)
-    if not moved:
-        return first, ()
+    after = widened("", diagnosis.after)
+    if not changes:
+        return diagnosis, ()
     note = (
         "inputs were read as held; moving linearly between samples they explain the records as "
-        f"well, with {', '.join(moved)}; standard deviations hold both: {CHOOSE}"
+        f"well, with {', '.join(changes)}; standard deviations hold both: {CHOOSE}"
     )
-    return replace(first, effects=effects, after=after), (note,)
+    return replace(diagnosis, effects=effects, after=after), (note,)
 
 
-def read_again(notes: Sequence[str]) -> tuple[str, ...]:
-    """Return the sentences on a second reading, which no one chose by hand."""
+def notes_of_reread(notes: Sequence[str]) -> tuple[str, ...]:
+    """Return notes that say that the fit chose the reading, not the user."""
     return tuple(note.replace(BY_HAND, READ_AGAIN) for note in notes)

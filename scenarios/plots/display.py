@@ -1,4 +1,4 @@
-"""Data for figures: axis labels and units, histories, candidates of a diagnosis."""
+"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sim.declaration.proposal import GUARD
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """Display unit: ``shown = factor * value``; ``text`` is in brackets in the axis label."""
+    """A display unit: ``text`` for the axis label, and ``factor`` from the SI unit."""
 
     text: str
     factor: float = 1.0
@@ -51,7 +51,7 @@ _SIGNALS = {
     "elevator": r"elevator $\delta_e$",
     "aileron": r"aileron $\delta_a$",
     "rudder": r"rudder $\delta_r$",
-    # of a measured airspeed: its difference from the declared one, and the lift that it adds
+    # Inputs from a measured airspeed: its change, and the lift that this adds.
     "airspeed_change": "$V - V_0$",
     "lift": "added lift",
     "thrust": "thrust $T$",
@@ -96,18 +96,14 @@ def display_unit(unit: str, name: str = "") -> DisplayUnit:
     ``name`` distinguishes a frequency from a rate. Unknown units are kept.
     """
     factor, shown = shown_in(unit, name)
-    return DisplayUnit(
-        "–"
-        if shown in NO_UNIT
-        else escaped_dollars(
-            re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)
-        ),
-        factor,
-    )
+    if shown in NO_UNIT:
+        return DisplayUnit("–", factor)
+    text = re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)
+    return DisplayUnit(escaped_dollars(text), factor)
 
 
 def axis_label(name: str, unit: DisplayUnit) -> str:
-    """Symbol and unit, e.g. ``"$q$ (deg/s)"``."""
+    """Return symbol and unit, as ``"$q$ (deg/s)"``."""
     return f"{symbol(name)} ({unit.text})"
 
 
@@ -142,7 +138,7 @@ def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
 
 
 def signed(value: float, form: str) -> str:
-    """Return a number with its sign and a typographic minus; ``form``: such as ``".3g"``."""
+    """Return a number with its sign and a typographic minus, in a format such as ``".3g"``."""
     return format(value, f"+{form}").replace("-", "−")
 
 
@@ -152,6 +148,7 @@ def escaped_dollars(text: str) -> str:
 
 
 def _argument(text: str) -> str | None:
+    """Return the symbol of a derivative's argument; None if it is unknown."""
     if match := re.fullmatch(r"(eta|etadot)(\d+)", text):
         return rf"\eta {match[2]}" if match[1] == "eta" else rf"\dot{{\eta}} {match[2]}"
     return _ARGUMENTS.get(text)
@@ -159,26 +156,27 @@ def _argument(text: str) -> str | None:
 
 def _product(text: str) -> str | None:
     """Return the symbol of a product such as ``alpha2_elevator``; None for unknown factors."""
-    result = []
+    if not re.fullmatch(r"(?:_?(?:abs_[a-z]+?|[a-z]+?)[234]?(?=_|$))+", text):
+        return None
+    factors = []
     for name, power in re.findall(r"_?(abs_[a-z]+?|[a-z]+?)([234]?)(?=_|$)", text):
         factor = _FACTORS.get(name.removeprefix("abs_"))
         if factor is None:
             return None
-        factor = f"|{factor}|" if name.startswith("abs_") else factor
-        result.append(factor + (f"^{power}" if power else ""))
-    whole = re.fullmatch(r"(?:_?(?:abs_[a-z]+?|[a-z]+?)[234]?(?=_|$))+", text)
-    return r"\,".join(result) if whole else None
+        if name.startswith("abs_"):
+            factor = f"|{factor}|"
+        factors.append(f"{factor}^{power}" if power else factor)
+    return r"\,".join(factors)
 
 
-# ---- Rows of a filter's history by name
+# ---- Histories of filters
 
-# values of a diverged filter are clipped here
-_HUGE = 1e30
+_HUGE = 1e30  # limit of the values of a diverged filter
 
 
 @dataclass(frozen=True, eq=False)
 class StateHistory:
-    """One filter state over time, ``(K,)`` each, until the end or the divergence of the filter."""
+    """Time, mean and sigma of a filter state, ``(K,)`` each, up to a divergence of the filter."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -186,7 +184,7 @@ class StateHistory:
 
 
 def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHistory:
-    """Return one state or parameter, times ``factor``, without samples after a divergence."""
+    """Return the history of a state or parameter, times ``factor``, up to a divergence."""
     row, sound = history.names.index(name), sound_samples(history)
     mean = np.clip(factor * history.mean[row, :sound], -_HUGE, _HUGE)
     std = np.clip(factor * history.std[row, :sound], 0.0, _HUGE)
@@ -208,30 +206,38 @@ def sound_samples(history: FilterHistory) -> int:
 def settled_limits(
     low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]
 ) -> tuple[float, float]:
-    """Return axis limits for the converged end of an estimate ``(K,)`` and for the marks.
+    """Return axis limits that show the second half of an estimate and the marks.
 
     The early, uncertain part may be cut off.
+
+    Parameters
+    ----------
+    low, middle, high : estimate and limits of its band, ``(K,)``.
+    marks : further values to show.
     """
     half = len(middle) // 2
     ends = np.array([low[-1], high[-1], middle[half:].min(), middle[half:].max(), *marks])
     bottom, top = float(ends.min()), float(ends.max())
     span = top - bottom or abs(top) or 1.0
-    bottom, top = (
-        max(bottom - 1.2 * span, min(bottom, float(middle.min()))),
-        min(top + 1.2 * span, max(top, float(middle.max()))),
-    )
+    bottom = max(bottom - 1.2 * span, min(bottom, float(middle.min())))
+    top = min(top + 1.2 * span, max(top, float(middle.max())))
     margin = 0.12 * (top - bottom or span)
     return bottom - margin, top + margin
 
 
-# ---- Short reasons against candidates, written at their bars
+# ---- Short reasons against candidates, for the figure of the evidence
 
 
 @dataclass(frozen=True)
 class NamedEffects:
     """Effects of a verdict.
 
-    ``alternatives``: by claim. ``noise_left``: the residual with the claims is noise.
+    Attributes
+    ----------
+    claimed : names of the claimed effects.
+    alternatives : claim -> its alternatives.
+    hints : names of effects that are hints only.
+    noise_left : whether the residual of the model with the claimed effects is noise.
     """
 
     claimed: tuple[str, ...] = ()
@@ -241,49 +247,47 @@ class NamedEffects:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """All these effects."""
-        return (
-            *self.claimed,
-            *(name for each in self.alternatives.values() for name in each),
-            *self.hints,
-        )
+        """Claimed effects, alternatives and hints."""
+        alternatives = [name for names in self.alternatives.values() for name in names]
+        return (*self.claimed, *alternatives, *self.hints)
 
     def complete(self, within: tuple[str, ...]) -> bool:
         """Return whether a model with these effects needs no further one."""
         return self.noise_left and set(self.claimed) <= set(within)
 
 
-def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
-    """Return whether a candidate could replace one claim, with all other claims kept."""
+def is_alternative(candidate: Candidate, standing: NamedEffects) -> bool:
+    """Return whether a candidate can replace one claim in a model that has all other claims."""
     return any(
-        c.name in names and set(standing.claimed) - {claim} <= set(c.within)
+        candidate.name in names and set(standing.claimed) - {claim} <= set(candidate.within)
         for claim, names in standing.alternatives.items()
     )
 
 
-def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) -> str:
+def reason(candidate: Candidate, standing: NamedEffects, of_round: Sequence[Candidate]) -> str:
     """Return the role of a candidate in the verdict, or the reason against it.
 
-    ``beside``: candidates of the same round.
+    ``of_round`` are the candidates of its round.
     """
-    if c.name in standing.claimed:
+    if candidate.name in standing.claimed:
         return "claimed"
-    if is_alternative(c, standing):
+    if is_alternative(candidate, standing):
         return "an alternative"
-    if c.name in standing.hints:
+    if candidate.name in standing.hints:
         return "hint only"
-    if standing.complete(c.within) or c.weight <= 0.0:
+    if standing.complete(candidate.within) or candidate.weight <= 0.0:
         return "not needed"
-    if c.name.startswith(GUARD):
+    if candidate.name.startswith(GUARD):
         return "no effect of the library"
-    if not c.fitted:
+    if not candidate.fitted:
         return "linearised: lower odds"
-    winner = next((each for each in beside if each.name in standing.claimed), None)
-    if winner is None:
-        return (
-            "lower odds" if c.weight < max(each.weight for each in beside) else "not spread evenly"
-        )
-    return "like the claimed, lower odds" if winner.name in c.collinear_with else "lower odds"
+    claimed = next((other for other in of_round if other.name in standing.claimed), None)
+    if claimed is not None:
+        similar = claimed.name in candidate.collinear_with
+        return "like the claimed, lower odds" if similar else "lower odds"
+    if candidate.weight < max(other.weight for other in of_round):
+        return "lower odds"
+    return "not spread evenly"
 
 
 # ---- Data of the figures of a diagnosis
@@ -291,7 +295,15 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
 
 @dataclass(frozen=True, eq=False)
 class Replicated:
-    """Parameters of an effect, fitted to each record separately and to all ``together``."""
+    """Parameters of an effect, fitted to each record and to all records.
+
+    Attributes
+    ----------
+    name : name of the effect.
+    records : labels of the records.
+    by_record : parameters from each record.
+    together : parameters from all records together.
+    """
 
     name: str
     records: tuple[str, ...]
@@ -301,7 +313,19 @@ class Replicated:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """Diagnosis as data for figures; ``noise``: sigma by channel, ``data``: legend label."""
+    """Data of the figures of a diagnosis.
+
+    Attributes
+    ----------
+    fitted, predictions : fitted and predicted records.
+    candidates : candidates of all rounds.
+    before, after : parameters of the declared model and of the model with effects.
+    noise : sigma of the noise of each channel.
+    standing : effects of the verdict.
+    kind : whether the predicted records are held out or fitted.
+    replicated : parameters of effects from each record.
+    data : legend label of the samples.
+    """
 
     fitted: tuple[FittedRecord, ...]
     predictions: tuple[Prediction, ...]

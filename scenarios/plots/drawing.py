@@ -34,7 +34,7 @@ from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
 MOST_CURVE_SAMPLES = 4000  # a longer curve keeps only the extremes of its intervals
-MOST_ZOOMING_CURVES = 40  # a figure with more curves in a panel, on average, is not interactive
+MOST_INTERACTIVE_CURVES = 40  # a figure with more curves a panel, on average, is not interactive
 # Identifier of texts that an interactive figure omits, since a table has them.
 ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
@@ -91,7 +91,7 @@ def plot_data(figure: Figure) -> PlotData | None:
                 panel.get_yscale() == "log",
             )
         )
-    if sum(len(panel.curves) for panel in panel_data) > MOST_ZOOMING_CURVES * len(panel_data):
+    if sum(len(panel.curves) for panel in panel_data) > MOST_INTERACTIVE_CURVES * len(panel_data):
         return None
     return as_kept(PlotData(tuple(panel_data)))
 
@@ -110,7 +110,10 @@ def _plain_panel(panel: Axes) -> bool:
     """Return whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
     bands = [area for area in panel.collections if _is_band(area)]
-    known_markers = all(line.get_marker() in _MARKS for line in panel.lines)
+    plain_lines = all(
+        line.get_marker() in _MARKS and line.get_drawstyle() in ("default", "steps-post")
+        for line in panel.lines
+    )
     return (
         panel.get_xscale() in _SCALES
         and panel.get_yscale() in _SCALES
@@ -118,8 +121,7 @@ def _plain_panel(panel: Axes) -> bool:
         and not (panel.images or panel.tables)
         and len(spans) == len(panel.patches)
         and len(bands) == len(panel.collections)
-        and all(line.get_drawstyle() in ("default", "steps-post") for line in panel.lines)
-        and known_markers
+        and plain_lines
     )
 
 
@@ -224,15 +226,19 @@ def _distinct_abscissas(x: np.ndarray, panel: Axes) -> np.ndarray:
     if x.size != 2 or x[0] != x[1]:
         return x
     left, right = panel.get_xlim()
+    # The second term keeps the abscissas distinct after rounding of a large number.
     return np.array([x[0], x[0] + max(1e-5 * abs(right - left), 2e-11 * abs(x[0]))])
 
 
+_USUAL_DASH = (4.0, 2.0)  # points, lengths of stroke and gap
+
+
 def _dash(line: Line2D) -> tuple[float, ...]:
-    """Return the lengths of stroke and gap in points of print."""
+    """Return the lengths of strokes and gaps in points; empty for a solid line."""
     if not line.is_dashed():
         return ()
     lengths = getattr(line, "_dash_pattern", (0, None))[1]  # no public access in matplotlib
-    return tuple(map(float, lengths)) if lengths else (4.0, 2.0)
+    return tuple(map(float, lengths)) if lengths else _USUAL_DASH
 
 
 def _thinned(curve: Curve) -> Curve:
@@ -247,9 +253,9 @@ def _thinned(curve: Curve) -> Curve:
             chosen.append(int(start))
             continue
         chosen += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
-    at = np.array(chosen)
-    top = None if curve.top is None else curve.top[at]
-    return replace(curve, x=curve.x[at], y=curve.y[at], top=top)
+    samples = np.array(chosen)
+    top = None if curve.top is None else curve.top[samples]
+    return replace(curve, x=curve.x[samples], y=curve.y[samples], top=top)
 
 
 # ---- Figures as bytes
@@ -315,9 +321,8 @@ WIDEST_SCALED_FIGURE = 400.0
 LONG_OUTLINE = 128  # outlines with more vertices are simplified
 OUTLINE_TOLERANCE = 0.25  # largest error of a simplified line, points: a quarter of its width
 DISC_ARCS = 8  # arcs in matplotlib's outline of a disc
-# Cells of a grid over the diameter of a dot; of several dots in a cell one is drawn.
+# A grid divides the diameter of a dot into this many cells; each cell gets at most one dot.
 CELLS_PER_DOT = 2
-
 TALLEST_ASPECT = 1.15  # largest height over width of a printed drawing
 PRINTED_HEIGHT_SHARE = 0.85  # least height of a printed panel over its height on the screen
 # In an SVG element of a page, letters stay text in the font of the page.
@@ -325,7 +330,7 @@ _PAGE: dict[Any, Any] = _VECTOR | {
     "svg.fonttype": "none",
     "path.simplify_threshold": OUTLINE_TOLERANCE,
 }
-_OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
+_FILE_PARTS = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
 _FRACTION = re.compile(r"-?\d+\.\d+")
@@ -350,7 +355,9 @@ def draw_for_page(
     Parameters
     ----------
     figures : file stem and drawing function of each figure.
-    methods : label by method; the name of a method may end a stem.
+    folder : folder of the files.
+    formats : formats of the files.
+    methods : label by method; a stem may end in the name of a method.
     """
     drawn, titles = [], set[str]()
     for stem, make in figures:
@@ -359,27 +366,27 @@ def draw_for_page(
             figure.draw_without_rendering()  # places artists shared between panels
         data = plot_data(figure)
         title = bold_title(figure)
-        left_out = hide_bold_title(figure) if title and title in titles else 0.0
+        cut = hide_bold_title(figure) if title and title in titles else 0.0
         titles |= {title}
         draw = page_svg if data is None else _print_svg
-        svg = draw(figure, stem, left_out)
+        svg = draw(figure, stem, cut)
         drawn.append(Drawn(stem, svg, caption_of(stem, methods=methods), data))
     return tuple(drawn)
 
 
-def _print_svg(figure: Figure, stem: str, left_out: float) -> str:
-    """Return the drawing that stands for an interactive figure on paper.
+def _print_svg(figure: Figure, stem: str, cut: float) -> str:
+    """Return the drawing that replaces an interactive figure on paper; ``cut`` as in `page_svg`.
 
-    Panels of a tall figure become lower so that it fits a sheet, but not below
-    ``PRINTED_HEIGHT_SHARE`` of their height: labels would overlap. If the figure is then still too
-    tall, it is drawn smaller.
+    The panels of a tall figure become lower so that it fits a sheet, but keep
+    ``PRINTED_HEIGHT_SHARE`` of their height, so that labels do not overlap. If the figure is then
+    still too tall, it is drawn smaller.
     """
     width, height = figure.get_size_inches()
     if height > TALLEST_ASPECT * width:
         wider = max(width, PRINTED_HEIGHT_SHARE * height / TALLEST_ASPECT)
         figure.set_size_inches(wider, TALLEST_ASPECT * wider)
     try:
-        return page_svg(figure, stem, left_out * figure.get_figheight() / height)
+        return page_svg(figure, stem, cut * figure.get_figheight() / height)
     finally:
         figure.set_size_inches(width, height)
 
@@ -415,7 +422,7 @@ def figure_frame(document: str, words: str, height: int) -> str:
     return f'<iframe title="{title}" srcdoc="{inside}" style="{style}"></iframe>'
 
 
-def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
+def page_svg(figure: Figure, stem: str, cut: float = 0.0) -> str:
     """Return the figure as an ``<svg>`` element at full width; the same bytes for the same figure.
 
     It is matplotlib's SVG with shorter numbers, and with attributes in place of styles: the
@@ -423,8 +430,9 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
 
     Parameters
     ----------
+    figure : the figure.
     stem : unique prefix of the identifiers.
-    left_out : inches that are cut off at the top.
+    cut : inches that are cut off at the top.
     """
     buffer, dpi = io.StringIO(), figure.dpi
     width, height = (figure.get_size_inches() * POINTS_PER_INCH).tolist()
@@ -440,7 +448,7 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
         figure.dpi = dpi
         figure.patch.set_visible(True)
     text = buffer.getvalue()
-    body = _OF_FILE.sub("", text[text.index(">", text.index("<svg")) + 1 :])
+    body = _FILE_PARTS.sub("", text[text.index(">", text.index("<svg")) + 1 :])
     body = re.sub(r"<g id=\"[^\"]*\"", "<g", body)
     body = _PATH.sub(_path_data, _STYLE.sub(_attributes, body))
     body = re.sub(r' transform="rotate\(-0 [^"]*\)"|<defs>\s*</defs>', "", body)
@@ -453,7 +461,7 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     if figure.findobj(QuadMesh):  # colours of a map are data: the dark theme keeps them
         classes.append("mapped")
     class_attribute = f' class="{" ".join(classes)}"' if classes else ""
-    top = left_out * POINTS_PER_INCH
+    top = cut * POINTS_PER_INCH
     visible = height - top
     return (
         f'<svg viewBox="0 {top:g} {width:g} {visible:g}" width="{PIXELS_PER_POINT * width:.0f}" '

@@ -1,5 +1,5 @@
-"""Figures of frequency responses: fitted models, mismatch, bandwidth, stability margins, charts
-with levels of flying qualities, step responses.
+"""Figures of frequency responses: fitted models, mismatch, bandwidth, stability margins, charts of
+flying qualities with levels, and step responses.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ from scenarios.plots.style import (
 from sim.errors import DeclarationError
 
 _LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB or deg; wider half-bands are clipped
+_NORMAL_HALF_WIDTH = 1.96  # sigmas, half width of a 95 % interval
+_SMALLEST_SIZE = 1e-300  # keeps a logarithm finite
 
 
 class SignalNames(Protocol):
@@ -67,7 +69,7 @@ class EstimatedResponses(Protocol):
     def loop(self) -> Any: ...
     @property
     def model(self) -> Any: ...
-    def unit(self, output: str, one: str) -> str: ...
+    def unit(self, output: str, input_name: str) -> str: ...
 
 
 def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
@@ -76,67 +78,67 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     Frequencies outside the usable band are grey.
     """
     result = estimate.responses
-    output, one = estimate.names.outputs[row], estimate.names.inputs[column]
+    output, input_name = estimate.names.outputs[row], estimate.names.inputs[column]
     sheet = make_sheet([1.8, 1.5, 1.1], row_gap=0.14)
-    size, angle, likeness = sheet.panels
+    magnitudes, phases, coherences = sheet.panels
     f, response, usable = result.frequency, result.response[row, column], result.usable[row, column]
-    decibel, low, high = _decibels(response, result.half_width()[row, column])
-    size.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
-    size.plot(f, decibel, color=BLUE, linewidth=1.2, label="joint" if result.joint else "estimate")
+    magnitude, low, high = _decibels(response, result.half_width()[row, column])
+    magnitudes.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
+    label = "joint" if result.joint else "estimate"
+    magnitudes.plot(f, magnitude, color=BLUE, linewidth=1.2, label=label)
     phase = np.degrees(result.phase()[row, column])
-    turn = np.minimum(np.degrees(result.phase_half_width()[row, column]), _LARGEST_DRAWN_HALF_WIDTH)
-    angle.fill_between(f, phase - turn, phase + turn, color=SKY, alpha=0.45, linewidth=0.0)
-    angle.plot(f, phase, color=BLUE, linewidth=1.2)
+    half = np.minimum(np.degrees(result.phase_half_width()[row, column]), _LARGEST_DRAWN_HALF_WIDTH)
+    phases.fill_between(f, phase - half, phase + half, color=SKY, alpha=0.45, linewidth=0.0)
+    phases.plot(f, phase, color=BLUE, linewidth=1.2)
+    # Phases of other curves are drawn within half a turn of that of the estimate.
     if estimate.direct is not None:
-        other = estimate.direct.response[row, column]
-        near = phase + np.degrees(np.angle(other / response))
+        direct = estimate.direct.response[row, column]
         style: dict[str, Any] = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
-        size.plot(f, 20.0 * np.log10(np.maximum(np.abs(other), 1e-300)), label="direct", **style)
-        angle.plot(f, near, **style)
+        direct_magnitude = 20.0 * np.log10(np.maximum(np.abs(direct), _SMALLEST_SIZE))
+        magnitudes.plot(f, direct_magnitude, label="direct", **style)
+        phases.plot(f, phase + np.degrees(np.angle(direct / response)), **style)
     fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
     if fitted is not None:
         model = fitted[0].response(2.0 * np.pi * f)
-        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
-        size.plot(f, 20.0 * np.log10(np.abs(model)), label=f"fitted: {fitted[0].form.name}", **line)
-        angle.plot(f, phase + np.degrees(np.angle(model / response)), **line)
+        label = f"fitted: {fitted[0].form.name}"
+        style = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+        magnitudes.plot(f, 20.0 * np.log10(np.abs(model)), label=label, **style)
+        phases.plot(f, phase + np.degrees(np.angle(model / response)), **style)
     modelled = estimate.model.of(row, column) if estimate.model is not None else None
     if modelled is not None:
-        at, model = modelled[0] / (2.0 * np.pi), modelled[1]
-        line = {"color": VERMILION, "linewidth": 1.0, "linestyle": (0, (5, 2))}
-        size.plot(at, 20.0 * np.log10(np.abs(model)), label=estimate.model.model, **line)
-        near = phase[usable] + np.degrees(np.angle(model / response[usable]))
-        angle.plot(at, near, **line)
-    several = result.response.shape[1] > 1
-    likeness.plot(f, result.coherence[row], color=BLUE, linewidth=1.2)
-    if several:
+        hertz, model = modelled[0] / (2.0 * np.pi), modelled[1]
+        style = {"color": VERMILION, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+        magnitudes.plot(hertz, 20.0 * np.log10(np.abs(model)), label=estimate.model.model, **style)
+        model_phase = phase[usable] + np.degrees(np.angle(model / response[usable]))
+        phases.plot(hertz, model_phase, **style)
+    coherences.plot(f, result.coherence[row], color=BLUE, linewidth=1.2)
+    if result.response.shape[1] > 1:
         partial = result.partial_coherence[row, column]
-        likeness.plot(f, partial, color=ORANGE, linewidth=1.1, label="partial coherence")
+        coherences.plot(f, partial, color=ORANGE, linewidth=1.1, label="partial coherence")
     least = result.spectra.least_coherence
-    likeness.axhline(least, color=GREY, linewidth=0.7, linestyle=":")
-    likeness.set_ylim(0.0, 1.02)
+    coherences.axhline(least, color=GREY, linewidth=0.7, linestyle=":")
+    coherences.set_ylim(0.0, 1.02)
     for panel in sheet.panels:
         panel.set_xscale("log")
         panel.set_xlim(float(f[0]), float(f[-1]))
         for first, last in _outside(f, usable):
             panel.axvspan(first, last, color=LIGHT, alpha=0.5, linewidth=0.0, zorder=0.4)
     shown = usable if usable.any() else np.ones_like(usable)
-    _limits(size, decibel[shown])
-    _limits(angle, phase[shown], 20.0)
-    decades(likeness.xaxis, (1.0, 2.0, 5.0))
-    unit = estimate.unit(output, one)
-    y_label(size, f"magnitude (dB{f' of {unit}' if unit else ''})")
-    y_label(angle, "phase (deg)")
-    y_label(likeness, "coherence (–)")
-    likeness.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
+    _limits(magnitudes, magnitude[shown])
+    _limits(phases, phase[shown], 20.0)
+    decades(coherences.xaxis, (1.0, 2.0, 5.0))
+    unit = estimate.unit(output, input_name)
+    y_label(magnitudes, f"magnitude (dB{f' of {unit}' if unit else ''})")
+    y_label(phases, "phase (deg)")
+    y_label(coherences, "coherence (–)")
+    coherences.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
-    return finish(sheet, f"{output} / {one}\n{data}; grey: outside the usable band")
+    return finish(sheet, f"{output} / {input_name}\n{data}; grey: outside the usable band")
 
 
 def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
-    """Plot the ratio of estimated to fitted response (dB, deg) with 95 % bands.
-
-    Also shown: the envelopes of maximum unnoticeable added dynamics. Raises DeclarationError
-    without a fit.
+    """Plot the ratio of estimated to fitted response (dB, deg) with 95 % bands, and the envelopes
+    of maximum unnoticeable added dynamics. Raise DeclarationError without a fit.
     """
     fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
     if fitted is None:
@@ -154,16 +156,15 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         error = np.minimum(error, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(f, value - error, value + error, color=SKY, alpha=0.45, linewidth=0.0)
         panel.plot(f, value, color=BLUE, linewidth=1.2, label="estimate over fitted")
-        for n, limit in enumerate((low, high)):
-            there = np.where(mismatch.piloted, limit, np.nan)
-            text = "unnoticeable within" if not n else None
-            panel.plot(f, there, color=VERMILION, linewidth=1.0, linestyle="--", label=text)
+        for limit, text in ((low, "unnoticeable within"), (high, None)):
+            envelope = np.where(mismatch.piloted, limit, np.nan)
+            panel.plot(f, envelope, color=VERMILION, linewidth=1.0, linestyle="--", label=text)
         panel.axhline(0.0, color=GREY, linewidth=0.6)
         panel.set_xscale("log")
         panel.set_xlim(float(f[0]), float(f[-1]))
-        spread = 1.3 * float(np.max(np.abs(value))) + 1.0
-        near = 12.0 if "dB" in label else 60.0
-        panel.set_ylim(-max(spread, near), max(spread, near))
+        least_limit = 12.0 if "dB" in label else 60.0
+        y_limit = max(1.3 * float(np.max(np.abs(value))) + 1.0, least_limit)
+        panel.set_ylim(-y_limit, y_limit)
         y_label(panel, label)
     decades(sheet.panels[-1].xaxis, (1.0, 2.0, 5.0))
     sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
@@ -177,21 +178,21 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
 def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
     """Plot an attitude response with its bandwidths and phase delay.
 
-    Raises DeclarationError if no bandwidth was requested.
+    ``number`` counts the responses with a bandwidth. Raise DeclarationError without a bandwidth.
     """
-    curves = [each for each in estimate.qualities if each.curve is not None]
-    if not 0 <= number < len(curves):
+    with_curve = [item for item in estimate.qualities if item.curve is not None]
+    if not 0 <= number < len(with_curve):
         remedy = "say what the outputs are (bandwidth), rate or attitude"
         raise DeclarationError("there is no bandwidth to draw", where="bandwidth", remedy=remedy)
-    one = curves[number]
-    curve, result = one.curve, one.bandwidth
+    qualities = with_curve[number]
+    curve, result = qualities.curve, qualities.bandwidth
     sheet = make_sheet([1.6, 1.6], row_gap=0.14)
-    size, angle = sheet.panels
+    gains, phases = sheet.panels
     for panel, value, std in (
-        (size, curve.gain, curve.gain_std),
-        (angle, curve.phase, curve.phase_std),
+        (gains, curve.gain, curve.gain_std),
+        (phases, curve.phase, curve.phase_std),
     ):
-        half = np.minimum(1.96 * std, _LARGEST_DRAWN_HALF_WIDTH)
+        half = np.minimum(_NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(
             curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
         )
@@ -199,37 +200,37 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         panel.set_xscale("log")
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
         _limits(panel, value)
-        for each, colour, label in (
+        for quantity, colour, label in (
             (result.phase, VERMILION, "phase bandwidth"),
             (result.gain, ORANGE, "gain bandwidth"),
             (result.neutral, BLACK, "-180 deg"),
         ):
-            if each is not None:
+            if quantity is not None:
                 panel.axvspan(
-                    each.value - 1.96 * each.std,
-                    each.value + 1.96 * each.std,
+                    quantity.value - _NORMAL_HALF_WIDTH * quantity.std,
+                    quantity.value + _NORMAL_HALF_WIDTH * quantity.std,
                     color=colour,
                     alpha=0.25,
                     linewidth=0.0,
                 )
-                panel.axvline(each.value, color=colour, linewidth=1.0, label=label)
+                panel.axvline(quantity.value, color=colour, linewidth=1.0, label=label)
     for level in (-135.0, -180.0):
-        angle.axhline(level, color=GREY, linewidth=0.7, linestyle=":")
+        phases.axhline(level, color=GREY, linewidth=0.7, linestyle=":")
     if result.delay is not None:
         ends = np.array([1.0, 2.0]) * result.neutral.value
         fall = np.degrees(2.0 * result.delay.value * (ends - ends[0]))
-        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
-        angle.plot(ends, -180.0 - fall, linestyle="--", label="phase delay", **line)
-    decades(angle.xaxis, (1.0, 2.0, 5.0))
-    y_label(size, "gain (dB)")
-    y_label(angle, "phase (deg)")
-    angle.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+        style: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
+        phases.plot(ends, -180.0 - fall, linestyle="--", label="phase delay", **style)
+    decades(phases.xaxis, (1.0, 2.0, 5.0))
+    y_label(gains, "gain (dB)")
+    y_label(phases, "phase (deg)")
+    phases.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
-    return finish(sheet, f"{one.name}: bandwidth\n{data}; spans: 95 %")
+    return finish(sheet, f"{qualities.name}: bandwidth\n{data}; spans: 95 %")
 
 
 class EstimatedLoop(Protocol):
-    """A loop with its margins; ``simulated``: from a simulated record."""
+    """A loop with its margins, and whether its record is simulated."""
 
     @property
     def loop(self) -> Any: ...
@@ -240,7 +241,7 @@ class EstimatedLoop(Protocol):
 def figure_margins(estimate: EstimatedLoop) -> Figure:
     """Plot the broken-loop response with its margins: gain, phase about -180 deg, distance from -1.
 
-    Raises DeclarationError if no margins were requested.
+    Raise DeclarationError without margins.
     """
     loop = estimate.loop
     if loop is None:
@@ -254,7 +255,7 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         (curve.distance, curve.distance_std, "distance (dB)", (), 0.0),
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
-        half = np.minimum(1.96 * std, _LARGEST_DRAWN_HALF_WIDTH)
+        half = np.minimum(_NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(
             curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
         )
@@ -264,23 +265,24 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
         _limits(panel, value)
         for margin in marks:
-            # Add whole turns to the phase until the end lies on the curve.
-            at, end = margin.frequency.value, sign * margin.size.value
-            shift = value[np.argmin(np.abs(curve.omega - at))] - end
-            zero = 360.0 * round(shift / 360.0) if sign > 0.0 else 0.0
-            colour = VERMILION if sign > 0.0 else ORANGE
-            text = "phase margin" if sign > 0.0 else "gain margin"
-            panel.plot([at, at], [zero, zero + end], color=colour, linewidth=1.4, label=text)
-            span = [zero + sign * margin.low, zero + sign * margin.high]
-            panel.plot(
-                [at, at], span, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt"
-            )
+            omega, end, zero = margin.frequency.value, sign * margin.size.value, 0.0
+            colour, text = ORANGE, "gain margin"
+            if sign > 0.0:
+                colour, text = VERMILION, "phase margin"
+                # A phase margin begins at the multiple of 360 deg from which it ends on the curve.
+                shift = value[np.argmin(np.abs(curve.omega - omega))] - end
+                zero = 360.0 * round(shift / 360.0)
+            x = [omega, omega]
+            panel.plot(x, [zero, zero + end], color=colour, linewidth=1.4, label=text)
+            interval = [zero + sign * margin.low, zero + sign * margin.high]
+            panel.plot(x, interval, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt")
         y_label(panel, label)
     if margins.distance is not None:
         least = margins.distance
         level = 20.0 * math.log10(least.size.value)
-        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.4, "label": "least distance from -1"}
-        sheet.panels[2].plot([least.frequency.value] * 2, [0.0, level], **line)
+        style: dict[str, Any] = {"color": BLACK, "linewidth": 1.4}
+        x = [least.frequency.value] * 2
+        sheet.panels[2].plot(x, [0.0, level], label="least distance from -1", **style)
     axis = sheet.panels[-1]
     decades(axis.xaxis, (1.0, 2.0, 5.0))
     axis.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
@@ -289,24 +291,25 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
 
 
 def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the magnitude and the limits of its band of half width ``half``, all in dB."""
     size = np.abs(response)
-    decibel = 20.0 * np.log10(np.maximum(size, 1e-300))
-    low = 20.0 * np.log10(
-        np.maximum(size - half, 10.0 ** (-_LARGEST_DRAWN_HALF_WIDTH / 20.0) * size)
-    )
-    return decibel, low, 20.0 * np.log10(np.maximum(size + half, 1e-300))
+    smallest = 10.0 ** (-_LARGEST_DRAWN_HALF_WIDTH / 20.0) * size
+    magnitude = 20.0 * np.log10(np.maximum(size, _SMALLEST_SIZE))
+    low = 20.0 * np.log10(np.maximum(size - half, smallest))
+    return magnitude, low, 20.0 * np.log10(np.maximum(size + half, _SMALLEST_SIZE))
 
 
 def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, float]]:
-    there = np.flatnonzero(usable)
-    if not there.size:
+    """Return the bands of frequency below and above the usable band."""
+    inside = np.flatnonzero(usable)
+    if not inside.size:
         return [(float(frequency[0]), float(frequency[-1]))]
-    ends = [(frequency[0], frequency[there[0]]), (frequency[there[-1]], frequency[-1])]
-    return [(float(a), float(b)) for a, b in ends if b > a]
+    ends = [(frequency[0], frequency[inside[0]]), (frequency[inside[-1]], frequency[-1])]
+    return [(float(low), float(high)) for low, high in ends if high > low]
 
 
 def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
-    """Set axis limits by the line, not by a wide band."""
+    """Set axis limits by the line, not by a wide band; ``least`` is the least margin."""
     low, high = float(np.min(values)), float(np.max(values))
     margin = max(0.15 * (high - low), least)
     if math.isfinite(low + high):
@@ -325,7 +328,7 @@ class TimedMargins(Protocol):
     def margins(self) -> Any: ...
 
 
-_ROWS = (
+_ROWS = (  # margin, label, requirement
     ("gain_increase", "gain increase (dB)", 6.0),
     ("gain_decrease", "gain decrease (dB)", -6.0),
     ("phase_margin", "phase margin (deg)", 45.0),
@@ -336,31 +339,29 @@ _ROWS = (
 def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Figure:
     """Plot the margins of a loop over the time of a stream, with 95 % intervals.
 
-    Dashed lines: MIL-F-9490D. A margin that is never known has no panel.
+    Dashed lines are the requirements of MIL-F-9490D. A margin that is never known has no panel.
     """
-    known = [each.margins.named if each.margins is not None else {} for each in points]
-    rows = [row for row in _ROWS if any(row[0] in each for each in known)]
+    by_point = [point.margins.named if point.margins is not None else {} for point in points]
+    rows = [row for row in _ROWS if any(row[0] in named for named in by_point)]
     sheet = make_sheet([1.15] * max(len(rows), 1), row_gap=0.16)
-    time = np.array([each.time for each in points])
-    for panel, (key, label, required) in zip(sheet.panels, rows, strict=False):
-        result = [each.get(key) for each in known]
-        value, low, high = (
-            np.array([np.nan if each is None else pick(each) for each in result])
-            for pick in (
-                lambda each: each.size.value,
-                lambda each: each.low,
-                lambda each: each.high,
-            )
-        )
+    time = np.array([point.time for point in points])
+    for panel, (name_of_margin, label, required) in zip(sheet.panels, rows, strict=False):
+        margins = [named.get(name_of_margin) for named in by_point]
+        value, low, high = np.array(
+            [
+                (np.nan, np.nan, np.nan) if item is None else (item.size.value, item.low, item.high)
+                for item in margins
+            ]
+        ).T
         panel.fill_between(time, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 %")
         panel.plot(
             time, value, color=BLUE, linewidth=1.2, marker=".", markersize=3.0, label="margin"
         )
-        # The last two thirds set the scale, since the first intervals are wide.
-        settled = value[np.isfinite(value)]
-        settled = settled[settled.size // 3 :]
-        spread = max(float(np.ptp(settled)), 0.25 * abs(float(np.median(settled))))
-        ends = [float(np.min(settled)), float(np.max(settled))]
+        # The last two thirds set the scale, because the first values are uncertain.
+        known = value[np.isfinite(value)]
+        late = known[known.size // 3 :]
+        spread = max(float(np.ptp(late)), 0.25 * abs(float(np.median(late))))
+        ends = [float(np.min(late)), float(np.max(late))]
         if required is not None:
             panel.axhline(
                 required, color=VERMILION, linewidth=0.9, linestyle="--", label="MIL-F-9490D"
@@ -382,110 +383,111 @@ _LEVEL_COLOURS = (GREEN, ORANGE)
 def figure_qualities(estimate: Any, number: int = 0) -> Figure:
     """Plot flying qualities of one response with 95 % regions, on the chart of each criterion.
 
-    Damping and CAP; bandwidth and phase delay; Neal-Smith pilot; dropback and overshoot of a
-    fitted pitch rate. A chart without published limits says so. Raises DeclarationError without
-    any chart.
+    The charts are damping and CAP; bandwidth and phase delay; Neal-Smith criterion; dropback and
+    overshoot of a fitted pitch rate. A chart without published limits says so. Raise
+    DeclarationError without any chart.
     """
-    with_charts = [each for each in estimate.qualities if charts_of(each)]
+    with_charts = [item for item in estimate.qualities if charts_of(item)]
     if not 0 <= number < len(with_charts):
         remedy = "fit pitch with --airspeed and --levels, or name --bandwidth or --pilot"
         raise DeclarationError("there is no chart to draw", where="qualities", remedy=remedy)
-    one = with_charts[number]
-    charts = charts_of(one)
+    qualities = with_charts[number]
+    charts = charts_of(qualities)
     columns = min(len(charts), 2)
-    rows = -(-len(charts) // columns)
+    rows = math.ceil(len(charts) / columns)
     sheet = make_sheet(
         [2.3] * rows, [1.0] * columns, count=len(charts), share_x=False, row_gap=0.72, left=0.8
     )
     for panel, draw in zip(sheet.panels, charts, strict=True):
-        draw(panel, one)
+        draw(panel, qualities)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
-    return finish(sheet, f"{one.name}: flying qualities\n{data}; ellipses: 95 %", legend=False)
+    title = f"{qualities.name}: flying qualities\n{data}; ellipses: 95 %"
+    return finish(sheet, title, legend=False)
 
 
-def charts_of(one: Any) -> list[Callable[[Any, Any], None]]:
+def charts_of(qualities: Any) -> list[Callable[[Any, Any], None]]:
     """Return the drawing functions of the charts for which a response has numbers."""
-    known = one.numbers
-    out: list[Callable[[Any, Any], None]] = []
-    if {"damping_ratio", "control_anticipation"} <= set(known):
-        out.append(_anticipation)
-    if {"bandwidth", "phase_delay"} <= set(known):
-        out.append(_bandwidth)
-    if {"pilot_resonance", "pilot_compensation"} <= set(known):
-        out.append(_pilot)
-    if {"dropback", "pitch_rate_overshoot"} <= set(known):
-        out.append(_dropback)
-    return out
+    charts: tuple[tuple[Callable[[Any, Any], None], set[str]], ...] = (
+        (_draw_anticipation, {"damping_ratio", "control_anticipation"}),
+        (_draw_bandwidth, {"bandwidth", "phase_delay"}),
+        (_draw_pilot, {"pilot_resonance", "pilot_compensation"}),
+        (_draw_dropback, {"dropback", "pitch_rate_overshoot"}),
+    )
+    return [draw for draw, needed in charts if needed <= set(qualities.numbers)]
 
 
-def _anticipation(panel: Any, one: Any) -> None:
-    damping, cap = (one.numbers[name][0] for name in ("damping_ratio", "control_anticipation"))
+def _draw_anticipation(panel: Any, qualities: Any) -> None:
+    names = ("damping_ratio", "control_anticipation")
+    damping, cap = (qualities.numbers[name][0] for name in names)
+    largest_damping, largest_cap = 5.0, 20.0
     panel.set_xscale("log")
     panel.set_yscale("log")
-    panel.set_xlim(0.1, 5.0)
-    panel.set_ylim(0.01, 20.0)
+    panel.set_xlim(0.1, largest_damping)
+    panel.set_ylim(0.01, largest_cap)
     words = "no category named (--levels)"
-    if one.flown is not None:
+    if qualities.flown is not None:
+        aircraft_class, category = qualities.flown
         limits = {
-            each.quantity: each
-            for each in criteria(one.flown[0])
-            if each.category == one.flown[1]
-            and each.quantity in ("damping_ratio", "control_anticipation")
+            criterion.quantity: criterion.levels
+            for criterion in criteria(aircraft_class)
+            if criterion.category == category and criterion.quantity in names
         }
         for level in (1, 0):
-            (left, right), (low, high) = (
-                limits[name].levels[level] for name in ("damping_ratio", "control_anticipation")
-            )
-            x = [left, min(right, 5.0), min(right, 5.0), left, left]
-            y = [low, low, min(high, 20.0), min(high, 20.0), low]
-            _limit(panel, x, y, level)
-        words = f"MIL-STD-1797A, category {one.flown[1]}"
-    _mark(panel, (damping.value, damping.std), (cap.value, cap.std))
+            (left, right), (low, high) = (limits[name][level] for name in names)
+            right, high = min(right, largest_damping), min(high, largest_cap)
+            _draw_limit(panel, [left, right, right, left, left], [low, low, high, high, low], level)
+        words = f"MIL-STD-1797A, category {category}"
+    _draw_point(panel, (damping.value, damping.std), (cap.value, cap.std))
     decades(panel.xaxis, (1.0, 2.0, 5.0))
     decades(panel.yaxis)
-    _named(panel, "damping (–)", "CAP (1/(g s²))", words)
+    _name_axes(panel, "damping (–)", "CAP (1/(g s²))", words)
 
 
-def _bandwidth(panel: Any, one: Any) -> None:
-    band, delay = (one.numbers[name][0] for name in ("bandwidth", "phase_delay"))
-    ends = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
+def _draw_bandwidth(panel: Any, qualities: Any) -> None:
+    band, delay = (qualities.numbers[name][0] for name in ("bandwidth", "phase_delay"))
+    largest_band, largest_delay = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
     for level, points in enumerate(PITCH_LEVELS):
-        x, y = (list(each) for each in zip(*points, strict=True))
-        _limit(panel, x, y, level)
-        beyond = {"color": _LEVEL_COLOURS[level], "linewidth": 1.0, "linestyle": (0, (4, 3))}
-        panel.plot([x[-1], ends[0]], [y[-1], y[-1]], **beyond)
-    panel.set_xlim(0.0, ends[0])
-    panel.set_ylim(0.0, ends[1])
-    _mark(panel, (band.value, band.std), (delay.value, delay.std))
+        x, y = (list(values) for values in zip(*points, strict=True))
+        _draw_limit(panel, x, y, level)
+        # The published limit ends; it is continued at the same delay.
+        style = {"color": _LEVEL_COLOURS[level], "linewidth": 1.0, "linestyle": (0, (4, 3))}
+        panel.plot([x[-1], largest_band], [y[-1], y[-1]], **style)
+    panel.set_xlim(0.0, largest_band)
+    panel.set_ylim(0.0, largest_delay)
+    _draw_point(panel, (band.value, band.std), (delay.value, delay.std))
     words = "pitch: MIL-STD-1797A, category A (not verified)"
-    _named(panel, "bandwidth (rad/s)", "phase delay (s)", words)
+    _name_axes(panel, "bandwidth (rad/s)", "phase delay (s)", words)
 
 
-def _pilot(panel: Any, one: Any) -> None:
-    result = one.pilot
-    turn, peak = result.compensation, result.resonance
-    width = max(60.0, 1.3 * abs(turn.value))
+def _draw_pilot(panel: Any, qualities: Any) -> None:
+    result = qualities.pilot
+    phase, resonance = result.compensation, result.resonance
+    width = max(60.0, 1.3 * abs(phase.value))
     for level, limit in enumerate(RESONANCES):
-        _limit(panel, [-width, width], [limit, limit], level)
+        _draw_limit(panel, [-width, width], [limit, limit], level)
     panel.set_xlim(-width, width)
-    panel.set_ylim(min(-2.0, peak.value - 3.0), max(12.0, peak.value + 3.0))
-    _mark(panel, (turn.value, turn.std), (peak.value, peak.std), result.correlation)
+    panel.set_ylim(min(-2.0, resonance.value - 3.0), max(12.0, resonance.value + 3.0))
+    _draw_point(
+        panel, (phase.value, phase.std), (resonance.value, resonance.std), result.correlation
+    )
     words = f"MIL-STD-1797A; {result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
-    _named(panel, "phase of the pilot (deg)", "resonance (dB)", words)
+    _name_axes(panel, "phase of the pilot (deg)", "resonance (dB)", words)
 
 
-def _dropback(panel: Any, one: Any) -> None:
-    fall, over = (one.numbers[name][0] for name in ("dropback", "pitch_rate_overshoot"))
+def _draw_dropback(panel: Any, qualities: Any) -> None:
+    names = ("dropback", "pitch_rate_overshoot")
+    dropback, overshoot = (qualities.numbers[name][0] for name in names)
     panel.axvline(0.0, color=GREY, linewidth=0.9, linestyle=":")
-    reach = max(0.6, 1.4 * abs(fall.value) + 2.5 * fall.std)
-    panel.set_xlim(-reach, reach)
-    panel.set_ylim(0.8, max(3.5, 1.3 * over.value))
-    _mark(panel, (fall.value, fall.std), (over.value, over.std))
+    width = max(0.6, 1.4 * abs(dropback.value) + 2.5 * dropback.std)
+    panel.set_xlim(-width, width)
+    panel.set_ylim(0.8, max(3.5, 1.3 * overshoot.value))
+    _draw_point(panel, (dropback.value, dropback.std), (overshoot.value, overshoot.std))
     words = "no printed limit at hand; left: overshoot"
-    _named(panel, "dropback / steady rate (s)", "largest / steady rate (–)", words)
+    _name_axes(panel, "dropback / steady rate (s)", "largest / steady rate (–)", words)
 
 
-def _limit(panel: Any, x: Sequence[float], y: Sequence[float], level: int) -> None:
+def _draw_limit(panel: Any, x: Sequence[float], y: Sequence[float], level: int) -> None:
+    """Draw the limit of a level (from 0) with its name."""
     panel.plot(x, y, color=_LEVEL_COLOURS[level], linewidth=1.2)
     panel.annotate(
         f"limit of level {level + 1}",
@@ -498,27 +500,33 @@ def _limit(panel: Any, x: Sequence[float], y: Sequence[float], level: int) -> No
     )
 
 
-def _mark(
+def _draw_point(
     panel: Any, x: tuple[float, float], y: tuple[float, float], correlation: float = 0.0
 ) -> None:
-    """Plot a point with its 95 % ellipse."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 101)
-    across = x[0] + _REGION_SIGMAS * x[1] * np.cos(turn)
-    mixed = correlation * np.cos(turn) + np.sqrt(max(1.0 - correlation**2, 0.0)) * np.sin(turn)
-    panel.fill(across, y[0] + _REGION_SIGMAS * y[1] * mixed, color=SKY, alpha=0.5, linewidth=0.0)
+    """Plot a point with its 95 % ellipse; ``x`` and ``y`` are value and sigma."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 101)
+    along_x = np.cos(angle)
+    along_y = correlation * np.cos(angle) + np.sqrt(max(1.0 - correlation**2, 0.0)) * np.sin(angle)
+    panel.fill(
+        x[0] + _REGION_SIGMAS * x[1] * along_x,
+        y[0] + _REGION_SIGMAS * y[1] * along_y,
+        color=SKY,
+        alpha=0.5,
+        linewidth=0.0,
+    )
     panel.plot([x[0]], [y[0]], color=BLUE, marker="o", markersize=4.5)
 
 
-def _named(panel: Any, across: str, up: str, words: str) -> None:
-    panel.set_xlabel(across, fontsize=LABEL_SIZE)
-    y_label(panel, up)
+def _name_axes(panel: Any, x_label: str, y_label_text: str, words: str) -> None:
+    panel.set_xlabel(x_label, fontsize=LABEL_SIZE)
+    y_label(panel, y_label_text)
     caption(panel, words)
 
 
 def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
-    """Plot step responses of a fitted response over their steady value, with 95 % bands.
+    """Plot the step response of a fitted response over its steady value, with its 95 % band.
 
-    Raises DeclarationError without a fit or without a steady value.
+    Raise DeclarationError without a fit or without a steady value.
     """
     fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
     step = step_response(fitted[0]) if fitted is not None else None
@@ -527,7 +535,7 @@ def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
         raise DeclarationError(what, where="step", remedy="name a form (fit)")
     sheet = make_sheet([2.4])
     panel = sheet.panels[0]
-    half = 1.96 * step.std
+    half = _NORMAL_HALF_WIDTH * step.std
     panel.fill_between(
         step.time,
         step.value - half,

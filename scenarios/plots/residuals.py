@@ -1,7 +1,5 @@
-"""Figures of residuals and of errors of estimates.
-
-Residuals over time and over frequency with coherence; a held-out record; errors of estimates in
-their own standard deviations, beside published estimates; equivalent derivatives.
+"""Figures of residuals over time and frequency, of held-out records, of errors of estimates, and of
+equivalent derivatives.
 """
 
 from __future__ import annotations
@@ -104,14 +102,14 @@ class EquivalentRow:
 
 @dataclass(frozen=True, eq=False)
 class ErrorCloud:
-    """Errors of a method on a repeated flight.
+    """Errors of a method on M repetitions of a flight.
 
     Attributes
     ----------
     method, flight : labels.
-    names : names of the derivatives.
-    sigmas : errors over reported sigmas, shape ``(n, M)`` by derivative and run.
-    outcomes : number of runs by outcome code.
+    names : names of the n derivatives.
+    sigmas : errors over reported sigmas, shape ``(n, M)``.
+    outcomes : outcome code -> number of runs.
     """
 
     method: str
@@ -134,17 +132,18 @@ def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
     for method, panel in zip(methods, sheet.panels, strict=True):
         of_method = [cloud for cloud in clouds if cloud.method == method]
         names = of_method[0].names
-        settled = ", ".join(
+        converged = ", ".join(
             f"{cloud.flight} {cloud.outcomes.get('converged', 0)} of {sum(cloud.outcomes.values())}"
             for cloud in of_method
         )
-        caption(panel, f"{method}; settled: {settled}")
+        caption(panel, f"{method}; settled: {converged}")
         panel.axhspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
         panel.axhline(0.0, **ZERO)
         for cloud in of_method:
-            place = flights.index(cloud.flight)
-            style = {"color": method_style(place)["color"], "label": cloud.flight}
-            offset = (place - 0.5 * (len(flights) - 1)) * 0.8 / len(flights)
+            number = flights.index(cloud.flight)
+            style = {"color": method_style(number)["color"], "label": cloud.flight}
+            # The columns of all flights share 0.8 of the distance between derivatives.
+            offset = (number - 0.5 * (len(flights) - 1)) * 0.8 / len(flights)
             for i, errors in enumerate(cloud.sigmas):
                 spread = np.linspace(-0.06, 0.06, max(len(errors), 1))[: len(errors)]
                 shown = np.clip(errors, -CLIPPED_SIGMAS, CLIPPED_SIGMAS)
@@ -369,9 +368,9 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     for line, (row, name) in zip(sheet.axes, shown, strict=True):
         channel = fitted.record[name]
         unit, valid = display_unit(channel.unit), channel.valid
-        aside = valid & ~fitted.used[row]
+        set_aside = valid & ~fitted.used[row]
         limit = 0.0
-        for panel, (when, residuals) in zip(line, sides, strict=True):
+        for panel, (model, residuals) in zip(line, sides, strict=True):
             values = unit.factor * residuals[row]
             _few_ticks(panel)
             _band(panel, unit.factor * noise.get(name, 0.0))
@@ -385,7 +384,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                 linestyle="none",
                 label="residual",
             )
-            if np.any(aside):
+            if np.any(set_aside):
                 ring: dict[str, Any] = {
                     "marker": "o",
                     "markersize": 5.5,
@@ -394,8 +393,8 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                     "linestyle": "none",
                 }
                 panel.plot(
-                    fitted.record.time[aside],
-                    values[aside],
+                    fitted.record.time[set_aside],
+                    values[set_aside],
                     color=VERMILION,
                     label="set aside",
                     **ring,
@@ -403,7 +402,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
             used = valid & fitted.used[row]
             rms = float(np.sqrt(np.mean(values[used] ** 2))) if np.any(used) else 0.0
-            caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
+            caption(panel, f"{model}: rms {rms:#.3g} {unit.text}")
         for panel in line:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
         for panel in line[1:]:
@@ -428,22 +427,29 @@ def figure_held_out(
     noise : noise level by channel.
     data : legend label of the samples.
     """
-    same = np.array_equal(prediction.after, prediction.before)
-    both = (("predicted after", prediction.after), ("predicted before", prediction.before))
-    shown = (("predicted", prediction.before),) if same else both
+    predictions = [("predicted after", prediction.after), ("predicted before", prediction.before)]
+    if np.array_equal(prediction.after, prediction.before):
+        predictions = [("predicted", prediction.before)]
     responses = [
         MethodOutputs(label, dict(zip(prediction.channels, values, strict=True)))
-        for label, values in shown
+        for label, values in predictions
     ]
     record = prediction.record
-    above = context(record, prediction.channels)
-    figure = figure_fit(record, responses, None, title, noise, data, above=above)
+    upper_channels = context(record, prediction.channels)
+    figure = figure_fit(record, responses, None, title, noise, data, above=upper_channels)
     for panel in figure.axes:
         _few_ticks(panel)
     return figure
 
 
 COHERENCE_SEGMENTS = 15  # segments of a record for a coherence; they overlap by half
+FEWEST_SEGMENT_SAMPLES = 16  # samples of a record for each segment, else no coherence is drawn
+EXCEEDED_SHARE = 0.05  # probability that the coherence of noise exceeds the drawn level
+INPUT_REGULARIZATION = 1e-9  # share of the inputs' power, for inputs that depend on each other
+SMALLEST_POWER = 1e-300  # keeps the matrix of inputs without power regular
+FEWEST_SMOOTHED_SAMPLES = 100  # spectra of shorter series are not smoothed
+SMOOTHED_FREQUENCIES = 5  # neighbouring frequencies in a mean
+VISIBLE_CHANGE = 5e-3  # share of the largest residual that a figure can show
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
@@ -458,12 +464,14 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     shown = _measured(fitted)
     moving = [channel for channel in fitted.record.inputs if np.ptp(channel.values) > 0.0]
     inputs = np.array([channel.values for channel in moving])
-    coherent = len(inputs) > 0 and len(fitted.record) >= 16 * COHERENCE_SEGMENTS
-    sheet = make_sheet([1.25, *([0.7] if coherent else [])] * len(shown), row_gap=0.3)
+    fewest_samples = FEWEST_SEGMENT_SAMPLES * COHERENCE_SEGMENTS
+    with_coherence = len(inputs) > 0 and len(fitted.record) >= fewest_samples
+    heights = [1.25, 0.7] if with_coherence else [1.25]
+    sheet = make_sheet(heights * len(shown), row_gap=0.3)
     same = _same(fitted, [row for row, _ in shown])
     interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
-    uppers = sheet.panels[:: 2 if coherent else 1]
-    for number, (panel, (row, name)) in enumerate(zip(uppers, shown, strict=True)):
+    spectrum_panels = sheet.panels[:: len(heights)]
+    for number, (panel, (row, name)) in enumerate(zip(spectrum_panels, shown, strict=True)):
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
         both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
@@ -479,11 +487,11 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
                 label=label,
                 **method_style(order, alone=len(lines) == 1),
             )
-            if coherent:
+            if with_coherence:
                 below = sheet.panels[2 * number + 1]
-                at, shares = input_coherence(np.where(used, residual, 0.0), inputs, interval)
-                below.plot(at, shares, **method_style(order, alone=len(lines) == 1))
-        if coherent:
+                hertz, coherence = input_coherence(np.where(used, residual, 0.0), inputs, interval)
+                below.plot(hertz, coherence, **method_style(order, alone=len(lines) == 1))
+        if with_coherence:
             level = coherence_level(len(inputs))
             below.axhline(level, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
             below.set_ylim(0.0, 1.05)
@@ -505,45 +513,59 @@ def input_coherence(
     """Return frequencies, Hz, and the multiple coherence of a residual with the inputs at each.
 
     The coherence is the share of the residual's power that follows the inputs linearly (Bendat and
-    Piersol, *Random Data*, 4th edition, 2010, chapter 7). ``residual``: ``(N,)``. ``inputs``:
-    ``(q, N)``. ``interval``: s.
+    Piersol, *Random Data*, 4th edition, 2010, chapter 7).
+
+    Parameters
+    ----------
+    residual : samples ``(N,)``.
+    inputs : samples ``(q, N)``.
+    interval : sampling interval, s.
     """
     length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
     starts = range(0, residual.size - length + 1, max(length // 2, 1))
-    # Not by SciPy's signal package, which takes longer to load than this to compute.
-    rows = np.array([[row[at : at + length] for at in starts] for row in (*inputs, residual)])
-    rows = np.fft.rfft((rows - rows.mean(axis=2, keepdims=True)) * np.hanning(length), axis=2)
-    matrix = np.einsum("asf,bsf->fab", rows.conj(), rows) / len(starts)
+    # SciPy's signal package is not used: it takes longer to load than this to compute.
+    segments = np.array(
+        [[row[start : start + length] for start in starts] for row in (*inputs, residual)]
+    )
+    segments = segments - segments.mean(axis=2, keepdims=True)
+    transforms = np.fft.rfft(segments * np.hanning(length), axis=2)
+    matrix = np.einsum("asf,bsf->fab", transforms.conj(), transforms) / len(starts)
     own, cross, power = matrix[:, :-1, :-1], matrix[:, :-1, -1], matrix[:, -1, -1].real
-    own = own + 1e-9 * np.trace(own, axis1=1, axis2=2).real[:, None, None] * np.eye(len(inputs))
-    solved = np.linalg.solve(own + 1e-300 * np.eye(len(inputs)), cross[..., None])[..., 0]
+    unit = np.eye(len(inputs))
+    trace = np.trace(own, axis1=1, axis2=2).real[:, None, None]
+    own = own + INPUT_REGULARIZATION * trace * unit
+    solved = np.linalg.solve(own + SMALLEST_POWER * unit, cross[..., None])[..., 0]
     share = np.sum(cross.conj() * solved, axis=1).real / np.where(power > 0.0, power, np.inf)
     hertz = np.fft.rfftfreq(length, interval)
     return hertz[1:], np.clip(share, 0.0, 1.0)[1:]
 
 
 def coherence_level(inputs: int) -> float:
-    """Return the multiple coherence that noise alone exceeds once in twenty.
+    """Return the multiple coherence that noise alone exceeds with ``EXCEEDED_SHARE``.
 
-    ``inputs``: number of inputs. It is that of ``COHERENCE_SEGMENTS`` segments.
+    ``inputs`` is the number of inputs. There are ``COHERENCE_SEGMENTS`` segments.
     """
     from scipy.special import betaincinv
 
-    return float(betaincinv(inputs, COHERENCE_SEGMENTS - inputs, 0.95))
+    return float(betaincinv(inputs, COHERENCE_SEGMENTS - inputs, 1.0 - EXCEEDED_SHARE))
 
 
 def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies, Hz, and the power of a series at each.
+    """Return frequencies, Hz, and the power of a series at each; that of white noise is its
+    variance.
 
-    White noise has its variance as power. ``residual``: ``(N,)``, zero at missing samples.
-    ``interval``: s. ``used``: number of samples that are not missing.
+    Parameters
+    ----------
+    residual : samples ``(N,)``, zero where they are missing.
+    interval : sampling interval, s.
+    used : number of samples that are not missing.
     """
-    n = len(residual)
-    window = np.hanning(n)
-    share = float(np.sum(window**2)) * max(used, 1) / n
-    power = np.abs(np.fft.rfft(residual * window)) ** 2 / share
-    hertz = np.fft.rfftfreq(n, interval)
-    width = 1 if n < 100 else 5
+    count = len(residual)
+    window = np.hanning(count)
+    scale = float(np.sum(window**2)) * max(used, 1) / count
+    power = np.abs(np.fft.rfft(residual * window)) ** 2 / scale
+    hertz = np.fft.rfftfreq(count, interval)
+    width = 1 if count < FEWEST_SMOOTHED_SAMPLES else SMOOTHED_FREQUENCIES
     smooth = np.convolve(power[1:], np.ones(width) / width, mode="valid")
     return hertz[1 + width // 2 : 1 + width // 2 + len(smooth)], smooth
 
@@ -552,11 +574,11 @@ def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
     """Return whether before and after differ by less than a figure can show."""
     change = np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0)
     size = np.abs(fitted.after)[rows].max(axis=1, initial=0.0)
-    return bool(np.all(change <= 5e-3 * size))
+    return bool(np.all(change <= VISIBLE_CHANGE * size))
 
 
 def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
-    """Return row and name of the channels of the fit that the record has."""
+    """Return row and name of the fitted channels that the record measures."""
     return [
         (row, name)
         for row, name in enumerate(fitted.channels)

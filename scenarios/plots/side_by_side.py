@@ -1,6 +1,4 @@
-"""Figures that compare studies: estimates of each parameter, their errors, and outputs over
-time.
-"""
+"""Figures that compare studies: estimates of parameters, their errors, and outputs over time."""
 
 from __future__ import annotations
 
@@ -40,15 +38,22 @@ from scenarios.plots.style import (
     y_label,
 )
 
-# larger errors, in sigmas, become arrows
-CLIPPED_SIGMAS = 8.0
-CLIPPED_PERCENT = 40.0  # the same for errors in per cent
-_LINE_HEIGHT = 0.14  # inches, one mark with its number
+CLIPPED_SIGMAS, CLIPPED_PERCENT = 8.0, 40.0  # larger errors are drawn as arrows
+_LINE_HEIGHT = 0.14  # inches, height of a mark
+_PANEL_GAP_LINES = 0.8  # space between parameters, in lines
 
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """A parameter in one study; unknown standard deviations are 0."""
+    """A parameter in one study.
+
+    Attributes
+    ----------
+    estimate, std : estimate and its sigma; 0 if the sigma is unknown.
+    true : true value, or None.
+    condensed : value with the elastic modes statically condensed, or None.
+    published : published value and its sigma, or None.
+    """
 
     estimate: float
     std: float
@@ -58,16 +63,21 @@ class ParameterColumn:
 
     @property
     def reference(self) -> float | None:
-        """Reference value of the error."""
+        """Value from which errors count: the condensed value if there is one, else the true one."""
         return self.true if self.condensed is None else self.condensed
 
 
 @dataclass(frozen=True, eq=False)
 class StudyResponse:
-    """Measured and predicted outputs and inputs of one study at ``time (N,)``, SI, by name;
-    ``units`` by channel.
+    """Signals of one study, ``(N,)`` each, SI.
 
-    ``simulated``: a program made the record.
+    Attributes
+    ----------
+    label : label of the study.
+    time : times, s.
+    inputs, measured, predicted : inputs, and measured and predicted outputs, by name.
+    units : unit of each channel.
+    simulated : whether the record is simulated.
     """
 
     label: str
@@ -79,6 +89,7 @@ class StudyResponse:
     simulated: bool = False
 
 
+# Parameter -> its column in each study; None if a study does not have it.
 Rows = Mapping[str, Sequence[ParameterColumn | None]]
 
 
@@ -87,71 +98,68 @@ def figure_studies_estimates(
 ) -> Figure:
     """Plot estimates, published, true and condensed values by study, one panel per parameter.
 
-    Bars are two standard deviations. ``rows``: entries of all studies by parameter, None if a study
-    has none. Studies with long names are numbered and listed under the title.
+    Bars are two standard deviations. Studies with long names are numbered and listed under the
+    title.
     """
     panels = PanelsOverNames.of(len(rows), labels, "study", title)
     for (name, row), panel in zip(rows.items(), panels.sheet.panels, strict=True):
-        sizes = [
-            max(
-                abs(each.estimate),
-                *(abs(x) for x in (each.true, each.condensed) if x is not None),
-                0.0,
-            )
-            for each in row
-            if each is not None
+        columns = [column for column in row if column is not None]
+        values = [
+            value
+            for column in columns
+            for value in (column.estimate, column.true, column.condensed)
+            if value is not None
         ]
         base_unit = display_unit(units[name], name)
-        unit = scaled_unit(base_unit, base_unit.factor * max(sizes))
+        unit = scaled_unit(base_unit, base_unit.factor * max(map(abs, values)))
         label = axis_label(name, unit)
         caption(panel, label if "$" in label else label.replace("_", " "))
-        for x, each in enumerate(row):
-            if each is not None:
-                _draw_estimate(panel, float(x), each, unit.factor)
+        for number, column in enumerate(row):
+            if column is not None:
+                _draw_estimate(panel, float(number), column, unit.factor)
     return panels.finished(head=0.24)
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:
     """Plot errors of each parameter by study, in % (left) and in reported sigmas (right).
 
-    Reference is the condensed value if there is one, else the true value. Published values are
-    open squares.
+    Published values are open squares.
     """
     n, studies = len(rows), len(labels)
-    printed = any(
-        each is not None and each.published is not None for row in rows.values() for each in row
+    has_published = any(
+        column is not None and column.published is not None
+        for row in rows.values()
+        for column in row
     )
-    lines = studies * (2 if printed else 1)
+    lines = studies * (2 if has_published else 1)
+    height = lines + _PANEL_GAP_LINES  # of a parameter, in lines
     left = max(0.75, *(text_width(symbol(name)) + 0.25 for name in rows))
     sheet = make_sheet(
-        [n * (lines + 0.8) * _LINE_HEIGHT], (1.0, 1.0), left=left, column_gap=0.3, share_x=False
+        [n * height * _LINE_HEIGHT], (1.0, 1.0), left=left, column_gap=0.3, share_x=False
     )
     percent, sigmas = sheet.panels
     sigmas.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
-    step = 1.0 / (lines + 0.8)
+    step = 1.0 / height
     for place, row in enumerate(rows.values()):
-        for number, each in enumerate(row):
-            if each is None or each.reference is None:
+        for number, column in enumerate(row):
+            if column is None or column.reference is None:
                 continue
             y = n - 1 - place + 0.5 - step * (0.9 + number * lines / studies)
-            look = {
+            style = {
                 "color": method_style(number)["color"],
                 "marker": "o",
                 "label": escaped_dollars(labels[number]),
             }
-            _draw_errors(percent, sigmas, each, y, look)
-            if each.published is not None:
-                theirs = replace(each, estimate=each.published[0], std=each.published[1])
-                _draw_errors(
-                    percent,
-                    sigmas,
-                    theirs,
-                    y - step,
-                    {**look, "marker": "s", "markerfacecolor": "white", "label": ""},
-                )
-        for panel in sheet.panels if place else ():
-            panel.axhline(n - place - 0.5, color=LIGHT, linewidth=0.6)
-    if printed:
+            _draw_errors(percent, sigmas, column, y, style)
+            if column.published is not None:
+                value, std = column.published
+                published = replace(column, estimate=value, std=std)
+                open_square = {"marker": "s", "markerfacecolor": "white", "label": ""}
+                _draw_errors(percent, sigmas, published, y - step, {**style, **open_square})
+        if place:
+            for panel in sheet.panels:
+                panel.axhline(n - place - 0.5, color=LIGHT, linewidth=0.6)
+    if has_published:
         sigmas.plot(
             [], [], "s", color=BLACK, markerfacecolor="white", markersize=5.0, label="published"
         )
@@ -177,42 +185,42 @@ def figure_studies_responses(
 ) -> Figure:
     """Plot recorded (dots) and predicted outputs (lines) of several studies over time.
 
-    The inputs common to all studies are above. Angles in degrees.
+    The inputs common to all studies are above. Angles are in degrees.
     """
-    inputs = [name for name in studies[0].inputs if all(name in each.inputs for each in studies)]
+    inputs = [name for name in studies[0].inputs if all(name in study.inputs for study in studies)]
     sheet = make_sheet([1.15] * len(inputs) + [1.9] * len(outputs), row_gap=0.16)
     for name, panel in zip((*inputs, *outputs), sheet.panels, strict=True):
         unit = display_unit(
             next(
-                each.units.get(name, "")
-                for each in studies
-                if name in each.inputs or name in each.measured
+                study.units.get(name, "")
+                for study in studies
+                if name in study.inputs or name in study.measured
             )
         )
-        for number, each in enumerate(studies):
-            look = method_style(number)
+        for number, study in enumerate(studies):
+            style = method_style(number)
             if name in inputs:
                 panel.plot(
-                    each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **look
+                    study.time, unit.factor * study.inputs[name], drawstyle="steps-post", **style
                 )
-            elif name in each.measured:
+            elif name in study.measured:
                 panel.plot(
-                    each.time,
-                    unit.factor * each.measured[name],
+                    study.time,
+                    unit.factor * study.measured[name],
                     ".",
-                    color=look["color"],
+                    color=style["color"],
                     markersize=3.0,
                     markeredgewidth=0.0,
                     alpha=0.5,
                 )
                 panel.plot(
-                    each.time,
-                    unit.factor * each.predicted[name],
-                    label=escaped_dollars(each.label),
-                    **look,
+                    study.time,
+                    unit.factor * study.predicted[name],
+                    label=escaped_dollars(study.label),
+                    **style,
                 )
         y_label(panel, axis_label(name, unit))
-    kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})
+    kinds = sorted({SIMULATED_DATA if study.simulated else MEASURED_DATA for study in studies})
     sheet.panels[-1].plot(
         [], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds)
     )
@@ -224,36 +232,39 @@ def figure_studies_responses(
     )
 
 
-def _draw_estimate(panel: Axes, x: float, each: ParameterColumn, factor: float) -> None:
-    if each.true is not None:
-        panel.plot([x - 0.4, x + 0.4], [factor * each.true] * 2, label="true", **TRUE)
-    if each.condensed is not None:
+def _draw_estimate(panel: Axes, x: float, column: ParameterColumn, factor: float) -> None:
+    """Draw the values of a parameter in one study, times ``factor``."""
+    if column.true is not None:
+        panel.plot([x - 0.4, x + 0.4], [factor * column.true] * 2, label="true", **TRUE)
+    if column.condensed is not None:
         panel.plot(
             [x - 0.22],
-            [factor * each.condensed],
+            [factor * column.condensed],
             "D",
             color=BLACK,
             markersize=4.5,
             label="condensed",
         )
-    _bar(panel, x, (each.estimate, each.std), factor, "o", BLUE, "estimated ±2σ")
-    if each.published is not None:
-        _bar(panel, x + 0.22, each.published, factor, "s", VERMILION, "published ±2σ")
+    _bar(panel, x, (column.estimate, column.std), factor, "o", BLUE, "estimated ±2σ")
+    if column.published is not None:
+        _bar(panel, x + 0.22, column.published, factor, "s", VERMILION, "published ±2σ")
 
 
 def _bar(
     panel: Axes,
     x: float,
-    value: tuple[float, float],
+    estimate: tuple[float, float],
     factor: float,
     marker: str,
     colour: str,
     label: str,
 ) -> None:
-    bar = [2.0 * factor * value[1]] if value[1] > 0.0 else None
+    """Draw a value with a bar of two sigmas; without a bar if the sigma is unknown."""
+    value, std = estimate
+    bar = [2.0 * factor * std] if std > 0.0 else None
     panel.errorbar(
         [x],
-        [factor * value[0]],
+        [factor * value],
         yerr=bar,
         fmt=marker,
         color=colour,
@@ -265,26 +276,23 @@ def _bar(
 
 
 def _draw_errors(
-    percent: Axes, sigmas: Axes, each: ParameterColumn, y: float, look: Mapping
+    percent: Axes, sigmas: Axes, column: ParameterColumn, y: float, style: Mapping
 ) -> None:
-    """Draw the error of one value in both panels."""
-    if each.reference:
-        _mark(
-            percent,
-            100.0 * (each.estimate - each.reference) / abs(each.reference),
-            CLIPPED_PERCENT,
-            y,
-            look,
-            "%",
-        )
-    if each.std > 0.0 and each.reference is not None:
-        _mark(sigmas, (each.estimate - each.reference) / each.std, CLIPPED_SIGMAS, y, look, "σ")
+    """Draw the error of one value in both panels, if it is known."""
+    if column.reference is None:
+        return
+    error = column.estimate - column.reference
+    if column.reference:
+        relative = 100.0 * error / abs(column.reference)
+        _mark(percent, relative, CLIPPED_PERCENT, y, style, "%")
+    if column.std > 0.0:
+        _mark(sigmas, error / column.std, CLIPPED_SIGMAS, y, style, "σ")
 
 
-def _mark(panel: Axes, error: float, limit: float, y: float, look: Mapping, unit: str) -> None:
-    """A mark at the error, or an arrow at the edge with the error's size."""
+def _mark(panel: Axes, error: float, limit: float, y: float, style: Mapping, unit: str) -> None:
+    """Draw a mark at the error; for a large error, an arrow at the edge with its size."""
     if abs(error) <= limit:
-        panel.plot([error], [y], linestyle="none", markersize=5.0, **look)
+        panel.plot([error], [y], linestyle="none", markersize=5.0, **style)
         return
     side = float(np.sign(error))
     panel.plot(
@@ -292,13 +300,13 @@ def _mark(panel: Axes, error: float, limit: float, y: float, look: Mapping, unit
         [y],
         linestyle="none",
         markersize=5.0,
-        **{**look, "marker": ">" if side > 0 else "<"},
+        **{**style, "marker": ">" if side > 0 else "<"},
     )
     text = f"{signed(error, '.0f' if abs(error) < 1e4 else '.0e')} {unit}"
     place = {
         "ha": "right" if side > 0 else "left",
         "va": "center",
         "fontsize": TICK_SIZE,
-        "color": look["color"],
+        "color": style["color"],
     }
     panel.text(side * 1.01 * limit, y, text, **place)

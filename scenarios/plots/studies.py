@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,15 +38,21 @@ from scenarios.plots.style import (
 
 _ROW_HEIGHT = 0.42  # inches, height of a parameter's row
 _DOT_SPREAD_SHARE = 0.3  # dots spread by this share of the row, up and down
+_GOLDEN_RATIO = 0.618033988749895  # multiples of it, modulo 1, are evenly spread
 _CLIPPED_SIGMAS = 5.0  # larger errors are drawn at the edge of the axis
 EXPECTED_PERCENT = 95.45  # % of a Gaussian within two standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Errors of one parameter in reported sigmas ``(N,)``, and two-sigma coverage.
+    """Errors of one parameter in N runs, and two-sigma coverage.
 
-    ``within_two``, ``interval``: coverage and its confidence interval, per cent.
+    Attributes
+    ----------
+    name : name of the parameter.
+    sigmas : errors in reported sigmas, ``(N,)``.
+    within_two : share of the runs within two sigmas, %.
+    interval : 95 % confidence interval of this share, %.
     """
 
     name: str
@@ -73,10 +80,8 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
         EXPECTED_PERCENT, label=escaped_dollars(f"{EXPECTED_PERCENT:g} % of a Gaussian"), **TRUE
     )
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
-        # Spread the dots evenly over the row (golden-ratio sequence).
-        heights = y + _DOT_SPREAD_SHARE * (
-            2.0 * np.mod(0.5 + 0.618033988749895 * np.arange(len(row.sigmas)), 1.0) - 1.0
-        )
+        shares = np.mod(0.5 + _GOLDEN_RATIO * np.arange(len(row.sigmas)), 1.0)
+        heights = y + _DOT_SPREAD_SHARE * (2.0 * shares - 1.0)
         errors.plot(
             np.clip(row.sigmas, -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS),
             heights,
@@ -86,13 +91,9 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
             markeredgewidth=0.0,
             label="one run",
         )
-        size, mean = (
-            min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIPPED_SIGMAS),
-            float(np.clip(np.mean(row.sigmas), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS)),
-        )
-        errors.plot(
-            [-size, size], [y, y], "-", color=BLUE, linewidth=2.0, label="± root mean square"
-        )
+        rms = min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIPPED_SIGMAS)
+        mean = float(np.clip(np.mean(row.sigmas), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS))
+        errors.plot([-rms, rms], [y, y], "-", color=BLUE, linewidth=2.0, label="± root mean square")
         errors.plot(
             [mean], [y], "|", color=VERMILION, markersize=11.0, markeredgewidth=2.0, label="mean"
         )
@@ -123,15 +124,19 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
 
 # ---- Consistency of reported sigmas over many runs
 
-_COVERAGE_ROW_HEIGHT = 0.3  # inches a parameter
-
+_COVERAGE_ROW_HEIGHT = 0.3  # inches, height of a parameter's row
 MOST_QUANTILE_LINES = 12  # parameters in the plot of quantiles
+MOST_QUANTILES = 300  # points of a line in this plot
 MOST_ROWS = 40  # parameters of one figure
 
 
 @dataclass(frozen=True, eq=False)
 class CoverageRow:
-    """Coverage of one parameter within one, two and three sigmas: share, low and high end, %."""
+    """Coverage of one parameter within one, two and three sigmas.
+
+    ``shares`` : for each of the three, the share of the runs and the limits of its confidence
+    interval, %.
+    """
 
     name: str
     shares: tuple[tuple[float, float, float], ...]
@@ -139,7 +144,14 @@ class CoverageRow:
 
 @dataclass(frozen=True, eq=False)
 class SquaresPanel:
-    """NEES or NIS over degrees of freedom, by run ``(N,)``; ``degrees``: mean over runs."""
+    """Normalized squares of N runs: of estimation errors (NEES) or of innovations (NIS).
+
+    Attributes
+    ----------
+    name : ``"NEES"`` or ``"NIS"``.
+    values : squares over their degrees of freedom, ``(N,)``.
+    degrees : degrees of freedom, mean over the runs.
+    """
 
     name: str
     values: np.ndarray
@@ -149,9 +161,9 @@ class SquaresPanel:
 def figure_coverage(
     rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
 ) -> Figure:
-    """Plot coverage with its interval by parameter, one panel each for one, two and three sigmas.
+    """Plot the coverage of each parameter with its interval, a panel for each number of sigmas.
 
-    The line is the coverage of a normal distribution.
+    ``nominal`` : coverage of a normal distribution within one, two and three sigmas, %; a line.
     """
     rows = rows[:MOST_ROWS]
     n, labels = len(rows), [symbol(row.name) for row in rows]
@@ -163,16 +175,14 @@ def figure_coverage(
         column_gap=0.25,
         share_x=False,
     )
-    for at, (panel, expected) in enumerate(zip(sheet.panels, nominal, strict=True)):
+    for i, (panel, expected) in enumerate(zip(sheet.panels, nominal, strict=True)):
         panel.axvline(expected, label="normal distribution", **TRUE)
         for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
-            share, low, high = row.shares[at]
+            share, low, high = row.shares[i]
             covered = low <= expected <= high
-            legend = (
-                "95 % interval"
-                if covered
-                else "95 % interval without the normal distribution's share"
-            )
+            legend = "95 % interval"
+            if not covered:
+                legend += " without the normal distribution's share"
             panel.plot(
                 [low, high],
                 [y, y],
@@ -190,23 +200,24 @@ def figure_coverage(
                 label="share of the runs",
                 clip_on=False,
             )
-        panel.set_yticks(range(n), labels[::-1] if at == 0 else [""] * n)
+        panel.set_yticks(range(n), labels[::-1] if i == 0 else [""] * n)
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.set_ylim(-0.6, n - 0.4)
-        lowest, highest = (
-            min(expected, *(row.shares[at][1] for row in rows)),
-            max(expected, *(row.shares[at][2] for row in rows)),
-        )
+        lowest = min(expected, *(row.shares[i][1] for row in rows))
+        highest = max(expected, *(row.shares[i][2] for row in rows))
         margin = 0.08 * max(highest - lowest, 1.0)
         panel.set_xlim(max(lowest - margin, -1.0), min(highest + margin, 101.0))
-        panel.set_xlabel(escaped_dollars(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
+        panel.set_xlabel(escaped_dollars(f"within {i + 1}σ (%)"), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
 
 def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> Figure:
-    """Plot errors ``(n, N)`` in reported sigmas: histogram and quantiles against the normal ones.
+    """Plot a histogram of errors, and their quantiles against those of a normal distribution.
 
     Sigmas that are too small give lines steeper than the diagonal; a bias shifts them.
+
+    ``names`` are those of the n parameters; ``sigmas`` ``(n, N)`` are errors of N runs in reported
+    sigmas.
     """
     sheet = make_sheet([2.5], (1.0, 1.15), column_gap=0.75, share_x=False)
     histogram, quantiles = sheet.panels
@@ -222,11 +233,11 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
     )
     count = sigmas.shape[1]
     expected = _normal_quantiles((np.arange(count) + 0.5) / count)
-    shown = np.unique(np.round(np.linspace(0, count - 1, 300)).astype(int))
-    for at, name in enumerate(names[:MOST_QUANTILE_LINES]):
-        ordered = np.clip(np.sort(sigmas[at]), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS)
+    shown = np.unique(np.round(np.linspace(0, count - 1, MOST_QUANTILES)).astype(int))
+    for i, name in enumerate(names[:MOST_QUANTILE_LINES]):
+        ordered = np.clip(np.sort(sigmas[i]), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS)
         quantiles.plot(
-            expected[shown], ordered[shown], label=symbol(name), **method_style(at, alone=True)
+            expected[shown], ordered[shown], label=symbol(name), **method_style(i, alone=True)
         )
     quantiles.set_xlim(-3.6, 3.6)
     quantiles.set_ylim(-1.02 * _CLIPPED_SIGMAS, 1.02 * _CLIPPED_SIGMAS)
@@ -236,26 +247,25 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
 
 
 def figure_squares(panels: Sequence[SquaresPanel], title: str = "") -> Figure:
-    """Plot NEES and NIS of each run over the degrees of freedom, with chi-square and its 95 %
-    interval.
+    """Plot a histogram of NEES and of NIS over their degrees of freedom, with the density of
+    chi-square and its 95 % interval.
     """
     sheet = make_sheet([2.1], (1.0,) * len(panels), column_gap=0.75, share_x=False)
-    for panel, shown in zip(sheet.panels, panels, strict=True):
-        _squares(panel, shown)
+    for panel, squares in zip(sheet.panels, panels, strict=True):
+        _draw_squares(panel, squares)
     return finish(sheet, title, head=0.24)
 
 
-def _squares(panel: Axes, shown: SquaresPanel) -> None:
+def _draw_squares(panel: Axes, shown: SquaresPanel) -> None:
     from scipy.special import gammaln
 
     half = 0.5 * shown.degrees
     low, high = mean_square_interval(shown.degrees)
-    usual = float(np.quantile(shown.values, 0.98))
-    end = max(high + 0.35 * (high - low), min(1.15 * usual, 12.0 * high))
-    begin = max(
-        0.0,
-        min(low - 0.35 * (high - low), float(np.quantile(shown.values, 0.02)) - 0.1 * (high - low)),
-    )
+    width = high - low
+    # The axis has the interval and nearly all runs, but ends at a multiple of the interval.
+    lowest, highest = (float(np.quantile(shown.values, share)) for share in (0.02, 0.98))
+    end = max(high + 0.35 * width, min(1.15 * highest, 12.0 * high))
+    begin = max(0.0, min(low - 0.35 * width, lowest - 0.1 * width))
     panel.axvspan(low, high, color=LIGHT, alpha=0.55, linewidth=0, label="holds 95 % of chi-square")
     edges = np.linspace(begin, end, 33)
     panel.hist(
@@ -314,11 +324,12 @@ _MARKS = ("o", "^", "x", "D")
 
 @dataclass(frozen=True, eq=False)
 class DeterminedBy:
-    """Information of record and prior with one method.
+    """Information of record and prior with one method, by parameter and by direction (a linear
+    combination of parameters).
 
     Attributes
     ----------
-    label : of the method.
+    label : label of the method.
     ratio : posterior over prior sigma, by parameter.
     share : share of the prior in the variance, by parameter.
     strengths : prior sigma over the record's sigma, by direction, largest first.
@@ -337,13 +348,15 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
 
     Parameters are sorted by ``ratio`` of the first method.
     """
-    everything = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])
+    all_names = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])
     names = [
         name
-        for name in everything
-        if any(each.ratio.get(name, 1.0) <= UNINFORMED_SHARE for each in methods)
-    ] or everything[:1]
-    n, rest = len(names), len(everything) - len(names)
+        for name in all_names
+        if any(method.ratio.get(name, 1.0) <= UNINFORMED_SHARE for method in methods)
+    ]
+    if not names:
+        names = all_names[:1]
+    n, not_drawn = len(names), len(all_names) - len(names)
     left = max(0.75, *(text_width(symbol(name)) + 0.2 for name in names))
     sheet = make_sheet(
         [1.9, n * _DETERMINATION_ROW_HEIGHT + 0.1],
@@ -354,24 +367,23 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         row_gap=0.75,
         share_x=False,
     )
-    spectrum, spare, ratio, share = sheet.panels
-    spectrum.set_yscale("log")
-    spectrum.axhline(1.0, color=BLACK, linewidth=0.8)
-    for number, each in enumerate(methods):
+    strengths, determined, ratio, share = sheet.panels
+    strengths.set_yscale("log")
+    strengths.axhline(1.0, color=BLACK, linewidth=0.8)
+    for number, method in enumerate(methods):
         colour, mark = method_style(number)["color"], _MARKS[number % len(_MARKS)]
-        look = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
-        along = np.arange(1, len(each.strengths) + 1)
-        spectrum.plot(along, each.strengths, label=escaped_dollars(each.label), **look)
-        spare.plot(
-            along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number)
-        )
-        places = np.arange(n, dtype=float)
-        ratio.plot([each.ratio.get(name, np.nan) for name in names], places, **look)
-        share.plot([100.0 * each.share.get(name, np.nan) for name in names], places, **look)
-    caption(spectrum, "σ of the prior over σ by the record alone (–)")
-    caption(spare, "directions that the record determines (–), cumulative")
-    unseen = sorted({each.unseen for each in methods})
-    for panel in (spectrum, spare):
+        style = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
+        directions = np.arange(1, len(method.strengths) + 1)
+        strengths.plot(directions, method.strengths, label=escaped_dollars(method.label), **style)
+        squares = method.strengths**2
+        determined.plot(directions, np.cumsum(squares / (1.0 + squares)), **method_style(number))
+        rows = np.arange(n, dtype=float)
+        ratio.plot([method.ratio.get(name, np.nan) for name in names], rows, **style)
+        share.plot([100.0 * method.share.get(name, np.nan) for name in names], rows, **style)
+    caption(strengths, "σ of the prior over σ by the record alone (–)")
+    caption(determined, "directions that the record determines (–), cumulative")
+    unseen = sorted({method.unseen for method in methods})
+    for panel in (strengths, determined):
         panel.set_xlabel(
             f"direction (–); {' or '.join(map(str, unseen))} more do not change the outputs",
             fontsize=LABEL_SIZE,
@@ -385,8 +397,10 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         panel.set_yticks(range(n), [symbol(name) for name in names] if panel is ratio else [""] * n)
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.grid(True, axis="y", color=LIGHT, linewidth=0.4)
-    if rest:
-        caption(ratio, f"{rest} further parameters keep > {UNINFORMED_SHARE:g} of their prior's σ")
+    if not_drawn:
+        caption(
+            ratio, f"{not_drawn} further parameters keep > {UNINFORMED_SHARE:g} of their prior's σ"
+        )
     ratio.set_xlim(-0.02, 1.05)
     share.set_xlim(-2.0, 105.0)
     return finish(sheet, title, head=0.24)
@@ -397,6 +411,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
 _ESTIMATES = ((BLUE, "o"), (GREEN, "^"), (SKY, "D"))
 _CRITERIA = (GREY, PURPLE, ORANGE)
 _LINES = ("-", (0, (3, 2)), "-")
+_COLUMNS = 3  # columns of panels
 
 
 @dataclass(frozen=True)
@@ -410,11 +425,16 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class DerivativeCourse:
-    """One derivative along a sweep, in ``unit``, with one number per structure.
+    """One derivative along a sweep of structures.
 
-    ``rigid``: true value of the rigid aircraft. ``condensed``: quasi-static equivalent. ``best``:
-    of the rigid model that fits the noise-free response best. ``estimates``: value and sigma, by
-    method.
+    Attributes
+    ----------
+    name, unit : the derivative and its unit.
+    rigid : true value of the rigid aircraft.
+    condensed : quasi-static equivalent, for each structure.
+    best : value of the rigid model that fits the noise-free response best, for each structure.
+    estimates : method -> value and sigma for each structure.
+    published : published values.
     """
 
     name: str
@@ -428,10 +448,15 @@ class DerivativeCourse:
 
 @dataclass(frozen=True)
 class CriterionCourse:
-    """One criterion along a sweep, with its limit.
+    """One criterion along a sweep of structures.
 
-    ``axis``, ``label``: texts of axis and legend. ``degree``: degree of flexibility at the limit,
-    or None. Values outside ``window`` are drawn at its edge.
+    Attributes
+    ----------
+    axis, label : texts of axis and legend.
+    limit : limit of the criterion.
+    values : value for each structure.
+    degree : degree of flexibility at which the limit is reached, or None.
+    window : values outside this range are drawn at its edge.
     """
 
     axis: str
@@ -451,14 +476,20 @@ def figure_flexibility(
 ) -> Figure:
     """Plot derivatives (above) and criteria (below) over the degree of flexibility.
 
-    A vertical line in all panels shows where a criterion fails. ``marks``: degrees of named
-    structures.
+    A vertical line in all panels shows where a criterion fails.
+
+    Parameters
+    ----------
+    degrees : degree of flexibility of each structure.
+    courses, criteria : derivatives and criteria, a panel for each.
+    marks : degrees of named structures.
+    title : title of the figure.
     """
-    rows = -(-len(courses) // 3)
+    rows = math.ceil(len(courses) / _COLUMNS)
     sheet = make_sheet(
         [1.75] * rows + [1.2] * bool(criteria),
-        (1.0,) * 3,
-        count=3 * rows + len(criteria),
+        (1.0,) * _COLUMNS,
+        count=_COLUMNS * rows + len(criteria),
         row_gap=0.4,
         column_gap=0.6,
         left=0.66,
@@ -467,7 +498,7 @@ def figure_flexibility(
     for course, panel in zip(courses, sheet.panels, strict=False):
         _draw_derivative(panel, degrees, course)
     for number, (criterion, panel) in enumerate(
-        zip(criteria, sheet.panels[3 * rows :], strict=True)
+        zip(criteria, sheet.panels[_COLUMNS * rows :], strict=True)
     ):
         caption(panel, criterion.axis)
         panel.plot(
@@ -480,7 +511,7 @@ def figure_flexibility(
         panel.axhline(criterion.limit, color=BLACK, linewidth=0.8, linestyle=":")
         panel.margins(y=0.1)
     for number, panel in enumerate(sheet.panels):
-        _dress(panel, degrees, criteria, marks if number < 3 * rows else {})
+        _finish_panel(panel, degrees, criteria, marks if number < _COLUMNS * rows else {})
     for panel in sheet.panels[-max(len(criteria), 1) :]:
         panel.set_xlabel("degree of flexibility", fontsize=LABEL_SIZE)
     return finish(sheet, title, head=0.3, bottom=0.5)
@@ -510,7 +541,7 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
         colour, marker = _ESTIMATES[number % len(_ESTIMATES)]
         values, std = (unit.factor * np.array(part) for part in zip(*result, strict=True))
         places = np.array(degrees) * np.exp(shift[number])
-        look: dict[str, Any] = {
+        style: dict[str, Any] = {
             "fmt": marker,
             "color": colour,
             "markersize": 3.2,
@@ -518,10 +549,10 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
             "capsize": 1.5,
         }
         panel.errorbar(
-            places, values, yerr=2.0 * std, label=f"{escaped_dollars(label)} ±2σ", **look
+            places, values, yerr=2.0 * std, label=f"{escaped_dollars(label)} ±2σ", **style
         )
-    for each in course.published:
-        printed: dict[str, Any] = {
+    for published in course.published:
+        published_style: dict[str, Any] = {
             "fmt": "s",
             "color": VERMILION,
             "markersize": 4.5,
@@ -530,21 +561,21 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
             "label": "published ±2σ",
         }
         panel.errorbar(
-            [each.degree],
-            [unit.factor * each.value],
-            yerr=[2.0 * unit.factor * each.std],
+            [published.degree],
+            [unit.factor * published.value],
+            yerr=[2.0 * unit.factor * published.std],
             zorder=5,
-            **printed,
+            **published_style,
         )
 
 
-def _dress(
+def _finish_panel(
     panel: Axes,
     degrees: Sequence[float],
     criteria: Sequence[CriterionCourse],
     marks: Mapping[str, float],
 ) -> None:
-    """Logarithmic axis, lines where criteria fail, names of structures above the panel."""
+    """Set the logarithmic axis, and draw lines where criteria fail and names of structures."""
     panel.set_xscale("log")
     panel.set_xlim(0.8 * min(degrees), 1.3 * max(degrees))
     for number, criterion in enumerate(criteria):

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: derivatives, evidence, values by record."""
+"""Figures of a diagnosis: derivatives, evidence for the candidates, parameters from each record."""
 
 from __future__ import annotations
 
@@ -44,51 +44,51 @@ from scenarios.report.quantities import displayed, value_text
 
 # ---- Derivatives before and after
 
+LEAST_SIGMAS = 3.0  # a smaller derivative is shown in per cent of so many of its sigmas
+
 
 def figure_derivatives(
     before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = ""
 ) -> Figure:
     """Plot derivatives of the declared model and of the model with effects, in % of the former.
 
-    Bars are two standard deviations. A derivative below three of its sigmas is shown in % of three
-    sigmas. Without effects, only the declared model is shown.
+    Bars are two standard deviations. A derivative below ``LEAST_SIGMAS`` of its sigmas is shown in
+    % of these. Without effects, only the declared model is shown.
     """
     names = [name for name in before if name in after]
     n = len(names)
     labels = [symbol(name) for name in names]
     left = min(2.0, max([0.7, *(text_width(label) + 0.25 for label in labels)]))
-    columns = [
+    before_texts, after_texts = (
         [
-            value_text(side[name].value, side[name].std).replace("+-", "±").replace("-", "−")
+            value_text(model[name].value, model[name].std).replace("+-", "±").replace("-", "−")
             for name in names
         ]
-        for side in (before, after)
-    ]
-    same = columns[0] == columns[1]
-    widths = [
-        max([0.5, *(text_width(text, TICK_SIZE) for text in texts)]) + 0.12 for texts in columns
-    ]
-    sheet = make_sheet(
-        [0.34 * n + 0.1],
-        count=min(n, 1),
-        left=left,
-        right=(widths[1] if same else sum(widths)) + 0.2,
+        for model in (before, after)
     )
+    same = before_texts == after_texts
+    models: list[tuple[Mapping[str, Quantity], float, str, str, str, list[str]]]
+    models = [
+        (before, 0.16, "s", VERMILION, "before", before_texts),
+        (after, -0.16, "o", BLUE, "after", after_texts),
+    ]
+    if same:
+        models = [(after, 0.0, "o", BLUE, "estimate", after_texts)]
+    widths = [
+        max([0.5, *(text_width(text, TICK_SIZE) for text in texts)]) + 0.12 for *_, texts in models
+    ]
+    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=sum(widths) + 0.2)
     panel = sheet.panels[0]
     panel.axvline(0.0, **ZERO)
-    inner = WIDTH - sheet.left - sheet.right
+    panel_width = WIDTH - sheet.left - sheet.right
     rows, start = n - 1.0 - np.arange(n), np.array([before[name].value for name in names])
-    base = np.maximum(np.abs(start), 3.0 * np.array([before[name].std for name in names]))
+    sigmas = np.array([before[name].std for name in names])
+    base = np.maximum(np.abs(start), LEAST_SIGMAS * sigmas)
     base = np.where(base > 0.0, base, 1.0)
-    reach, right = 5.0, 0.0
-    both = (
-        (before, 0.16, "s", VERMILION, "before", columns[0], widths[0]),
-        (after, -0.16, "o", BLUE, "after", columns[1], widths[1]),
-    )
-    alone = ((after, 0.0, "o", BLUE, "estimate", columns[1], widths[1]),)
-    for side, offset, marker, colour, label, texts, width in alone if same else both:
-        x = 100.0 * (np.array([side[name].value for name in names]) - start) / base
-        bars = 200.0 * np.array([side[name].std for name in names]) / base
+    largest, right = 5.0, 0.0
+    for (model, offset, marker, colour, label, texts), width in zip(models, widths, strict=True):
+        x = 100.0 * (np.array([model[name].value for name in names]) - start) / base
+        bars = 200.0 * np.array([model[name].std for name in names]) / base
         panel.errorbar(
             x,
             rows + offset,
@@ -100,48 +100,55 @@ def figure_derivatives(
             capsize=2.5,
             label=f"{label} ±2σ",
         )
-        reach = max(reach, float(np.max(np.abs(x) + np.minimum(bars, 100.0), initial=0.0)))
+        largest = max(largest, float(np.max(np.abs(x) + np.minimum(bars, 100.0), initial=0.0)))
         right += width
-        look: dict[str, Any] = {
+        style: dict[str, Any] = {
             "transform": panel.get_yaxis_transform(),
             "ha": "right",
             "fontsize": TICK_SIZE,
             "color": colour,
         }
-        panel.text(1.0 + right / inner, n - 0.35, label, va="bottom", **look)
+        panel.text(1.0 + right / panel_width, n - 0.35, label, va="bottom", **style)
         for y, text in zip(rows.tolist(), texts, strict=True):
-            panel.text(1.0 + right / inner, y, text, va="center", **look)
+            panel.text(1.0 + right / panel_width, y, text, va="center", **style)
     panel.set_yticks(range(n), labels[::-1])
     panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
     panel.set_ylim(-0.55, n - 0.45)
-    panel.set_xlim(-1.08 * reach, 1.08 * reach)
-    panel.set_xlabel(
-        "uncertainty of the derivative (% of its value)"
-        if same
-        else "change of the derivative (% of its value before)",
-        fontsize=LABEL_SIZE,
-    )
-    vague = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
-    if vague:
-        caption(panel, f"{', '.join(vague)}: in % of 3σ, not determined before")
+    panel.set_xlim(-1.08 * largest, 1.08 * largest)
+    x_label = "change of the derivative (% of its value before)"
+    if same:
+        x_label = "uncertainty of the derivative (% of its value)"
+    panel.set_xlabel(x_label, fontsize=LABEL_SIZE)
+    uncertain = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
+    if uncertain:
+        caption(panel, f"{', '.join(uncertain)}: in % of 3σ, not determined before")
     return finish(sheet, title, head=0.24)
 
 
 # ---- Evidence of the candidates
 
-ROWS = {1: 12, 2: 8}  # number of rounds -> drawn candidates of each round (6 if more rounds)
-CANDIDATES_OF_LAST_ROUND = 4  # candidates drawn of a round that added no effect
-MOST_PANELS = 3  # rounds at most
+ROWS = {1: 12, 2: 8}  # number of drawn rounds -> candidates of each round
+ROWS_OF_MANY_ROUNDS = 6  # candidates of each round if there are more rounds
+CANDIDATES_OF_LAST_ROUND = 4  # candidates of a round that added no effect
+MOST_PANELS = 3  # rounds that are drawn
 _ROW_HEIGHT = 0.2  # inches, height of a candidate
 _NUMBER_WIDTH = 0.56  # inches, width of a number
 _SMALL_TEXT_SIZE = TICK_SIZE - 0.5  # points, size of small text
-_TITLE_LEFT = 0.15  # inches
+_TITLE_LEFT = 0.15  # inches from the left edge of the figure to the titles
 NOTHING = NamedEffects()
 
 
 @dataclass(frozen=True)
 class _Round:
-    """Drawn candidates of one round, the best first; ``others``: number of further ones."""
+    """Drawn candidates of one round.
+
+    Attributes
+    ----------
+    number : number of the round.
+    within : effects that were already in the model.
+    shown : drawn candidates, the best first.
+    others : number of candidates that are not drawn.
+    """
 
     number: int
     within: tuple[str, ...]
@@ -154,170 +161,155 @@ def figure_evidence(
 ) -> Figure:
     """Plot the log posterior odds of each candidate, one panel per round, and reasons against it.
 
-    Filled bars are from fits, open ones from linearisation. Up to ``MOST_PANELS`` rounds that led
-    to the accepted effects.
+    Filled bars are from fits, open bars from linearisation. Up to ``MOST_PANELS`` rounds that led
+    to the accepted effects are drawn.
     """
     rounds = _rounds(candidates, standing)
     if not rounds:
         sheet = make_sheet([1.0])
         sheet.panels[0].set_title("no candidate was tried", fontsize=TICK_SIZE, loc="left")
         return finish(sheet, title, legend=False)
-    words = [[reason(c, standing, each.shown) for c in each.shown] for each in rounds]
-    left = min(
-        1.85,
-        max(
-            [
-                1.0,
-                *(
-                    text_width(escaped_dollars(c.name), _SMALL_TEXT_SIZE) + 0.25
-                    for each in rounds
-                    for c in each.shown
-                ),
-            ]
-        ),
-    )
-    right = (
-        max([0.7, *(text_width(text, _SMALL_TEXT_SIZE) for some in words for text in some)])
-        + 0.1
-        + _NUMBER_WIDTH
-    )
-    heights = [_ROW_HEIGHT * (len(each.shown) + bool(each.others)) + 0.1 for each in rounds]
+    names = [escaped_dollars(item.name) for drawn in rounds for item in drawn.shown]
+    reasons = [[reason(item, standing, drawn.shown) for item in drawn.shown] for drawn in rounds]
+    name_widths = [text_width(name, _SMALL_TEXT_SIZE) + 0.25 for name in names]
+    reason_widths = [text_width(text, _SMALL_TEXT_SIZE) for texts in reasons for text in texts]
+    left = min(1.85, max([1.0, *name_widths]))
+    right = max([0.7, *reason_widths]) + 0.1 + _NUMBER_WIDTH
+    heights = [_ROW_HEIGHT * (len(drawn.shown) + bool(drawn.others)) + 0.1 for drawn in rounds]
     sheet = make_sheet(heights, row_gap=0.42, left=left, right=right, share_x=False)
-    scale = WIDTH - left - right
-    for panel, each, some in zip(sheet.panels, rounds, words, strict=True):
-        _draw_odds(panel, each, standing)
-        _head(panel, each, standing, (_TITLE_LEFT - left) / scale)
-        _column(
-            panel, [_odds(c) for c in each.shown], "log odds" if panel is sheet.panels[0] else ""
-        )
-        for y, (c, text) in zip(_places(each), zip(each.shown, some, strict=True), strict=True):
+    panel_width = WIDTH - left - right
+    for panel, drawn, texts in zip(sheet.panels, rounds, reasons, strict=True):
+        _draw_odds(panel, drawn, standing)
+        _write_title(panel, drawn, standing, (_TITLE_LEFT - left) / panel_width)
+        heading = "log odds" if panel is sheet.panels[0] else ""
+        _write_column(panel, [_odds_text(item) for item in drawn.shown], heading)
+        for y, item, text in zip(_places(drawn), drawn.shown, texts, strict=True):
             panel.annotate(
                 text,
                 (1.0, y),
-                **_at(_NUMBER_WIDTH + 0.08, "left"),
+                **_text_style(_NUMBER_WIDTH + 0.08, "left"),
                 va="center",
-                color=BLUE if c.name in standing.claimed else BLACK,
+                color=BLUE if item.name in standing.claimed else BLACK,
             )
-    _labels(sheet, rounds)
+    _finish_axes(sheet, rounds)
     return finish(sheet, title, head=0.3)
 
 
 def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Round]:
-    """Rounds of the search that led to the final effects; without any the first ones."""
-    nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
-    path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
-    chosen = sorted(path, key=lambda node: node[0])[:MOST_PANELS]
-    most = ROWS.get(len(chosen), 6)
-
-    def rows(within: tuple[str, ...]) -> int:
-        return CANDIDATES_OF_LAST_ROUND if standing.complete(within) else most
-
+    """Return the rounds of the search that led to the accepted effects; without accepted effects,
+    the first rounds.
+    """
+    models = sorted(dict.fromkeys(item.within for item in candidates), key=len)
+    path = [within for within in models if set(within) <= set(standing.named)] or models
+    chosen = path[:MOST_PANELS]
+    rows = ROWS.get(len(chosen), ROWS_OF_MANY_ROUNDS)
     return [
-        _round([c for c in candidates if c.within == within], standing, rows(within))
-        for _, within in chosen
+        _round(
+            [item for item in candidates if item.within == within],
+            standing,
+            CANDIDATES_OF_LAST_ROUND if standing.complete(within) else rows,
+        )
+        for within in chosen
     ]
 
 
 def _round(group: Sequence[Candidate], standing: NamedEffects, most: int) -> _Round:
-    ranked = sorted(group, key=lambda c: (not c.fitted, -c.weight, c.name))
-    best = {c.name: c for c in reversed(ranked)}  # as fitted, where it was
-    order = sorted(best.values(), key=lambda c: (-c.weight, c.name))
-    first = [c for c in order if c.name in standing.named]
-    kept = {c.name for c in [*first, *(c for c in order if c not in first)][:most]}
+    """Return the round of the candidates ``group``: the ``most`` drawn, accepted effects first."""
+    ranked = sorted(group, key=lambda item: (not item.fitted, -item.weight, item.name))
+    best = {item.name: item for item in reversed(ranked)}  # a fitted form before a linearised one
+    ordered = sorted(best.values(), key=lambda item: (-item.weight, item.name))
+    by_priority = sorted(ordered, key=lambda item: item.name not in standing.named)
+    drawn = {item.name for item in by_priority[:most]}
     return _Round(
         group[0].round,
         group[0].within,
-        tuple(c for c in order if c.name in kept),
-        len(order) - len(kept),
+        tuple(item for item in ordered if item.name in drawn),
+        len(ordered) - len(drawn),
     )
 
 
-def _places(each: _Round) -> list[float]:
-    return [float(len(each.shown) - 1 - place) for place in range(len(each.shown))]
+def _places(drawn: _Round) -> list[float]:
+    """Return the ordinates of the candidates; the first is at the top."""
+    return [float(len(drawn.shown) - 1 - row) for row in range(len(drawn.shown))]
 
 
-def _colour(c: Candidate, standing: NamedEffects) -> str:
-    return (
-        BLUE
-        if c.name in standing.claimed
-        else SKY
-        if is_alternative(c, standing) or c.name in standing.hints
-        else GREY
-    )
+def _colour_and_label(candidate: Candidate, standing: NamedEffects) -> tuple[str, str]:
+    """Return colour and legend label of a candidate's bar."""
+    if candidate.name in standing.claimed:
+        return BLUE, "claimed"
+    if is_alternative(candidate, standing) or candidate.name in standing.hints:
+        return SKY, "alternative or hint"
+    return GREY, "fitted" if candidate.fitted else "linearised"
 
 
-def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
+def _draw_odds(panel: Axes, drawn: _Round, standing: NamedEffects) -> None:
     """Draw a bar for the log posterior odds of each candidate; negative odds to the left."""
-    odds = [c.weight for c in each.shown]
+    odds = [item.weight for item in drawn.shown]
     most, least = max(*odds, 0.0), min(*odds, 0.0)
+    # Bars to the left are cut at a quarter of the longest bar to the right.
     low = max(least, -0.25 * most) if most > 0.0 else least
-    for y, c, value in zip(_places(each), each.shown, odds, strict=True):
-        colour = _colour(c, standing)
-        what = (
-            "claimed"
-            if colour == BLUE
-            else "alternative or hint"
-            if colour == SKY
-            else "fitted"
-            if c.fitted
-            else "linearised"
-        )
+    for y, item, value in zip(_places(drawn), drawn.shown, odds, strict=True):
+        colour, label = _colour_and_label(item, standing)
         panel.barh(
             y,
             max(value, low),
             height=0.66,
-            color=colour if c.fitted else "white",
+            color=colour if item.fitted else "white",
             edgecolor=colour,
             linewidth=0.9,
-            label=what,
+            label=label,
         )
     panel.axvline(0.0, **ZERO)
     span = (most - low) or 1.0
     panel.set_xlim(low - 0.02 * span, most + 0.04 * span)
     panel.xaxis.set_major_locator(MaxNLocator(5))
-    panel.set_yticks(
-        _places(each), [escaped_dollars(c.name) for c in each.shown], fontsize=_SMALL_TEXT_SIZE
-    )
+    names = [escaped_dollars(item.name) for item in drawn.shown]
+    panel.set_yticks(_places(drawn), names, fontsize=_SMALL_TEXT_SIZE)
 
 
-def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
-    """Write the start of a round above the names, and the number of further candidates below."""
-    model = " + ".join(each.within) if each.within else "the declared model"
-    done = (
-        "; nothing more was needed"
-        if standing.complete(each.within) and each.within
-        else "; nothing was needed"
-        if standing.complete(())
-        else ""
-    )
+def _write_title(panel: Axes, drawn: _Round, standing: NamedEffects, x: float) -> None:
+    """Write the model of a round above the names, and the number of other candidates below.
+
+    ``x`` is the place of the title, share of the panel.
+    """
+    model = " + ".join(drawn.within) if drawn.within else "the declared model"
+    remark = ""
+    if drawn.within and standing.complete(drawn.within):
+        remark = "; nothing more was needed"
+    elif standing.complete(()):
+        remark = "; nothing was needed"
     panel.set_title(
-        escaped_dollars(f"round {each.number}, added to {model}{done}"),
+        escaped_dollars(f"round {drawn.number}, added to {model}{remark}"),
         fontsize=TICK_SIZE,
         loc="left",
         x=x,
         pad=4.5,
         y=1.0,
     )
-    if each.others:
+    if drawn.others:
         panel.annotate(
-            f"{each.others} others below",
+            f"{drawn.others} others below",
             (0.0, -1.0),
-            **{**_at(-0.06), "xycoords": ("axes fraction", "data")},
+            **_text_style(-0.06),
             va="center",
             color=GREY,
         )
 
 
-def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
+def _write_column(panel: Axes, texts: Sequence[str], heading: str) -> None:
     """Write a column of texts right of a panel, with a heading."""
-    for place, text in enumerate(reversed(texts)):
-        panel.annotate(text, (1.0, place), **_at(_NUMBER_WIDTH), va="center")
+    style = _text_style(_NUMBER_WIDTH)
+    for y, text in enumerate(reversed(texts)):
+        panel.annotate(text, (1.0, y), **style, va="center")
     if any(texts):
-        panel.annotate(heading, (1.0, len(texts) - 0.45), **_at(_NUMBER_WIDTH), va="bottom")
+        panel.annotate(heading, (1.0, len(texts) - 0.45), **style, va="bottom")
 
 
-def _at(inches: float, side: str = "right") -> dict[str, Any]:
-    """Return the style of a small text, ``inches`` right of a panel's edge."""
+def _text_style(inches: float, side: str = "right") -> dict[str, Any]:
+    """Return the style of a small text, ``inches`` right of its point in a panel.
+
+    The point has a share of the panel's width and an ordinate. ``side`` is the alignment.
+    """
     place = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (72.0 * inches, 0.0),
@@ -326,31 +318,35 @@ def _at(inches: float, side: str = "right") -> dict[str, Any]:
     return {**place, "ha": side, "fontsize": _SMALL_TEXT_SIZE, "annotation_clip": False}
 
 
-def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
-    for panel, each in zip(sheet.panels, rounds, strict=True):
+def _finish_axes(sheet: Sheet, rounds: Sequence[_Round]) -> None:
+    """Set limits, ticks and the label of the abscissa."""
+    for panel, drawn in zip(sheet.panels, rounds, strict=True):
         panel.tick_params(axis="y", length=0)
         panel.grid(False, axis="y")
-        panel.set_ylim(-1.55 if each.others else -0.55, len(each.shown) - 0.45)
+        panel.set_ylim(-1.55 if drawn.others else -0.55, len(drawn.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    odds = "log posterior odds against the model of the round"
-    sheet.panels[-1].set_xlabel(odds, fontsize=LABEL_SIZE)
+    x_label = "log posterior odds against the model of the round"
+    sheet.panels[-1].set_xlabel(x_label, fontsize=LABEL_SIZE)
 
 
-def _odds(c: Candidate) -> str:
-    return (f"{c.weight:.0f}" if abs(c.weight) >= 99.5 else f"{c.weight:.1f}").replace("-", "−")
+def _odds_text(candidate: Candidate) -> str:
+    """Return the log odds with one decimal, or without if there are three digits."""
+    decimals = 0 if abs(candidate.weight) >= 99.5 else 1
+    return f"{candidate.weight:.{decimals}f}".replace("-", "−")
 
 
 # ---- Parameters of effects from single records
 
 MOST_DRAWN_PARAMETERS = 4  # drawn parameters of one effect
+LARGEST_SIGMA_SHARE = 1e3  # a larger sigma, over the value, is limited
+SMALLEST_VALUE = 1e-12  # value from which this limit counts at least
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:
     """Plot the parameters of effects from each record, and from all fitted records as a band.
 
-    Bars and band are two standard deviations.
-
-    Angles in degrees. A record without the parameter has no point.
+    Bars and band are two standard deviations. Angles are in degrees. A record without the parameter
+    has no point.
     """
     shown = [
         (effect, name)
@@ -359,19 +355,19 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
     ]
     sheet = make_sheet([1.2] * len(shown), row_gap=0.32, left=0.8)
     for panel, (effect, name) in zip(sheet.panels, shown, strict=True):
-        places = [place for place, each in enumerate(effect.by_record) if name in each]
-        values, stds = _shown([effect.by_record[place][name] for place in places], name)
+        places = [place for place, parameters in enumerate(effect.by_record) if name in parameters]
+        values, stds = _in_display_units([effect.by_record[place][name] for place in places], name)
         if name in effect.together:
-            (middle,), (std,) = _shown([effect.together[name]], name)
+            (value,), (std,) = _in_display_units([effect.together[name]], name)
             panel.axhspan(
-                middle - 2.0 * std,
-                middle + 2.0 * std,
+                value - 2.0 * std,
+                value + 2.0 * std,
                 color=SKY,
                 alpha=0.3,
                 linewidth=0,
                 label="fitted records together ±2σ",
             )
-            panel.axhline(middle, color=SKY, linewidth=1.0)
+            panel.axhline(value, color=SKY, linewidth=1.0)
         panel.errorbar(
             places,
             values,
@@ -398,14 +394,15 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
     return finish(sheet, title, head=0.22, bottom=0.45)
 
 
-def _shown(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Values and standard deviations in the units of a figure, sigmas limited to the value."""
+def _in_display_units(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return values and sigmas of a parameter in the units of a figure.
+
+    Very large sigmas are limited. An unknown sigma becomes the size of the value.
+    """
     rows = np.array(
         [displayed(quantity, name)[:2] for quantity in quantities], dtype=float
     ).reshape(-1, 2)
     values, stds = rows[:, 0], rows[:, 1]
-    return values, np.where(
-        np.isfinite(stds) & (stds >= 0.0),
-        np.minimum(stds, 1e3 * np.maximum(np.abs(values), 1e-12)),
-        np.abs(values),
-    )
+    sizes = np.abs(values)
+    limited = np.minimum(stds, LARGEST_SIGMA_SHARE * np.maximum(sizes, SMALLEST_VALUE))
+    return values, np.where(np.isfinite(stds) & (stds >= 0.0), limited, sizes)

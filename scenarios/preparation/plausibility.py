@@ -1,4 +1,4 @@
-"""Records that no fit should start from, and records held out of the fit."""
+"""Refusal of records that no fit or prediction can use, and the choice of the held-out part."""
 
 from __future__ import annotations
 
@@ -19,63 +19,63 @@ from sim.record import Channel, Record
 
 # ---- Long records that are almost all cruise
 
-# s, of all records together; a shorter one is a maneuver with its rest
-LONGEST_MANEUVER_RECORD = 120.0
-# Share of the time with moving inputs, below which a record is called almost all cruise. Of 40
-# simulated flights of 20 minutes with a maneuver every one to two minutes, which move for 0.27 to
-# 0.72 of their time, none is; nor is a measured one.
+LONGEST_MANEUVER_RECORD = 120.0  # s, of all records together; shorter records are maneuvers
+# A record is almost all cruise if inputs move for a smaller share of its time. In 40 simulated
+# flights of 20 minutes with a maneuver every one to two minutes, this share is 0.27 to 0.72.
 LEAST_MOVING_SHARE = 0.1
 
 
 def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
-    """Return one sentence where long records are almost all cruise: the share of their time in
-    which an input moves; empty elsewhere.
+    """Return a sentence if long records are almost all cruise; else an empty text.
 
-    ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
-    options that open it.
+    Parameters
+    ----------
+    records : the records.
+    name : name of the first file, for the command that finds its maneuvers.
+    opening : options that open this file.
     """
     signals = [
         FlightSignals(
-            each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}
+            record.time,
+            {channel.name: channel.values for channel in record.inputs if channel.name in AXES},
+            {},
         )
-        for each in records
+        for record in records
     ]
-    spans = [float(each.time[-1] - each.time[0]) for each in records]
-    if sum(spans) < LONGEST_MANEUVER_RECORD or not any(each.inputs for each in signals):
+    durations = [float(record.time[-1] - record.time[0]) for record in records]
+    total = sum(durations)
+    if total < LONGEST_MANEUVER_RECORD or not any(flight.inputs for flight in signals):
         return ""
-    share = sum(span * active_share(each) for span, each in zip(spans, signals, strict=True)) / sum(
-        spans
+    moving_time = sum(
+        duration * active_share(flight) for duration, flight in zip(durations, signals, strict=True)
     )
+    share = moving_time / total
     if share >= LEAST_MOVING_SHARE:
         return ""
-    moved = (
-        f"an input moves beyond its noise in {100.0 * share:.1f} % of {sum(spans):.0f} s: the "
-        "record is almost all cruise"
-    )
     return (
-        f"{moved}; flightid maneuvers {' '.join([name, *opening])} --out DIR finds its maneuvers, "
-        "and --maneuver N uses one of them"
+        f"an input moves beyond its noise in {100.0 * share:.1f} % of {total:.0f} s: the record is "
+        f"almost all cruise; flightid maneuvers {' '.join([name, *opening])} --out DIR finds its "
+        "maneuvers, and --maneuver N uses one of them"
     )
 
 
-# ---- What no fit should start from and no prediction be judged by
+# ---- Records that cannot be fitted or predicted
 
-# A prediction fits the initial states and the biases: k numbers from N samples lower its error by
-# sqrt(1 - k/N), here by a twentieth at most.
+# Fewest samples of a prediction for each number that is fitted to them: initial states and biases.
+# k numbers fitted to N samples reduce the error by the factor sqrt(1 - k/N), at least 0.95.
 PER_UNKNOWN = 10
-MEDIAN_SAMPLES = 5  # samples, whose median no single wrong one moves
+MEDIAN_SAMPLES = 5  # samples of a median, which a single wrong sample does not change
+MOTION_SIGMAS = 4.0  # sigmas of the noise, which such medians of noise alone do not reach
 MANEUVER = "give a record with a maneuver, or more of this one"
-# sigmas of a channel's noise, which medians of five samples of noise alone do not reach
-MOTION_SIGMAS = 4.0
 
 
 def refuse_still(records: Sequence[Record], model: Model) -> None:
-    """Nothing where something happens in the records.
+    """Raise an error for records without motion.
 
     Raises
     ------
-    RecordError : an output whose samples are all the same; controls that rest in every record;
-        nothing that moves above its noise.
+    RecordError : all samples of an output are the same; all controls rest in all records; or no
+        channel moves above its noise.
     """
     for record in records:
         for channel in record.outputs:
@@ -90,11 +90,9 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     ]
     if controls and all(_still(record[name]) for record in records for name in controls):
         *first, last = controls
-        what = (
-            f"{', '.join(first)} and {last} never move: nothing shows what they do"
-            if first
-            else f"the {last} never moves: nothing shows what it does"
-        )
+        what = f"the {last} never moves: nothing shows what it does"
+        if first:
+            what = f"{', '.join(first)} and {last} never move: nothing shows what they do"
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
     if controls and not any(
         moves(channel)
@@ -110,19 +108,19 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
 
 
 def refuse_too_few(records: Sequence[Record], model: Model) -> None:
-    """Nothing where records have more samples than a fit of the model has unknowns.
+    """Raise an error for records with fewer samples than the fit of a model has unknowns.
 
     Raises
     ------
-    RecordError : fewer samples of outputs than parameters, initial states and biases.
+    RecordError : there are not more samples of outputs than parameters, initial states and biases.
     """
     names = [signal.name for signal in model.equations.outputs]
-    biased = 0
+    biases = 0
     for record in records:
         measured = [name for name in names if name in record.output_names]
-        biased += len(outputs_with_bias(model, measured))
+        biases += len(outputs_with_bias(model, measured))
     free = [name for name in model.parameters.free_names if not name.startswith("bias_")]
-    counts = len(free), len(records) * len(model.initial), biased
+    counts = len(free), len(records) * len(model.initial), biases
     rows = sum(map(len, records))
     samples = sum(
         int(np.count_nonzero(channel.valid))
@@ -139,12 +137,12 @@ def refuse_too_few(records: Sequence[Record], model: Model) -> None:
 
 
 def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Record]) -> None:
-    """Raise an error unless the records of one call belong together.
+    """Raise an error for records that do not belong together.
 
     Raises
     ------
-    RecordError : sticks in two units, which are never converted; a record to be predicted with none
-        of the fitted channels.
+    RecordError : the stick has different units, which are never converted; or a record to be
+        predicted measures none of the fitted channels.
     """
     first = fitted[0]
     for record in (*fitted[1:], *validation):
@@ -189,34 +187,32 @@ def not_recorded(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str
 def refuse_unpredictable(
     records: Sequence[Record], model: Model, option: str = "--validate"
 ) -> None:
-    """Raise RecordError for a record that is too short or too quiet to be predicted.
+    """Raise RecordError for a record that is too short or has too little motion to be predicted.
 
-    ``option``: option that names the records; empty for the command's main argument.
+    ``option`` is the option that names the records; empty for the command's main argument.
     """
     for record in records:
-        why = why_unpredictable(record, model)
-        if why:
-            where, leave = (
-                (f"{record.name} ({option})", f", or leave {option} out")
-                if option
-                else (record.name, "")
-            )
-            raise RecordError(
-                why, where=where, remedy=f"name a longer record with a maneuver{leave}"
-            )
+        reason = why_unpredictable(record, model)
+        if not reason:
+            continue
+        where, remedy = record.name, "name a longer record with a maneuver"
+        if option:
+            where, remedy = f"{where} ({option})", f"{remedy}, or leave {option} out"
+        raise RecordError(reason, where=where, remedy=remedy)
 
 
 def why_unpredictable(record: Record, model: Model) -> str:
-    """Why a prediction of a record would not test a model: a stuck channel, too few samples, no
-    motion; else empty.
+    """Return the reason why a prediction of a record would not test a model; else an empty text.
+
+    Reasons are too few samples, a constant channel, and no motion.
     """
     biases = [channel for channel in record.outputs if channel.name in model.biases]
-    unknown = len(model.initial) + len(biases)
+    unknowns = len(model.initial) + len(biases)
     samples = sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs)
-    if samples < PER_UNKNOWN * unknown:
-        fitted = f"{len(model.initial)} initial states" + (
-            f" and {len(biases)} biases" if biases else ""
-        )
+    if samples < PER_UNKNOWN * unknowns:
+        fitted = f"{len(model.initial)} initial states"
+        if biases:
+            fitted += f" and {len(biases)} biases"
         return (
             f"{len(record)} rows with {samples} samples are too few to predict: {fitted} are "
             f"fitted to them, and each wants {PER_UNKNOWN}"
@@ -232,8 +228,8 @@ def why_unpredictable(record: Record, model: Model) -> str:
 def moves(channel: Channel) -> bool:
     """Return whether a channel moves above its noise.
 
-    A median over five samples differs from the middle by more than ``MOTION_SIGMAS`` sigmas; sigma
-    follows from the median difference of successive samples.
+    A moving channel has a median over five samples that differs from its median over all samples by
+    more than ``MOTION_SIGMAS``. Sigma follows from differences of successive samples.
     """
     values = channel.values[channel.valid]
     if len(values) < 2 * MEDIAN_SAMPLES:
@@ -252,26 +248,34 @@ def _still(channel: Channel) -> bool:
     return len(values) > 1 and float(np.ptp(values)) == 0.0
 
 
-# ---- What is kept out of the fit when the user names no record for that
+# ---- Choice of the held-out part if the user names no record for validation
 
-LEAST_EXCITATION_SHARE = 0.3
-EARLIEST_CUT_SHARE = 0.1  # earliest cut, share of the duration
-LATEST_CUT_SHARE = 0.8  # latest cut, share of the duration
-LEAST_HELD_OUT_EXCITATION = 0.1  # share of the excitation in the held-out part
+HELD_OUT_EXCITATION_SHARE = 0.3  # share of the excitation that the held-out part should have
+LEAST_HELD_OUT_EXCITATION = 0.1  # least share of the excitation in the held-out part
+LEAST_FITTED_EXCITATION = 0.5  # least share of the excitation in the fitted part
+EXCITATION_TOLERANCE = 0.02  # difference of the share of the excitation that does not matter
+EARLIEST_CUT_SHARE, LATEST_CUT_SHARE = 0.1, 0.8  # earliest and latest cut, share of the duration
 FEWEST_PART_SAMPLES = 20  # samples in either part
 # Share of all samples that the other records need if the last is held out whole.
 LEAST_REMAINING_SHARE = 0.3
-FEWEST_TRIM_SAMPLES = 5  # fewest samples that show the trim
-TRIM_SAMPLE_SHARE = 0.02  # share of the samples that show the trim
-_REST_SHARE = 0.02  # share of the input's largest movement
-_REST_TIME = 0.5  # s
-_REST_NOISE_SIGMAS = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
+FEWEST_TRIM_SAMPLES = 5  # fewest samples from which the trim is taken
+TRIM_SAMPLE_SHARE = 0.02  # share of the samples from which the trim is taken
+# A resting input is within this share of its largest deflection, or these sigmas of its noise, for
+# this time (s).
+_REST_SHARE, _REST_NOISE_SIGMAS, _REST_TIME = 0.02, 4.0, 0.5
 _REMEDY = "give another record with --validate, or use more of this one"
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Fitted and held-out records. ``cut``: time (s); None for a whole held-out record."""
+    """Fitted and held-out records.
+
+    Attributes
+    ----------
+    fitted, held_out : the records.
+    cut : time at which the last record is cut, s; None if it is held out whole.
+    sentence : sentence on the held-out part.
+    """
 
     fitted: tuple[Record, ...]
     held_out: Record
@@ -282,21 +286,17 @@ class Split:
 def split_off(records: Sequence[Record], model: Model) -> Split:
     """Hold out the whole last record if the others can replace it, else its last part.
 
-    The others must measure every channel and move every control of it, and have at least 30 % of
-    all samples. The last record must be predictable (``why_unpredictable``). Of records without a
-    control, the last part is held out, since whole records may show the same motion.
+    The others must measure every channel and move every control of the last record, and have at
+    least ``LEAST_REMAINING_SHARE`` of all samples. The last record must be predictable. Without
+    controls, the last part is held out, because whole records may show the same motion.
 
     Raises
     ------
-    RecordError : the last record has to be cut and cannot be.
+    RecordError : the last record cannot be cut, although it must be.
     """
     *others, last = records
-    if (
-        others
-        and model.equations.inputs
-        and _stand_for(others, last)
-        and not why_unpredictable(last, model)
-    ):
+    replaceable = bool(others) and bool(model.equations.inputs) and _can_replace(others, last)
+    if replaceable and not why_unpredictable(last, model):
         sentence = (
             f"the last record, {last.name}, is not fitted but predicted whole, as no other is "
             "given for it (--validate); the others are fitted"
@@ -313,36 +313,41 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
     )
 
 
-def _stand_for(others: Sequence[Record], last: Record) -> bool:
-    """Return whether some records measure and excite everything that another one does."""
-    enough = sum(len(record) for record in others) >= LEAST_REMAINING_SHARE * sum(
-        len(record) for record in (*others, last)
-    )
+def _can_replace(others: Sequence[Record], last: Record) -> bool:
+    """Return whether the others measure every channel and move every control of the last record,
+    and have enough samples.
+    """
+    remaining = sum(len(record) for record in others)
+    enough = remaining >= LEAST_REMAINING_SHARE * (remaining + len(last))
     measured = {
         channel.name for record in others for channel in record.outputs if np.any(channel.valid)
     }
     moved = {channel.name for record in others for channel in record.inputs if moves(channel)}
-    shown = {channel.name for channel in last.outputs}
-    steered = {
+    needed_outputs = {channel.name for channel in last.outputs}
+    return enough and needed_outputs <= measured and set(_moving_controls(last)) <= moved
+
+
+def _moving_controls(record: Record) -> list[str]:
+    """Return the inputs that move above their noise and are not measured motion."""
+    return [
         channel.name
-        for channel in last.inputs
+        for channel in record.inputs
         if channel.name not in MEASURED_MOTION and moves(channel)
-    }
-    return enough and shown <= measured and steered <= moved
+    ]
 
 
 def hold_out(record: Record) -> tuple[Record, Record]:
     """Cut a record into a fitted part and a last part, which is predicted.
 
-    The cut is where 70 % of the excitation is over (squared deflections from the initial trim), at
-    10 to 80 % of the duration. Preferred are moments at which every input has rested for half a
-    second, so that lags, delays and hysteresis do not cross the cut, if at least 10 % of the
-    excitation is left. A record without inputs is cut at 70 % of its duration.
+    The cut is after 70 % of the excitation, the sum of squared deflections from the initial trim,
+    and within 10 to 80 % of the duration. Preferred are times at which every input has rested for
+    half a second, so that lags, delays and hysteresis do not act across the cut; both parts must
+    then have enough excitation. A record without inputs is cut at 70 % of its duration.
 
     Raises
     ------
-    RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a
-        channel, or a fitted part in which no control moves.
+    RecordError : there are fewer than 40 rows, 20 for each part; a part has no sample of a channel;
+        or no control moves in the fitted part.
     """
     if len(record) < 2 * FEWEST_PART_SAMPLES:
         raise RecordError(
@@ -351,12 +356,8 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     cut = min(max(_cut(record), FEWEST_PART_SAMPLES), len(record) - FEWEST_PART_SAMPLES)
     first = _part(record, slice(0, cut), "fitted")
     held_out = _part(record, slice(cut, len(record)), "held-out")
-    steered = [
-        channel.name
-        for channel in record.inputs
-        if channel.name not in MEASURED_MOTION and moves(channel)
-    ]
-    if steered and not any(moves(first[name]) for name in steered):
+    controls = _moving_controls(record)
+    if controls and not any(moves(first[name]) for name in controls):
         what = (
             f"no control moves before {instant(record.time[cut], 6)} s, where its last part would "
             "be held out: the rest says nothing of a model"
@@ -369,54 +370,57 @@ def _cut(record: Record) -> int:
     """Return the first row of the held-out part."""
     time = record.time
     span = time[-1] - time[0]
-    inside = np.flatnonzero(
+    allowed = np.flatnonzero(
         (time >= time[0] + EARLIEST_CUT_SHARE * span) & (time <= time[0] + LATEST_CUT_SHARE * span)
     )
-    if inside.size == 0:  # all samples at the ends
+    if allowed.size == 0:  # all samples are at the ends
         return len(record) // 2
-    wanted = 1.0 - LEAST_EXCITATION_SHARE
+    fitted_share = 1.0 - HELD_OUT_EXCITATION_SHARE
     weight = np.gradient(time)
-    moved = np.zeros(len(record))
+    excitation = np.zeros(len(record))
     resting = np.ones(len(record), dtype=bool)
     for channel in record.inputs:
-        # a measured flow or attitude drifts; only controls excite
+        # Measured motion drifts; only controls excite.
         if channel.name in MEASURED_MOTION:
             continue
-        away = np.abs(channel.values - _trim(channel.values))
-        peak = float(away.max())
+        deflection = np.abs(channel.values - _trim(channel.values))
+        peak = float(deflection.max())
         if peak > 0.0:
-            moved += (away / peak) ** 2 * weight
-            resting &= away <= max(
-                _REST_SHARE * peak, _REST_NOISE_SIGMAS * _scatter(channel.values)
+            excitation += (deflection / peak) ** 2 * weight
+            resting &= deflection <= max(
+                _REST_SHARE * peak, _REST_NOISE_SIGMAS * _noise_sigma(channel.values)
             )
-    if not np.any(moved > 0.0):
-        return int(inside[np.argmin(np.abs(time[inside] - time[0] - wanted * span))])
-    over = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / moved.sum()
-    last_moved = np.maximum.accumulate(np.where(resting, -np.inf, time))
-    rested = inside[resting[inside] & (time[inside] - last_moved[inside] >= _REST_TIME)]
-    rested = rested[(1.0 - over[rested] >= LEAST_HELD_OUT_EXCITATION) & (over[rested] >= 0.5)]
-    chosen = rested if rested.size else inside
-    distance = np.abs(over[chosen] - wanted)
-    # During rest the share is constant: take the moment nearest to 70 % of the duration.
-    best = chosen[distance <= distance.min() + 0.02]
-    return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
+    if not np.any(excitation > 0.0):
+        return int(allowed[np.argmin(np.abs(time[allowed] - time[0] - fitted_share * span))])
+    before = np.concatenate([[0.0], np.cumsum(excitation)[:-1]]) / excitation.sum()
+    last_motion = np.maximum.accumulate(np.where(resting, -np.inf, time))
+    rested = allowed[resting[allowed] & (time[allowed] - last_motion[allowed] >= _REST_TIME)]
+    rested = rested[
+        (1.0 - before[rested] >= LEAST_HELD_OUT_EXCITATION)
+        & (before[rested] >= LEAST_FITTED_EXCITATION)
+    ]
+    possible = rested if rested.size else allowed
+    distance = np.abs(before[possible] - fitted_share)
+    # At rest the share is constant. The row nearest to 70 % of the duration is taken.
+    best = possible[distance <= distance.min() + EXCITATION_TOLERANCE]
+    return int(best[np.argmin(np.abs(time[best] - time[0] - fitted_share * span))])
 
 
 def _trim(values: np.ndarray) -> float:
-    """Return the initial value of a control; the median would follow a long step."""
-    return float(
-        np.median(values[: max(FEWEST_TRIM_SAMPLES, round(TRIM_SAMPLE_SHARE * len(values)))])
-    )
+    """Return the initial value of a control; the median of all samples would follow a long step."""
+    count = max(FEWEST_TRIM_SAMPLES, round(TRIM_SAMPLE_SHARE * len(values)))
+    return float(np.median(values[:count]))
 
 
-def _scatter(values: np.ndarray) -> float:
+def _noise_sigma(values: np.ndarray) -> float:
     """Return the standard deviation of the noise on an input, from the median of its steps; zero
-    for one that is held.
+    for an input that is constant between updates.
     """
     return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
 
 
 def _part(record: Record, rows: slice, word: str) -> Record:
+    """Return some rows of a record; ``word`` names the part in an error."""
     for channel in record.outputs:
         if not np.any(channel.valid[rows]):
             raise RecordError(

@@ -1,5 +1,5 @@
-"""The record check of raw columns: refusals, warnings, and its findings in words and JSON; isolated
-wrong samples set aside.
+"""Check of the raw columns of records: refusals, masks, warnings, and the findings as text and
+JSON; isolated wrong samples set aside.
 """
 
 from __future__ import annotations
@@ -31,16 +31,24 @@ from sim.maths import G0
 from sim.propagation import MOST_STEPS
 from sim.record import Channel, Record
 
-# ---- Consequences of the check of raw columns
+# ---- Check of raw columns and its consequences
 
 TRUST = "--trust-record"
-WARNED, NOTED = "a warning", "only noted"
-LARGEST_NUMBER = 1e50  # squares of larger numbers leave the range of finite ones
+WARNED, NOTED = "a warning", "only noted"  # how a finding was handled
+LARGEST_NUMBER = 1e50  # a record with a larger value is not checked: squares overflow
 
 
 @dataclass(frozen=True, eq=False)
 class HandledFinding:
-    """A finding in a record, with the record's name and how it was handled."""
+    """A finding in a record.
+
+    Attributes
+    ----------
+    record : name of the record.
+    finding : the finding.
+    done : how it was handled, in words.
+    masked : number of samples that were masked.
+    """
 
     record: str
     finding: RecordFinding
@@ -49,15 +57,19 @@ class HandledFinding:
 
     @property
     def sentence(self) -> str:
-        """``"train.csv: alpha is updated every 2 samples ..."``"""
+        """The finding in words: ``"train.csv: alpha is updated every 2 samples ..."``."""
         return f"{self.record}: {self.finding.channel} {self.finding.sentence}"
 
 
 @dataclass(frozen=True, eq=False)
 class RecordCheck:
-    """Findings in the raw columns of all records of a call.
+    """Findings in the raw columns of all records.
 
-    ``trusted``: findings are only warnings; no sample is masked and no record refused.
+    Attributes
+    ----------
+    records : names of the records.
+    seen : the findings.
+    trusted : whether findings are only warnings; then no sample is masked and no record refused.
     """
 
     records: tuple[str, ...] = ()
@@ -67,20 +79,20 @@ class RecordCheck:
     @property
     def doubts(self) -> list[str]:
         """Probable errors with their remedies, one sentence each."""
-        return [_with_remedy(one) for one in self.seen if one.done == WARNED]
+        return [_with_remedy(handled) for handled in self.seen if handled.done == WARNED]
 
     @property
     def set_aside(self) -> list[str]:
         """Masked samples and the reasons, one sentence each."""
-        return [f"{one.sentence}; {one.done}" for one in self.seen if one.masked]
+        return [f"{handled.sentence}; {handled.done}" for handled in self.seen if handled.masked]
 
     @property
     def lines(self) -> list[str]:
         """Masked samples and further notes, one sentence each."""
         return [
-            f"{one.sentence}; {one.done}" if one.masked else one.sentence
-            for one in self.seen
-            if one.done != WARNED
+            f"{handled.sentence}; {handled.done}" if handled.masked else handled.sentence
+            for handled in self.seen
+            if handled.done != WARNED
         ]
 
 
@@ -88,36 +100,31 @@ NOTHING_SEEN = RecordCheck()
 
 
 def expectations_of(model: Model) -> Expectations:
-    """Expected properties of a record of a declared model: airspeed, gravity, and the pitch
-    acceleration by its first input.
+    """Return the properties of a record that follow from a declared model: airspeed, gravity, and
+    the pitch acceleration due to its first input.
     """
     if is_own(model):
         return Expectations(aircraft=False)
-    p = model.parameters
-    speed = next((p[name].value for name in AIRSPEEDS if name in p), None)
-    gravity = p["gravity"].value if "gravity" in p else G0
-    if "density_scale_height" in p:
-        return Expectations(speed, gravity, scale_height=p["density_scale_height"].value)
-    if "M_delta" in p:
-        return Expectations(speed, gravity, p["M_delta"].value)
-    if speed is not None and all(
-        name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")
-    ):
-        moment = 0.5 * p["air_density"].value * speed**2 * p["wing_area"].value * p["chord"].value
-        return Expectations(
-            speed,
-            gravity,
-            moment / p["pitch_inertia"].value * p["Cm_de"].value,
-            angular_control=True,
-        )
-    return Expectations(speed, gravity)
+    parameters = {item.name: item.value for item in model.parameters}
+    airspeed = next((parameters[name] for name in AIRSPEEDS if name in parameters), None)
+    gravity = parameters.get("gravity", G0)
+    if "density_scale_height" in parameters:
+        return Expectations(airspeed, gravity, scale_height=parameters["density_scale_height"])
+    if "M_delta" in parameters:
+        return Expectations(airspeed, gravity, parameters["M_delta"])
+    needed = ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")
+    if airspeed is None or any(name not in parameters for name in needed):
+        return Expectations(airspeed, gravity)
+    density, area, chord, inertia, derivative = (parameters[name] for name in needed)
+    moment = 0.5 * density * airspeed**2 * area * chord
+    return Expectations(airspeed, gravity, moment / inertia * derivative, angular_control=True)
 
 
-def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
+def joined(checks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
     """Return the findings of records that were checked one by one."""
     return RecordCheck(
-        tuple(dict.fromkeys(name for look in looks for name in look.records)),
-        tuple(one for look in looks for one in look.seen),
+        tuple(dict.fromkeys(name for check in checks for name in check.records)),
+        tuple(handled for check in checks for handled in check.seen),
         trusted,
     )
 
@@ -125,41 +132,41 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Return the records with uninformative samples masked, and the findings.
+    """Return the records, with samples without information masked, and the findings.
 
     Raises
     ------
-    RecordError : a fault that is certain and would spoil every number, with its remedy; with the
-        plan's ``trusted`` a warning instead.
+    RecordError : a certain fault that would make all results wrong. With ``plan.trusted`` it is a
+        warning.
     """
-    out, seen = [], []
+    checked, handled_findings = [], []
     for record in records:
         _refuse_endless(record)
         if any(np.max(np.abs(channel.values)) > LARGEST_NUMBER for channel in record.channels):
-            out.append(record)  # no measurement; whoever fits it says so
+            checked.append(record)  # the fit of the record reports such values
             continue
         for finding in inspect(record, expected):
-            record, one = _acted_on(record, finding, plan)
-            seen.append(one)
-        out.append(record)
-    return out, RecordCheck(
-        tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted
-    )
+            record, handled = _handled(record, finding, plan)
+            handled_findings.append(handled)
+        checked.append(record)
+    names = tuple(dict.fromkeys(record.name for record in records))
+    return checked, RecordCheck(names, tuple(handled_findings), plan.trusted)
 
 
 def _refuse_endless(record: Record) -> None:
-    """Raise RecordError if the record is too long to simulate."""
+    """Raise RecordError if the record has too many intervals to simulate."""
     with np.errstate(over="ignore"):
-        usual = float(np.median(np.diff(record.time)))
-        span = float(record.time[-1] - record.time[0])
-    if not span / usual <= MOST_STEPS:
-        whole = time_span(record.time[0], record.time[-1], 4)
-        problem = f"it goes from {whole} in steps of {usual:.3g} s"
+        interval = float(np.median(np.diff(record.time)))
+        duration = float(record.time[-1] - record.time[0])
+    if not duration / interval <= MOST_STEPS:
+        span = time_span(record.time[0], record.time[-1], 4)
+        problem = f"it goes from {span} in steps of {interval:.3g} s"
         remedy = "correct wrong times, or read a part of the rows with --from and --to"
         raise RecordError(problem, where=f"{record.name}, column time", remedy=remedy)
 
 
-def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, HandledFinding]:
+def _handled(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, HandledFinding]:
+    """Return the record after a finding: refused, unchanged, interpolated or masked."""
     if finding.certainty is Certainty.CERTAIN and not plan.trusted:
         remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
         raise RecordError(
@@ -171,24 +178,24 @@ def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Recor
         return record, HandledFinding(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
-    if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (
-        plan.rate is not None or plan.lowpass is not None
-    ):
-        # A filter needs every sample; it interpolates between updates in any case.
-        fresh = channel.valid & ~mask
-        values = np.interp(record.time, record.time[fresh], channel.values[fresh])
+    filtered = plan.rate is not None or plan.lowpass is not None
+    if filtered and finding.kind in (Kind.HELD, Kind.INTERPOLATED):
+        # A filter needs every sample, and interpolates between updates anyway.
+        updated = channel.valid & ~mask
+        values = np.interp(record.time, record.time[updated], channel.values[updated])
+        values = np.where(channel.valid, values, np.nan)
         done = "replaced by straight lines between updates, for the filter"
-        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), HandledFinding(
-            record.name, finding, done, int(np.count_nonzero(mask))
-        )
-    if np.all(mask | ~channel.valid):
+    elif np.all(mask | ~channel.valid):
         return record, HandledFinding(record.name, finding, WARNED)
-    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), HandledFinding(
-        record.name, finding, "set aside", int(np.count_nonzero(mask))
-    )
+    else:
+        values = np.where(mask, np.nan, channel.with_gaps())
+        done = "set aside"
+    handled = HandledFinding(record.name, finding, done, int(np.count_nonzero(mask)))
+    return _with_output(record, channel.name, values), handled
 
 
-def _with(record: Record, name: str, values: np.ndarray) -> Record:
+def _with_output(record: Record, name: str, values: np.ndarray) -> Record:
+    """Return the record with other values of an output."""
     outputs = tuple(
         Channel.of(name, channel.unit, values) if channel.name == name else channel
         for channel in record.outputs
@@ -197,72 +204,69 @@ def _with(record: Record, name: str, values: np.ndarray) -> Record:
 
 
 def _place(finding: RecordFinding) -> str:
-    return (
-        f"channels {finding.channel}"
-        if " and " in finding.channel
-        else f"channel {finding.channel}"
-    )
+    noun = "channels" if " and " in finding.channel else "channel"
+    return f"{noun} {finding.channel}"
 
 
-def _with_remedy(one: HandledFinding) -> str:
-    return f"{one.sentence}; {one.finding.remedy}" if one.finding.remedy else one.sentence
+def _with_remedy(handled: HandledFinding) -> str:
+    remedy = handled.finding.remedy
+    return f"{handled.sentence}; {remedy}" if remedy else handled.sentence
 
 
-# ---- The raw look in words and for the JSON files
-
-MOST_NAMED_PLACES = 3  # places of one finding that a table has room for
+# ---- The findings as text, tables and JSON
 
 
-def record_content(look: RecordCheck) -> dict[str, Any]:
-    """Return the entry ``record`` of a study: names of the records, findings, and masked samples by
-    channel.
+def record_content(check: RecordCheck) -> dict[str, Any]:
+    """Return the entry ``record`` of a study: names of the records, findings, and number of masked
+    samples by record and channel.
     """
     masked: dict[str, dict[str, int]] = {}
-    for one in look.seen:
-        if one.masked:
-            channels = masked.setdefault(one.record, {})
-            channels[one.finding.channel] = channels.get(one.finding.channel, 0) + one.masked
+    for handled in check.seen:
+        if handled.masked:
+            channel = handled.finding.channel
+            channels = masked.setdefault(handled.record, {})
+            channels[channel] = channels.get(channel, 0) + handled.masked
     return {
-        "looked_at": list(look.records),
-        "trusted": look.trusted,
-        "findings": [_content(one) for one in look.seen],
+        "looked_at": list(check.records),
+        "trusted": check.trusted,
+        "findings": [_content(handled) for handled in check.seen],
         "masked": masked,
     }
 
 
-def record_lines(look: RecordCheck) -> list[str]:
-    """Return terminal lines on masked samples, and notes."""
-    return [f"record: {line}" for line in look.lines]
+def record_lines(check: RecordCheck) -> list[str]:
+    """Return lines for a terminal on masked samples and other notes."""
+    return [f"record: {line}" for line in check.lines]
 
 
-def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Return the rows of a page's table: record, channel, finding, time, handling."""
+def record_rows(check: RecordCheck) -> list[tuple[str, str, str, str, str]]:
+    """Return the rows of a page's table: record, channel, finding, times, handling."""
     return [
         (
-            one.record,
-            one.finding.channel,
-            one.finding.sentence,
-            _when(one.finding),
-            f"{one.masked} samples {one.done}" if one.masked else one.done,
+            handled.record,
+            handled.finding.channel,
+            handled.finding.sentence,
+            _times_text(handled.finding),
+            f"{handled.masked} samples {handled.done}" if handled.masked else handled.done,
         )
-        for one in look.seen
+        for handled in check.seen
     ]
 
 
-def record_table(look: RecordCheck) -> Table:
+def record_table(check: RecordCheck) -> Table:
     """Return the findings as a table of a page."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "
         "and no error"
     )
-    return Table(caption, columns, tuple(record_rows(look)))
+    return Table(caption, columns, tuple(record_rows(check)))
 
 
-def _content(one: HandledFinding) -> dict[str, Any]:
-    finding = one.finding
+def _content(handled: HandledFinding) -> dict[str, Any]:
+    finding = handled.finding
     return {
-        "record": one.record,
+        "record": handled.record,
         "channel": finding.channel,
         "kind": finding.kind.value,
         "certainty": finding.certainty.value,
@@ -272,28 +276,23 @@ def _content(one: HandledFinding) -> dict[str, Any]:
             for name, number in finding.numbers.items()
             if math.isfinite(number.value)
         },
-        "masked": one.masked,
-        "done": one.done,
+        "masked": handled.masked,
+        "done": handled.done,
         "sentence": f"{finding.channel} {finding.sentence}",
         **({"remedy": finding.remedy} if finding.remedy else {}),
     }
 
 
-def _when(finding: RecordFinding) -> str:
+def _times_text(finding: RecordFinding) -> str:
+    """Return the first times of a finding."""
     if not finding.times:
         return "throughout"
-    return ", ".join(_span(finding.times[:MOST_NAMED_PLACES])) + (
-        f" and {len(finding.times) - MOST_NAMED_PLACES} more"
-        if len(finding.times) > MOST_NAMED_PLACES
-        else ""
-    )
-
-
-def _span(times: Sequence[tuple[float, float]]) -> list[str]:
-    return [
+    texts = [
         f"{instant(begin)} s" if begin == end else f"{time_span(begin, end, 4)}"
-        for begin, end in times
+        for begin, end in finding.times[:MOST_NAMED_TIMES]
     ]
+    more = len(finding.times) - len(texts)
+    return ", ".join(texts) + (f" and {more} more" if more else "")
 
 
 # ---- Isolated wrong samples of a measured record

@@ -1,4 +1,4 @@
-"""The document of a page: title, sections of prose, tables, figures and numbers, and how to
+"""The document of a page: title, sections with prose, tables and figures, and the commands that
 reproduce it.
 """
 
@@ -24,18 +24,25 @@ from sim.errors import ModelError
 PURE = "1"  # the unit of counts, shares and ratios
 SIGMAS = "σ"  # the unit of an error in its own standard deviations
 UNDETERMINED = "not determined"
-_BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
+_PATH_BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
 @dataclass(frozen=True)
 class Number:
-    """A value with its standard deviation, if any, in ``unit`` (empty: that of its column or row).
+    """A value with its standard deviation, if it has one.
 
-    ``digits``: decimals; None: two digits of the sigma, or five significant digits without one.
-    ``signed``: shows a plus. ``shown``, ``shown_sigma``: replacement texts; a page still sorts and
-    copies the exact value.
+    Attributes
+    ----------
+    value, sigma : finite numbers; ``sigma`` may be None.
+    unit : unit; empty for that of the column or row.
+    digits : number of decimals. None shows two digits of the sigma or, without sigma, five
+        significant digits.
+    signed : show a plus sign.
+    shown, shown_sigma : texts to show. A page still sorts and copies the exact value.
 
-    Raises ModelError for a value or a sigma that is not finite.
+    Raises
+    ------
+    ModelError : value or sigma is not finite.
     """
 
     value: float
@@ -56,7 +63,7 @@ class Number:
 
     @property
     def value_text(self) -> str:
-        """The value alone, in the characters of a terminal."""
+        """The value without sigma, as a terminal shows it."""
         if self.shown:
             return self.shown
         sign = "+" if self.signed and self.value >= 0 else ""
@@ -66,7 +73,7 @@ class Number:
 
     @property
     def sigma_text(self) -> str:
-        """The sigma alone; empty if there is none."""
+        """The sigma as a terminal shows it; empty without sigma."""
         if not self.sigma:
             return ""
         if self.shown_sigma or self.digits is None:
@@ -75,28 +82,36 @@ class Number:
 
     @property
     def plain(self) -> str:
-        """Value, sigma and its own unit as a terminal shows them: ``-1.66 +- 0.02 s``."""
+        """Value, sigma and the number's own unit as a terminal shows them: ``-1.66 +- 0.02 s``."""
         sigma = f" +- {self.sigma_text}" if self.sigma_text else ""
         unit = "" if self.shown or self.unit in ("", PURE) else f" {self.unit}"
         return f"{self.value_text}{sigma}{unit}"
 
     @property
     def text(self) -> str:
-        """The same in the signs of print."""
+        """Value, sigma and unit as a page shows them: ``−1.66 ± 0.02 s``."""
         return signs(self.plain.replace(" sigma", " σ"))
 
 
 @dataclass(frozen=True)
 class Link:
-    """Words that lead to a file below the page's own folder. Raises ModelError for anything else: a
-    page leads nowhere outside.
+    """A link to a file in the page's folder or below it.
+
+    Attributes
+    ----------
+    text : text of the link.
+    to : path from the page's folder.
+
+    Raises
+    ------
+    ModelError : the path leads elsewhere. A page must not depend on files outside its folder.
     """
 
     text: str
     to: str
 
     def __post_init__(self) -> None:
-        if not _BELOW.fullmatch(self.to):
+        if not _PATH_BELOW.fullmatch(self.to):
             raise ModelError(
                 f"{self.to!r} is no file below the page",
                 where="link of a page",
@@ -105,11 +120,11 @@ class Link:
 
 
 Cell = Number | Link | str
-MISSING = "–"  # for a missing quantity
+MISSING = "–"  # cell of a missing quantity
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
-    """Return an estimate, or in words that these data do not determine it."""
+    """Return the cell of an estimate; ``UNDETERMINED`` if the data do not determine it."""
     if not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
         return UNDETERMINED
     if sigma is not None and sigma > 0.0 and not determined(value, sigma):
@@ -118,36 +133,41 @@ def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
 
 
 def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
-    """An estimate with two digits of its sigma, as ``value_text`` shows it; ``mark`` follows it."""
+    """Return the cell of an estimate with two digits of its sigma, followed by ``mark``.
+
+    A parameter at its bound has sigma 0.
+    """
     if sigma == 0.0 and value != 0.0:
         return Number(value, shown=f"{value:.5g} (bound)")
     if not determined(value, sigma):
         return UNDETERMINED
-    shown, spread = value_parts(value, sigma)
-    return Number(value, sigma, shown=shown, shown_sigma=f"{spread}{mark}")
+    value_text, sigma_text = value_parts(value, sigma)
+    return Number(value, sigma, shown=value_text, shown_sigma=f"{sigma_text}{mark}")
 
 
 def known(value: float | None, digits: int | None = None, *, signed: bool = False) -> Cell:
-    """Return a number if there is one, else a dash."""
+    """Return the cell of a number; a dash if it is None or not finite."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, digits=digits, signed=signed)
 
 
 def counted(value: int) -> Number:
-    """Return a whole number."""
+    """Return the cell of a whole number."""
     return Number(value, digits=0)
 
 
 def formatted(value: float | None, form: str, unit: str = "") -> Cell:
-    """Return a number shown by a format such as ``+.2f``; a dash if there is none."""
+    """Return a number in a format such as ``+.2f``; a dash if it is None or not finite."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, None, unit, shown=format(value, form))
 
 
 def signs(text: str) -> str:
-    """Signs as they are printed in books."""
+    """Return a text with the signs of print: ``±``, ``→`` and minus in place of ``+-``, ``->`` and
+    hyphen.
+    """
     text = (
         text.replace("+-", "±")
         .replace("->", "→")
@@ -156,7 +176,7 @@ def signs(text: str) -> str:
     return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)
 
 
-# ---- Lines of a terminal as sentences of a page
+# ---- Sentences of a page from lines of a terminal
 
 
 def as_sentence(text: str) -> str:
@@ -168,44 +188,50 @@ CAUTION = "Caution: "
 
 
 def warning_lines(doubts: Iterable[str], cautions: Iterable[str]) -> tuple[str, ...]:
-    """Return the warnings of a page, and behind them those that only limit what was found."""
-    return (*map(as_warning, doubts), *(CAUTION + as_warning(each) for each in cautions))
+    """Return the warnings of a page: doubts on the files first, then cautions on the results."""
+    warnings = [as_warning(doubt) for doubt in doubts]
+    warnings += [CAUTION + as_warning(caution) for caution in cautions]
+    return tuple(warnings)
 
 
 def as_warning(text: str) -> str:
-    """Return the same, without an end where a command to copy stands last, after ``NEXT``."""
+    """Return a warning as a sentence. If it ends in a command to copy, it has no full stop."""
     return capital(text) if NEXT in text else as_sentence(text)
 
 
 def summary_sentences(summary: Summary) -> tuple[str, ...]:
-    """Return the main results and the residual from the five lines that a terminal shows; study and
-    outcome precede them.
-    """
+    """Return the main results and the residual of a summary as sentences."""
     residual = f"residual: {summary.residual}" if summary.residual else ""
     return tuple(as_sentence(line) for line in (summary.result, residual) if line)
 
 
 def capital(text: str) -> str:
-    """Return the first letter large, but for names of parameters, effects and files."""
-    first = text.split(" ", 1)[0]
-    return (
-        text if any(mark in first.rstrip(".:") for mark in "_.:-/") else text[:1].upper() + text[1:]
-    )
+    """Return a text with a capital letter, unless it begins with the name of a parameter, an effect
+    or a file.
+    """
+    first_word = text.split(" ", 1)[0].rstrip(".:")
+    if any(mark in first_word for mark in "_.:-/"):
+        return text
+    return text[:1].upper() + text[1:]
 
 
-# ---- The document that every page shows
+# ---- The document of a page
 
 BY_ROW = "by row"  # unit of a column whose rows have different units
-# names such as 1_2 or nan are none
+# A number in a cell; a name such as 1_2 or nan does not match.
 _NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)
-TONES = ("good", "fair", "open", "plain")
+TONES = ("good", "fair", "open", "plain")  # colours of a verdict
 
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph, after a bold ``term`` if given.
+    """A paragraph.
 
-    ``kind``: ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``.
+    Attributes
+    ----------
+    text : the text.
+    kind : ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``.
+    term : bold words before the text.
     """
 
     text: str
@@ -223,7 +249,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Fold:
-    """Paragraphs that are opened when wanted, and printed."""
+    """Paragraphs that a reader can open below a ``summary``; they are always printed."""
 
     summary: str
     items: tuple[str, ...]
@@ -233,12 +259,16 @@ class Fold:
 class Column:
     """Heading and unit of a column.
 
-    ``unit``: None for words, ``BY_ROW``, ``"1"`` for counts and ratios. ``code``: the cells are
-    hashes or file names.
-
-    For a terminal only: ``printed`` replaces heading and unit; ``left``, ``right``: alignment
-    (default: words left, numbers right); ``beside``: not separated from the column before it when
-    a wide table is split; ``together``: values and sigmas in one column.
+    Attributes
+    ----------
+    heading : heading.
+    unit : unit of the numbers: None for words, ``PURE`` for counts and ratios, ``BY_ROW`` if the
+        rows have units.
+    code : whether the cells are hashes or file names.
+    printed : replaces heading and unit in a terminal.
+    left, right : alignment in a terminal; by default words are left-aligned, numbers right-aligned.
+    beside : keep the column next to the one before it if a terminal splits a wide table.
+    together : show values and sigmas in one column of a terminal.
     """
 
     heading: str
@@ -253,13 +283,18 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below columns.
+    """A table.
 
-    ``units``: by row, shown after the first column. ``printed``: number of rows on paper; None is
-    all.
+    Attributes
+    ----------
+    caption, columns, rows : caption, columns, and cells of each row.
+    units : unit of each row, shown after the first column; may be empty.
+    printed : number of rows on paper; None for all.
 
-    Raises ModelError if a row and the columns differ in length, a number has no unit, or a number
-    is given as a word.
+    Raises
+    ------
+    ModelError : a row has another number of cells than columns, a number has no unit, or a number
+        is given as a text.
     """
 
     caption: str
@@ -275,10 +310,10 @@ class Table:
                 where=f"table {self.caption!r}",
                 remedy="give each row its unit",
             )
-        for at, row in enumerate(self.rows):
+        for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.columns):
                 raise ModelError(
-                    f"row {at + 1} has {len(row)} cells",
+                    f"row {number} has {len(row)} cells",
                     where=f"table {self.caption!r}",
                     remedy=f"give it {len(self.columns)}",
                 )
@@ -286,6 +321,7 @@ class Table:
                 self._check(column, cell)
 
     def _check(self, column: Column, cell: Cell) -> None:
+        """Raise ModelError for a number without unit or a number as a text."""
         where = f"table {self.caption!r}, column {column.heading!r}"
         if isinstance(cell, Number):
             if not cell.unit and (
@@ -305,12 +341,12 @@ class Table:
 def table(
     caption: str, *columns: tuple[Column, Sequence[Cell]] | None, units: Sequence[str] = ()
 ) -> Table:
-    """Return a table from columns with their cells; None is skipped."""
-    there = [each for each in columns if each is not None]
-    rows = tuple(zip(*(cells for _, cells in there), strict=True))
+    """Return a table from columns with their cells; a column None is left out."""
+    present = [item for item in columns if item is not None]
+    rows = tuple(zip(*(cells for _, cells in present), strict=True))
     return Table(
         caption,
-        tuple(column for column, _ in there),
+        tuple(column for column, _ in present),
         rows,
         tuple(unit or PURE for unit in units),
     )
@@ -318,9 +354,14 @@ def table(
 
 @dataclass(frozen=True)
 class Figure:
-    """An SVG element with its caption; what a reader who cannot see it is told is its
-    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None if it
-    stays as it is.
+    """A figure.
+
+    Attributes
+    ----------
+    name : identifier on the page.
+    svg : SVG element; its ``aria-label`` describes the figure for screen readers.
+    caption : caption.
+    plot : data of an interactive figure; None for a figure that is not interactive.
     """
 
     name: str
@@ -334,8 +375,14 @@ Block = Prose | Bullets | Fold | Table | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with its blocks; ``parts`` are sections below it, ``card`` draws a frame around it,
-    ``"hint"`` a broken one.
+    """A section of a page.
+
+    Attributes
+    ----------
+    title : heading.
+    blocks : content.
+    parts : subsections.
+    card : draws a frame: ``"claim"``, or ``"hint"`` for a broken frame; empty for none.
     """
 
     title: str
@@ -345,14 +392,20 @@ class Section:
 
     @property
     def name(self) -> str:
-        """Its place in the page's address."""
+        """Identifier of the section in the address of the page."""
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-") or "section"
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """How to do it again: commands, seed, versions of programs, and of each input its use, name and
-    SHA-256.
+    """Data to reproduce a study.
+
+    Attributes
+    ----------
+    commands : command lines.
+    versions : version of each program.
+    seed : sentence on the seed.
+    inputs : use, name and SHA-256 of each input file.
     """
 
     commands: tuple[str, ...]
@@ -365,9 +418,18 @@ class Reproduction:
 class Page:
     """A page.
 
-    ``kind``: kind of study. ``verdict``: a word or two, with ``tone`` of ``TONES`` and a
-    continuing ``sentence``. ``summary``: the first lines. ``warnings``: those that begin with
-    ``CAUTION`` are shown as cautions.
+    Attributes
+    ----------
+    title : title.
+    kind : kind of study.
+    verdict : one or two words.
+    tone : colour of the verdict, of ``TONES``.
+    sentence : sentence after the verdict.
+    summary : main results, a sentence each.
+    warnings : warnings; those that begin with ``CAUTION`` are shown as cautions.
+    sections : content.
+    reproduction : data to reproduce the study.
+    created : time stamp.
     """
 
     title: str
@@ -393,14 +455,17 @@ class Page:
 def section(
     title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
-    """Return a section with its non-empty blocks as a tuple; an empty tuple if there are none."""
-    there = tuple(
-        block
-        for block in blocks
-        if block is not None and not (isinstance(block, Table) and not block.rows)
-    )
-    there = tuple(block for block in there if not (isinstance(block, Bullets) and not block.items))
-    return (Section(title, there, parts),) if there or parts else ()
+    """Return a tuple with a section of the blocks that are not empty; an empty tuple if there are
+    no such blocks and no ``parts``.
+    """
+    content = tuple(block for block in blocks if block is not None and not _is_empty(block))
+    return (Section(title, content, parts),) if content or parts else ()
+
+
+def _is_empty(block: Block) -> bool:
+    if isinstance(block, Table):
+        return not block.rows
+    return isinstance(block, Bullets) and not block.items
 
 
 def _is_number(text: str) -> bool:
@@ -425,29 +490,35 @@ __all__ = [
 ]
 
 
-# ---- How to repeat a study
+# ---- Reproduction of a study
 
 PROGRAM = "flightid"
-_PACKAGES = ("scenarios", PROGRAM)  # python -m
+_PACKAGES = ("scenarios", PROGRAM)  # packages that ``python -m`` runs as the program
 
 
 def reproduction(
     usual: Sequence[str], seed: str = "", inputs: Sequence[tuple[str, str, str]] = ()
 ) -> Reproduction:
-    """Return the command that was typed, or ``usual`` (its words) where none was; ``seed`` in a
-    sentence; use, name and SHA-256 of each input.
+    """Return the data to reproduce a study.
+
+    Parameters
+    ----------
+    usual : words of the command, if the process was not started by a command line.
+    seed : sentence on the seed.
+    inputs : use, name and SHA-256 of each input file.
     """
     return Reproduction((shlex.join(typed() or usual),), versions(), seed, tuple(inputs))
 
 
 def typed() -> list[str]:
-    """Return the words of this process's command line, beginning with the program's name; none if
-    another program uses the library.
+    """Return the words of the command line of this process, beginning with the program's name;
+    empty if another program uses the library.
     """
     program, *words = sys.argv or [""]
     path = Path(program)
-    ours = path.stem == PROGRAM or (path.name == "__main__.py" and path.parent.name in _PACKAGES)
-    return [PROGRAM, *words] if ours and words else []
+    is_module = path.name == "__main__.py" and path.parent.name in _PACKAGES
+    is_program = path.stem == PROGRAM or is_module
+    return [PROGRAM, *words] if is_program and words else []
 
 
 def now() -> str:

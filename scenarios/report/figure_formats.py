@@ -1,4 +1,4 @@
-"""Formats of figures, figures of a page by name, and their captions; loads no plotting library."""
+"""Formats of figures, figures of a page, and their captions. It loads no plotting library."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     from scenarios.report.plot_data import PlotData
 
-# ---- In which formats figures are written
+# ---- Formats of the files of a figure
 
 Formats = tuple[str, ...]
 
 PNG, SVG, PDF = "png", "svg", "pdf"
 FORMATS: Formats = (PNG, SVG, PDF)
-NONE = "none"
+NONE = "none"  # requests no figure
 USUAL: Formats = (PNG,)
 
 
 def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
-    """Return the same from Python: True for the usual format, False for none, or names of formats.
-    Raises DeclarationError as ``formats_of``.
+    """Return the formats that a Python call requests: True for the usual one, False for none, or
+    names of formats. Raise DeclarationError as ``formats_of``.
     """
     if isinstance(figures, bool):
         return USUAL if figures else ()
@@ -36,14 +36,20 @@ def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
     return formats_of([*names] or [NONE])
 
 
-def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
-    """Return the formats that are requested, in the order of ``FORMATS``: each text names one or
-    several with commas between; None is ``USUAL``.
+def formats_of(texts: Sequence[str] | None, none: bool = False) -> Formats:
+    """Return the requested formats, in the order of ``FORMATS``.
 
-    ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError
-    for another name, for ``none`` beside a format and for no name at all.
+    Parameters
+    ----------
+    texts : each names one or several formats, separated by commas, or ``NONE``; None requests the
+        usual format.
+    none : request no figure.
+
+    Raises
+    ------
+    DeclarationError : a name is unknown or empty, or both a format and no figure are requested.
     """
-    names = [name.strip().lower() for text in asked or () for name in text.split(",")]
+    names = [name.strip().lower() for text in texts or () for name in text.split(",")]
     remedy = (
         f"name {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, several with commas between, or {NONE}"
     )
@@ -54,25 +60,32 @@ def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
                 where="--figures",
                 remedy=remedy,
             )
-    wanted = set(names) - {NONE}
-    if wanted and (none or NONE in names):
+    none = none or NONE in names
+    requested = set(names) - {NONE}
+    if requested and none:
         raise DeclarationError(
-            f"no figures, and figures as {' and '.join(sorted(wanted))}",
+            f"no figures, and figures as {' and '.join(sorted(requested))}",
             where="--figures",
             remedy="ask for one of the two",
         )
-    if none or NONE in names:
+    if none:
         return ()
-    return tuple(name for name in FORMATS if name in wanted) if asked else USUAL
+    return tuple(name for name in FORMATS if name in requested) if texts else USUAL
 
 
-# ---- A figure of a page as text; nothing here loads the plotting library
+# ---- Figures of a page
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure of a page: the ``stem`` of its files, the SVG element, a caption, and its data where
-    the page can draw it from them.
+    """A figure of a page.
+
+    Attributes
+    ----------
+    stem : stem of its files.
+    svg : SVG element.
+    caption : caption.
+    plot : data of an interactive figure; None if it is not interactive.
     """
 
     stem: str
@@ -81,8 +94,9 @@ class Drawn:
     plot: PlotData | None = field(default=None, compare=False)
 
 
-# ---- One sentence below each figure of a page, by the stem of its file
+# ---- Captions
 
+# File stem -> caption.
 CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "record": "The record: inputs and outputs",
@@ -225,16 +239,18 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
 def caption_of(stem: str, methods: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return the caption of a figure by its file stem: ``fit``, ``fit_2`` or ``fit_METHOD``.
 
-    With the number of the record, or the method's label in ``methods``. Without a known caption,
-    the stem in words.
+    The number of a record or the label of a method, from ``methods``, is added in brackets. An
+    unknown stem is returned in words.
     """
-    known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
-    if not known:
+    matching = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
+    if not matching:
         words = stem.replace("_", " ")
         return words[:1].upper() + words[1:]
-    name = max(known, key=len)
-    rest = stem[len(name) + 1 :]
-    if not rest:
+    name = max(matching, key=len)
+    suffix = stem[len(name) + 1 :]
+    if not suffix:
         return CAPTIONS[name]
-    rest = methods.get(rest, rest.replace("_", " "))
-    return f"{CAPTIONS[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"
+    label = methods.get(suffix, suffix.replace("_", " "))
+    if re.fullmatch(r"[0-9]+", label):
+        label = f"record {label}"
+    return f"{CAPTIONS[name]} ({label})"

@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 
 # ---- Paragraphs that fit a terminal
 
-WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
-TEXT_WIDTH = 100  # width of a paragraph; longer lines are hard to read
+WIDTH = 118  # characters of a line if the output is not a terminal, and at most in a terminal
+TEXT_WIDTH = 100  # characters of a line of a paragraph; longer lines are hard to read
+CLAUSE_SHARE = 0.75  # share of a line that whole clauses fill, else it is shortened at words
 _FIXED = "\N{NO-BREAK SPACE}"
-# Blanks that must not break: before a sigma or unit, after a comparison sign.
+# Blanks at which lines do not break: before a sigma or unit, after a comparison sign.
 _JOINED = re.compile(
     r" (?=(?:\+-|[<>=]) [\d.-])|(?<=\+-|[ (][<>=]) (?=[\d.-])|(?<=\d) "
     r"(?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))"
@@ -40,16 +41,17 @@ _JOINED = re.compile(
 
 
 def terminal_width() -> int:
-    """Return the columns that a print may use."""
-    return (
-        min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1)
-        if sys.stdout.isatty()
-        else WIDTH
-    )
+    """Return the number of characters in a line of the terminal, at most ``WIDTH``."""
+    if not sys.stdout.isatty():
+        return WIDTH
+    return min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1)
 
 
 def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
-    """Return a text in lines of ``width`` characters; a longer word gets its own line."""
+    """Return a text in lines of ``width`` characters; a longer word has a line of its own.
+
+    ``first`` and ``further`` are the indents of the first and of the other lines.
+    """
     lines = textwrap.wrap(
         _JOINED.sub(_FIXED, text),
         max(width, 1),
@@ -67,13 +69,15 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """Return one line of ``width`` characters after ``label``, with dots for what has no room:
-    whole clauses if they fill most of it, else whole words.
+    """Return ``label`` and text in one line of ``width`` characters.
+
+    A longer text is cut after a clause or, if clauses would leave much of the line empty, after a
+    word. Dots follow.
     """
     limit = max(width - len(label), 1)
-    clause = text.rfind("; ", 0, limit - 3)
-    if len(text) > limit and clause > 0.75 * limit:
-        return f"{label}{text[:clause]}; ..."
+    clause_end = text.rfind("; ", 0, limit - 3)
+    if len(text) > limit and clause_end > CLAUSE_SHARE * limit:
+        return f"{label}{text[:clause_end]}; ..."
     words = _JOINED.sub(_FIXED, text)
     first = words.split(" ")[0]
     if len(first) > limit:  # paths are not shortened
@@ -95,40 +99,43 @@ def print_lines(out: Console, lines: Sequence[str]) -> None:
         out.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-NEXT = "; next: "  # before the command that a caution leads to
+NEXT = "; next: "  # stands before the command with which a caution ends
 
 
 def print_caution(out: Console, text: str) -> None:
-    """Print a sentence folded at words, and the command after ``NEXT`` on one line, to copy."""
-    told, found, command = text.partition(NEXT)
-    print_paragraph(out, f"{told}; next:" if found else told, 0)
-    if found:
+    """Print a caution folded at words; print the command after ``NEXT`` on one line, to copy."""
+    sentence, separator, command = text.partition(NEXT)
+    print_paragraph(out, f"{sentence}; next:" if separator else sentence, 0)
+    if separator:
         print_lines(out, [f"  {command}"])
 
 
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
-    """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent``
-    columns.
-    """
+    """Print a text folded at words, in lines of at most ``TEXT_WIDTH``, with an indent."""
     margin = " " * indent
     print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))
 
 
 # ---- Tables
 
-INDENT = "  "
+INDENT = "  "  # before each line
 GAP = "  "  # between columns
-LEAST_WIDTH = 24  # characters below which a column of words is not folded
-# where a long name may be parted: never within a number
+LEAST_WIDTH = 24  # characters; narrower columns of words are not folded
+# A long name may be split after a colon or hyphen between letters, so never within a number.
 _PARTS = re.compile(r"(?<=[A-Za-z][:-])(?=[A-Za-z])")
 
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A heading and its cells, all of the same length within a table.
+    """A column of a table.
 
-    Numbers are right-aligned. ``left``: words, left-aligned, may be folded. ``beside``: never
-    separated from the column before it.
+    Attributes
+    ----------
+    heading : heading.
+    cells : texts of the cells, one for each row.
+    left : whether the cells are words: left-aligned, and folded if the table is too wide. Else
+        they are numbers: right-aligned.
+    beside : whether the column stays next to the one before it if a wide table is split.
     """
 
     heading: str
@@ -142,32 +149,33 @@ def columns_of(
 ) -> list[TableColumn]:
     """Return the columns of a table given by rows.
 
-    Left-aligned are the first ``left`` columns and those with a heading in ``words``.
+    The first ``left`` columns and those with a heading in ``words`` are left-aligned.
     """
     return [
-        TableColumn(head, [row[i] for row in rows], left=i < left or head in words)
-        for i, head in enumerate(headings)
+        TableColumn(heading, [row[i] for row in rows], left=i < left or heading in words)
+        for i, heading in enumerate(headings)
     ]
 
 
 def table_lines(
     columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1
 ) -> list[str]:
-    """Return a table as lines no longer than ``width`` characters if that can be; nothing if there
-    is no row.
+    """Return a table as lines of at most ``width`` characters, if possible; empty without rows.
 
-    ``keys``: how many of the first columns begin every block.
+    A wide table is split into blocks of columns. Each block begins with the first ``keys`` columns.
     """
     if not columns or not columns[0].cells:
         return []
     lines = wrapped(title, width) if title else []
     for number, block in enumerate(_blocks(columns, width, keys)):
-        lines += ([""] if number else []) + _block(block, width)
+        if number:
+            lines.append("")
+        lines += _block_lines(block, width)
     return lines
 
 
 def print_table(out: Console, title: str, columns: Sequence[TableColumn]) -> None:
-    """Print a table on a console, as wide as that is, its title bold."""
+    """Print a table with the width of a console and a bold title."""
     lines = table_lines(columns, width=out.width)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)
@@ -175,7 +183,7 @@ def print_table(out: Console, title: str, columns: Sequence[TableColumn]) -> Non
 
 
 def _blocks(columns: Sequence[TableColumn], width: int, keys: int) -> list[list[TableColumn]]:
-    """Columns of each block: as many as fit when they are folded as far as they may be."""
+    """Return the columns of each block: as many as fit with their least widths."""
     first, groups = list(columns[:keys]), list[list[TableColumn]]()
     for column in columns[keys:]:
         if column.beside and groups:
@@ -184,74 +192,72 @@ def _blocks(columns: Sequence[TableColumn], width: int, keys: int) -> list[list[
             groups.append([column])
     blocks = [list(first)]
     for group in groups:
-        if (
-            len(blocks[-1]) > keys
-            and _total([_least(each) for each in (*blocks[-1], *group)]) > width
-        ):
+        total = _total_width([_least_width(column) for column in (*blocks[-1], *group)])
+        if len(blocks[-1]) > keys and total > width:
             blocks.append(list(first))
         blocks[-1] += group
     return blocks
 
 
-def _block(columns: Sequence[TableColumn], width: int) -> list[str]:
-    sizes = _sizes(columns, width)
-    heads = [folded(column.heading, size) for column, size in zip(columns, sizes, strict=True)]
-    deepest = max(map(len, heads))
-    lines = [
-        _line(columns, sizes, [("",) * (deepest - len(head)) + tuple(head) for head in heads], k)
-        for k in range(deepest)
-    ]
-    lines.append(INDENT + GAP.join("-" * size for size in sizes))
+def _block_lines(columns: Sequence[TableColumn], width: int) -> list[str]:
+    """Return heading, rule and rows of a block."""
+    widths = _widths(columns, width)
+    headings = [folded(column.heading, size) for column, size in zip(columns, widths, strict=True)]
+    height = max(map(len, headings))
+    headings = [[""] * (height - len(heading)) + heading for heading in headings]
+    lines = [_line(columns, widths, headings, k) for k in range(height)]
+    lines.append(INDENT + GAP.join("-" * size for size in widths))
     for cells in zip(*(column.cells for column in columns), strict=True):
-        parts = [
-            _cell(cell, size) if column.left else [cell]
-            for column, cell, size in zip(columns, cells, sizes, strict=True)
+        texts = [
+            _folded_cell(cell, size) if column.left else [cell]
+            for column, cell, size in zip(columns, cells, widths, strict=True)
         ]
-        lines += [_line(columns, sizes, parts, k) for k in range(max(map(len, parts)))]
+        lines += [_line(columns, widths, texts, k) for k in range(max(map(len, texts)))]
     return lines
 
 
 def _line(
-    columns: Sequence[TableColumn], sizes: Sequence[int], parts: Sequence[Sequence[str]], k: int
+    columns: Sequence[TableColumn], widths: Sequence[int], texts: Sequence[Sequence[str]], k: int
 ) -> str:
-    shown = [part[k] if k < len(part) else "" for part in parts]
-    placed = zip(columns, shown, sizes, strict=True)
-    return (
-        INDENT
-        + GAP.join(
-            text.ljust(size) if column.left else text.rjust(size) for column, text, size in placed
-        )
-    ).rstrip()
+    """Return line ``k`` of a row whose cells are folded into the lines ``texts``."""
+    cells = []
+    for column, lines, width in zip(columns, texts, widths, strict=True):
+        text = lines[k] if k < len(lines) else ""
+        cells.append(text.ljust(width) if column.left else text.rjust(width))
+    return (INDENT + GAP.join(cells)).rstrip()
 
 
-def _sizes(columns: Sequence[TableColumn], width: int) -> list[int]:
-    """Widths with which the columns fit: words folded first, then headings, the widest first, none
-    below its least.
+def _widths(columns: Sequence[TableColumn], width: int) -> list[int]:
+    """Return widths of the columns with which the table fits, if possible.
+
+    First cells are folded, then headings. The widest column is always folded first.
     """
-    sizes = [max(len(text) for text in (column.heading, *column.cells)) for column in columns]
-    least = [_least(column) for column in columns]
-    headed = [max(small, len(column.heading)) for small, column in zip(least, columns, strict=True)]
-    for floors in (headed, least):
-        while (over := _total(sizes) - width) > 0:
-            wide = [i for i, floor in enumerate(floors) if sizes[i] > floor]
+    widths = [max(len(text) for text in (column.heading, *column.cells)) for column in columns]
+    least = [_least_width(column) for column in columns]
+    least_with_heading = [
+        max(smallest, len(column.heading)) for smallest, column in zip(least, columns, strict=True)
+    ]
+    for limits in (least_with_heading, least):
+        while (excess := _total_width(widths) - width) > 0:
+            wide = [i for i, limit in enumerate(limits) if widths[i] > limit]
             if not wide:
                 break
-            widest = max(wide, key=lambda i: sizes[i])
-            second = max((sizes[i] for i in wide if i != widest), default=0)
-            sizes[widest] = max(
-                floors[widest], sizes[widest] - over, min(second, sizes[widest] - 1)
+            widest = max(wide, key=lambda i: widths[i])
+            second = max((widths[i] for i in wide if i != widest), default=0)
+            widths[widest] = max(
+                limits[widest], widths[widest] - excess, min(second, widths[widest] - 1)
             )
-    return sizes
+    return widths
 
 
-def _total(sizes: Sequence[int]) -> int:
-    return len(INDENT) + sum(sizes) + len(GAP) * (len(sizes) - 1)
+def _total_width(widths: Sequence[int]) -> int:
+    return len(INDENT) + sum(widths) + len(GAP) * (len(widths) - 1)
 
 
-def _least(column: TableColumn) -> int:
+def _least_width(column: TableColumn) -> int:
     """Return the least width of a column.
 
-    Words of its heading and numbers are not broken; other words only beyond ``LEAST_WIDTH``.
+    Numbers and the words of a heading are not split; other words only beyond ``LEAST_WIDTH``.
     """
     heading = _widest_word(column.heading)
     if not column.left:
@@ -270,20 +276,21 @@ def _widest_word(heading: str) -> int:
     return max(map(len, folded(heading, 1)), default=0)
 
 
-def _cell(text: str, size: int) -> list[str]:
-    """Return a cell of words on as many lines as it takes; a name too long for its column is parted
-    after a colon or a hyphen.
+def _folded_cell(text: str, width: int) -> list[str]:
+    """Return the lines of a cell of words; a name that is too long is split after a colon or a
+    hyphen.
     """
-    if len(text) <= size:
+    if len(text) <= width:
         return [text]
-    words = [_parted(word, size) if len(word) > size else word for word in text.split(" ")]
-    return folded(" ".join(words), size)
+    words = [_split_name(word, width) if len(word) > width else word for word in text.split(" ")]
+    return folded(" ".join(words), width)
 
 
-def _parted(word: str, size: int) -> str:
+def _split_name(name: str, width: int) -> str:
+    """Return a name with blanks between parts of at most ``width`` characters, if possible."""
     lines = [""]
-    for part in _PARTS.split(word):
-        if lines[-1] and len(lines[-1]) + len(part) > size:
+    for part in _PARTS.split(name):
+        if lines[-1] and len(lines[-1]) + len(part) > width:
             lines.append("")
         lines[-1] += part
     return " ".join(lines)
@@ -293,7 +300,7 @@ def _parted(word: str, size: int) -> str:
 
 LEAST_NAMED_PROBABILITY = 0.01  # least probability of a level that is named
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
+    {  # quantity of a requirement -> its name in words, unit
         "damping_ratio": ("damping ratio", ""),
         "natural_frequency": ("frequency", "rad/s"),
         "control_anticipation": ("control anticipation", "1/(g s2)"),
@@ -312,27 +319,26 @@ QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def level_text(level: ModeLevel) -> str:
-    """Return ``"level 1 (97 %)"``, or the possible levels if these data do not decide."""
+    """Return ``"level 1 (97 %)"``, or the possible levels if the data do not determine it."""
     if level.determined:
-        return f"{_named(level.level)} ({_percent(level.probability)})"
-    shares = sorted(
+        return f"{_level_name(level.level)} ({_percent(level.probability)})"
+    possible = sorted(
         (
-            (share, number)
-            for number, share in enumerate(level.probabilities, start=1)
-            if share >= LEAST_NAMED_PROBABILITY
+            (probability, number)
+            for number, probability in enumerate(level.probabilities, start=1)
+            if probability >= LEAST_NAMED_PROBABILITY
         ),
         reverse=True,
     )
-    return (
-        "not determined "
-        f"({', '.join(f'{_named(number)} {_percent(share)}' for share, number in shares)})"
-    )
+    texts = [f"{_level_name(number)} {_percent(probability)}" for probability, number in possible]
+    return f"not determined ({', '.join(texts)})"
 
 
 def level_sentence(level: ModeLevel) -> str:
-    """Return the mode, its level, and the limit that it fails for the next better level."""
-    why = limit_text(level)
-    return f"{level.mode} {level_text(level)}{f': {why}' if why else ''}"
+    """Return the mode, its level, and the limit of the next better level that it misses."""
+    limit = limit_text(level)
+    sentence = f"{level.mode} {level_text(level)}"
+    return f"{sentence}: {limit}" if limit else sentence
 
 
 def limit_text(level: ModeLevel) -> str:
@@ -340,28 +346,27 @@ def limit_text(level: ModeLevel) -> str:
     if not level.decided_by:
         return ""
     words, unit = QUANTITIES[level.decided_by]
-    least, spaced = (
-        "at least" if level.value < level.limit else "at most",
-        f" {unit}" if unit else "",
-    )
-    value = f"{level.value:.3g}{spaced}" if math.isfinite(level.value) else "none"
-    return f"{words} {value}, asked {least} {level.limit:.3g}{spaced}"
+    comparison = "at least" if level.value < level.limit else "at most"
+    unit_text = f" {unit}" if unit else ""
+    value = f"{level.value:.3g}{unit_text}" if math.isfinite(level.value) else "none"
+    return f"{words} {value}, asked {comparison} {level.limit:.3g}{unit_text}"
 
 
 def levels_heading(flown: FlightPhase) -> str:
-    """Return the standard, class and category, and what of them nobody declared."""
-    classes = (
-        f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a fighter"
-        if "class" in flown.assumed
-        else ""
+    """Return the standard, class and category, and which of these are assumed."""
+    heading = f"levels by {STANDARD}, class {flown.aircraft_class}, category {flown.category}"
+    if not flown.assumed:
+        return heading
+    assumption = (
+        f"{' and '.join(flown.assumed)} assumed, as neither an option (--class, --category) nor "
+        "the vehicle file gives it"
     )
-    assumed = (
-        f" ({' and '.join(flown.assumed)} assumed, as neither an option (--class, --category) nor "
-        f"the vehicle file gives it{classes})"
-        if flown.assumed
-        else ""
-    )
-    return f"levels by {STANDARD}, class {flown.aircraft_class}, category {flown.category}{assumed}"
+    if "class" in flown.assumed:
+        assumption += (
+            f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a "
+            "fighter"
+        )
+    return f"{heading} ({assumption})"
 
 
 def levels_line(
@@ -379,12 +384,10 @@ def levels_line(
         )
     if not levels:
         return ""
-    doubted = (
-        ""
-        if all(test.passed for test in tests)
-        else ", not valid here: the residual shows that the model is incomplete"
-    )
-    return f"{levels_heading(flown)}{doubted}: {'; '.join(map(level_sentence, levels))}"
+    heading = levels_heading(flown)
+    if not all(test.passed for test in tests):
+        heading += ", not valid here: the residual shows that the model is incomplete"
+    return f"{heading}: {'; '.join(map(level_sentence, levels))}"
 
 
 def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str, Any]:
@@ -400,27 +403,29 @@ def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str,
 
 def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str]:
     """Return ``"the Dutch roll was level 2 (99 %), is level 1 (97 %)"`` for each changed level."""
-    new = {level.mode: level for level in after}
-    pairs = [(old, new[old.mode]) for old in before if old.mode in new]
+    new_levels = {level.mode: level for level in after}
+    pairs = [(old, new_levels[old.mode]) for old in before if old.mode in new_levels]
     return [
-        f"the {old.mode} was {level_text(old)}, is {level_text(now)}"
-        for old, now in pairs
-        if old.determined and now.determined and old.level != now.level
+        f"the {old.mode} was {level_text(old)}, is {level_text(new)}"
+        for old, new in pairs
+        if old.determined and new.determined and old.level != new.level
     ]
 
 
-def _named(number: int) -> str:
+def _level_name(number: int) -> str:
     return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
-def _percent(share: float) -> str:
-    if share >= 0.9995:
+def _percent(probability: float) -> str:
+    """Return a probability in per cent, with a decimal from 99 % on."""
+    if probability >= 0.9995:  # rounded to 100.0 %
         return "> 99.9 %"
-    return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
+    decimals = 1 if probability >= 0.99 else 0
+    return f"{100.0 * probability:.{decimals}f} %"
 
 
 def _content(level: ModeLevel) -> dict[str, Any]:
-    out: dict[str, Any] = {
+    content: dict[str, Any] = {
         "level": level.level,
         "probability": level.probability,
         "determined": level.determined,
@@ -428,30 +433,36 @@ def _content(level: ModeLevel) -> dict[str, Any]:
         "sources": list(level.sources),
     }
     if level.decided_by and math.isfinite(level.value):
-        out |= {
-            "decided_by": {
-                "quantity": level.decided_by,
-                "estimate": level.value,
-                "limit": level.limit,
-            }
+        content["decided_by"] = {
+            "quantity": level.decided_by,
+            "estimate": level.value,
+            "limit": level.limit,
         }
-    return out
+    return content
 
 
-# ---- The summary that every study begins with
+# ---- Summary at the top of every study
 
-MOST_NAMED_NUMBERS = 3  # numbers that a summary names
-# of many coefficients those that a reader asks for, not the constant of drag
-NAMED_FIRST = ("CL_alpha", "Cm_alpha", "Cm_q")
-BELOW = "below; --out FOLDER keeps them"
-PAGE = "report.html"  # in the folder of every study
-TEXT = "study.txt"  # terminal output and details
-HERE = "below, and the files of this folder"
+MOST_NAMED_NUMBERS = 3  # numbers in a summary
+NAMED_FIRST = ("CL_alpha", "Cm_alpha", "Cm_q")  # the main derivatives come first in a summary
+BELOW = "below; --out FOLDER keeps them"  # place of the details without a study folder
+HERE = "below, and the files of this folder"  # place of the details in a study folder
+PAGE = "report.html"  # page in the folder of every study
+TEXT = "study.txt"  # terminal output in this folder
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of a study: input, outcome, main numbers, residual, place of details."""
+    """Summary of a study.
+
+    Attributes
+    ----------
+    study : what was studied.
+    outcome : outcome.
+    result : main numbers.
+    residual : result of the residual tests.
+    details : place of the details.
+    """
 
     study: str
     outcome: str
@@ -461,7 +472,7 @@ class Summary:
 
 
 def summary_lines(summary: Summary, width: int = WIDTH) -> list[str]:
-    """Return a line for each non-empty part; shortened ones are repeated in full below."""
+    """Return a line for each part that is not empty, shortened to ``width`` characters."""
     return [shortened(text, width, f"{label:10}") for label, text in vars(summary).items() if text]
 
 
@@ -471,7 +482,7 @@ def print_summary(out: Console, summary: Summary) -> None:
 
 
 def details_in(folder: Path | None) -> str:
-    """Return where more details are: below, and in the study's folder, beginning with its page."""
+    """Return the place of the details: below, and in a study folder."""
     return BELOW if folder is None else f"below; in {folder / PAGE}"
 
 
@@ -481,47 +492,57 @@ def written_to(folder: Path) -> str:
 
 
 def value_phrase(name: str, value: float, std: float, unit: str) -> str:
-    """``"Cm_alpha -1.657 +- 0.002 1/rad"``, in the unit for display."""
+    """Return an estimate in display units: ``"Cm_alpha -1.657 +- 0.002 1/rad"``."""
     if std > 0.0 and not determined(value, std):
         return f"{name} not determined"
-    factor, text = shown_in(unit, name)
-    sigma = f" +- {number_text(factor * std, factor * std)}" if std > 0.0 else ""
-    return (
-        f"{name} "
-        f"{number_text(factor * value, factor * std)}{sigma}{spaced(text)}{in_hertz(value, name, unit)}"  # noqa: E501
-    )
+    factor, shown_unit = shown_in(unit, name)
+    phrase = f"{name} {number_text(factor * value, factor * std)}"
+    if std > 0.0:
+        phrase += f" +- {number_text(factor * std, factor * std)}"
+    return f"{phrase}{spaced(shown_unit)}{in_hertz(value, name, unit)}"
 
 
 def result_phrase(
     values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
 ) -> str:
-    """Return the quantities that follow from the parameters, if any, and parameters (name, value,
-    sigma, unit), ``MOST_NAMED_NUMBERS`` in all: ``NAMED_FIRST`` and then in their order.
+    """Return the main numbers of a study, ``MOST_NAMED_NUMBERS`` in all.
+
+    Derived quantities are first, then the parameters ``NAMED_FIRST``, then others.
+
+    Parameters
+    ----------
+    values : name, value, sigma and unit of each parameter.
+    derived : value and sigma of each derived quantity.
     """
-    values = sorted(values, key=lambda each: each[0] not in NAMED_FIRST)
-    follows = derived_line(dict(list(derived.items())[:MOST_NAMED_NUMBERS]))
-    room = MOST_NAMED_NUMBERS - min(len(derived), MOST_NAMED_NUMBERS)
-    named = [value_phrase(*each) for each in values[:room]]
-    rest = len(values) - room
-    more = f"; {rest} more in the table" if named and rest > 0 else ""
-    return "; ".join([*([follows] if follows else []), *named]) + more
+    values = sorted(values, key=lambda entry: entry[0] not in NAMED_FIRST)
+    derived_phrase = derived_line(dict(list(derived.items())[:MOST_NAMED_NUMBERS]))
+    count = MOST_NAMED_NUMBERS - min(len(derived), MOST_NAMED_NUMBERS)
+    phrases = [value_phrase(*entry) for entry in values[:count]]
+    not_named = len(values) - count
+    more = f"; {not_named} more in the table" if phrases and not_named > 0 else ""
+    if derived_phrase:
+        phrases.insert(0, derived_phrase)
+    return "; ".join(phrases) + more
 
 
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
-    """``"consistent with noise in alpha and nz; not in q"``; empty if nothing was tested."""
+    """Return the channels whose residuals are noise, and those whose residuals are not; empty
+    without tests.
+    """
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
-    failed = [
-        name
-        for name in channels
-        if any(not test.passed and test.channel.partition(",")[0] == name for test in tests)
-    ]
-    sound = [name for name in channels if name not in failed and name != "all"]
+    failed = {test.channel.partition(",")[0] for test in tests if not test.passed}
+    white = [name for name in channels if name not in failed and name != "all"]
     if not failed:
-        return f"consistent with noise in {_listed(sound)}" if sound else ""
-    named = [name for name in failed if name != "all"]
-    phrase = f"more than noise in {_listed(named)}" if named else "not consistent with noise"
-    return f"{phrase}; consistent with noise in {_listed(sound)}" if sound and named else phrase
+        return f"consistent with noise in {_listed(white)}" if white else ""
+    coloured = [name for name in channels if name in failed and name != "all"]
+    if not coloured:
+        return "not consistent with noise"
+    phrase = f"more than noise in {_listed(coloured)}"
+    return f"{phrase}; consistent with noise in {_listed(white)}" if white else phrase
 
 
 def _listed(words: Sequence[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+    """Return words as ``"a, b and c"``."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,7 +1,8 @@
-"""Terminal output: blocks of a document, and the progress of long work.
+"""Terminal output: blocks of a document, progress of long work, and tables of several kinds of
+study.
 
-Tables have separate columns for units and sigmas. Progress goes to stderr: a bar on a terminal,
-else a line now and then. Also tables common to several kinds of study.
+Tables have separate columns for units and sigmas. Progress goes to stderr: as a bar to a terminal,
+else as a line every few seconds.
 """
 
 from __future__ import annotations
@@ -47,12 +48,14 @@ from scenarios.report.summary import (
     table_lines,
 )
 
-SIGMA = "+- sigma"
-UNIT = "unit"
+SIGMA, UNIT = "+- sigma", "unit"  # headings
 
 
 def show_blocks(out: Console, blocks: Sequence[Block], *, apart: bool = False) -> None:
-    """Print tables and sentences, notes moved in; ``apart``: an empty line before each table."""
+    """Print tables and sentences; notes are indented.
+
+    ``apart`` : print an empty line before each table.
+    """
     for block in blocks:
         match block:
             case Table():
@@ -69,7 +72,7 @@ def show_blocks(out: Console, blocks: Sequence[Block], *, apart: bool = False) -
 
 
 def show_table(out: Console, table: Table) -> None:
-    """Print a table as wide as the console, with a bold caption; print nothing if it has no row."""
+    """Print a table with the width of the console and a bold caption; nothing without rows."""
     print_table(out, table.caption, printed_columns(table))
 
 
@@ -86,23 +89,23 @@ def printed_columns(table: Table) -> list[TableColumn]:
 
     Units of rows follow the first column; sigmas follow their values.
     """
-    out: list[TableColumn] = []
-    for at, column in enumerate(table.columns):
-        cells = [row[at] for row in table.rows]
+    columns: list[TableColumn] = []
+    for i, column in enumerate(table.columns):
+        cells = [row[i] for row in table.rows]
         sigmas = [cell.sigma_text if isinstance(cell, Number) else "" for cell in cells]
-        apart = any(sigmas) and not column.together
-        texts = [cell_text(cell, apart) for cell in cells]
+        with_sigma_column = any(sigmas) and not column.together
+        texts = [cell_text(cell, with_sigma_column) for cell in cells]
         left = column.left or (column.unit is None and not column.right)
-        out.append(TableColumn(heading_text(column), texts, left, column.beside))
-        if apart:
-            shown = [
+        columns.append(TableColumn(heading_text(column), texts, left, column.beside))
+        if with_sigma_column:
+            sigma_texts = [
                 "-" if isinstance(cell, str) and cell else text
                 for cell, text in zip(cells, sigmas, strict=True)
             ]
-            out.append(TableColumn(SIGMA, shown, beside=True))
-        if at == 0 and table.units:
-            out.append(TableColumn(UNIT, [unit_cell(unit) for unit in table.units], left=True))
-    return out
+            columns.append(TableColumn(SIGMA, sigma_texts, beside=True))
+        if i == 0 and table.units:
+            columns.append(TableColumn(UNIT, [unit_cell(unit) for unit in table.units], left=True))
+    return columns
 
 
 def heading_text(column: Column) -> str:
@@ -115,69 +118,78 @@ def heading_text(column: Column) -> str:
 
 
 def cell_text(cell: Cell, apart: bool = False) -> str:
-    """Return a cell as a terminal shows it; ``apart``: without its sigma."""
+    """Return a cell as a terminal shows it; with ``apart``, a number without its sigma."""
     if isinstance(cell, Number):
         return cell.value_text if apart else cell.plain
-    return "-" if cell == MISSING else cell if isinstance(cell, str) else cell.text
+    if cell == MISSING:
+        return "-"
+    return cell if isinstance(cell, str) else cell.text
 
 
-Advance = Callable[[str, float], None]
+Advance = Callable[[str, float], None]  # reports the stage of the work and the share done
 
-QUIET_START_TIME = 2.0  # s, without any output
-PLAIN_LINE_INTERVAL = 10.0  # s, between plain lines
-POLL_INTERVAL = 0.2  # s, between updates of the bar
-# share of the work after which the remaining time is estimated
-LEAST_SHARE_FOR_ESTIMATE = 0.02
+QUIET_START_TIME = 2.0  # s before the bar is shown
+PLAIN_LINE_INTERVAL = 10.0  # s between plain lines
+POLL_INTERVAL = 0.2  # s between updates of the bar
+LEAST_SHARE_FOR_ESTIMATE = 0.02  # share of the work from which the remaining time is estimated
 
 
 @dataclass
 class LastProgress:
-    """Last reported progress: stage, share of the work (0 to 1), start time."""
+    """Last reported progress.
+
+    Attributes
+    ----------
+    stage : stage of the work.
+    share : share that is done, 0 to 1.
+    since : start of the work, s of the monotonic clock.
+    """
 
     stage: str = ""
     share: float = 0.0
     since: float = field(default_factory=time.monotonic)
 
     def line(self, now: float) -> str:
-        """``"37 of 100 flights, 24 s, about 41 s left"``."""
-        passed = now - self.since
-        left = (
-            passed * (1.0 - self.share) / self.share
-            if LEAST_SHARE_FOR_ESTIMATE < self.share < 1.0
-            else 0.0
-        )
-        return ", ".join(
-            [
-                *([self.stage] if self.stage else []),
-                time_text(passed),
-                *([f"about {time_text(left)} left"] if round(left) else []),
-            ]
-        )
+        """Return ``"37 of 100 flights, 24 s, about 41 s left"``."""
+        elapsed = now - self.since
+        remaining = 0.0
+        if LEAST_SHARE_FOR_ESTIMATE < self.share < 1.0:
+            remaining = elapsed * (1.0 - self.share) / self.share
+        texts = [self.stage] if self.stage else []
+        texts.append(time_text(elapsed))
+        if round(remaining):
+            texts.append(f"about {time_text(remaining)} left")
+        return ", ".join(texts)
 
 
 @contextmanager
 def progress_bar(
     shown: bool = True, *, counted: bool = True, before: tuple[int, int, float] | None = None
 ) -> Iterator[Advance]:
-    """Context manager that gives a function for reporting the stage and the share done (0 to 1).
+    """Show progress while the body runs; yield the function that reports it.
 
-    ``counted``: the share measures time; False, as in a search, shows the stage and elapsed time
-    only. ``before``: number of tasks done, of all tasks, and start time; shares then refer to all
-    tasks.
+    Parameters
+    ----------
+    shown : False shows nothing.
+    counted : whether the reported share is that of the time. Without this, as in a search, only
+        stage and elapsed time are shown.
+    before : number of finished tasks, number of all tasks, and start time, if the body is one of
+        several tasks. The shown share is that of all tasks.
     """
-    done, of, since = before or (0, 1, time.monotonic())
-    number = f"{done + 1} of {of}: " if of > 1 else ""
-    progress = LastProgress(f"{done} of {of} done" if of > 1 else "", done / of, since)
+    done, total, since = before or (0, 1, time.monotonic())
+    prefix = f"{done + 1} of {total}: " if total > 1 else ""
+    first_stage = f"{done} of {total} done" if total > 1 else ""
+    progress = LastProgress(first_stage, done / total, since)
 
     def advance(stage: str, share: float) -> None:
-        within = min(max(share, 0.0), 1.0) if counted else 0.0
-        progress.stage, progress.share = f"{number}{stage}", (done + within) / of
+        share_of_task = min(max(share, 0.0), 1.0) if counted else 0.0
+        progress.stage, progress.share = f"{prefix}{stage}", (done + share_of_task) / total
 
     if not shown:
         yield advance
         return
     ended = threading.Event()
-    show = _bar if sys.stderr.isatty() else _lines
+    show = _show_bar if sys.stderr.isatty() else _print_lines
     thread = threading.Thread(target=show, args=(progress, ended), daemon=True)
     thread.start()
     try:
@@ -188,26 +200,25 @@ def progress_bar(
 
 
 def time_text(seconds: float) -> str:
-    """``"24 s"``, ``"3 min 20 s"``, ``"2 h 5 min"``."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    minutes, rest = divmod(whole, 60)
+    """Return a duration as ``"24 s"``, ``"3 min 20 s"`` or ``"2 h 5 min"``."""
+    minutes, whole_seconds = divmod(round(seconds), 60)
+    if not minutes:
+        return f"{whole_seconds} s"
     if minutes < 60:
-        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
-    hours, rest = divmod(minutes, 60)
-    return f"{hours} h {rest} min" if rest else f"{hours} h"
+        return f"{minutes} min {whole_seconds} s" if whole_seconds else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
-def _lines(progress: LastProgress, ended: threading.Event) -> None:
-    """A plain line every ``PLAIN_LINE_INTERVAL`` seconds until the work has ended."""
+def _print_lines(progress: LastProgress, ended: threading.Event) -> None:
+    """Print a line every ``PLAIN_LINE_INTERVAL`` seconds until the work has ended."""
     while not ended.wait(PLAIN_LINE_INTERVAL):
         with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"flightid: {progress.line(time.monotonic())}", file=sys.stderr, flush=True)
 
 
-def _bar(progress: LastProgress, ended: threading.Event) -> None:
-    """Show a bar that disappears at the end; it only pulses while no share is known."""
+def _show_bar(progress: LastProgress, ended: threading.Event) -> None:
+    """Show a bar that disappears at the end; while no share is known, the bar pulses."""
     if ended.wait(QUIET_START_TIME):
         return
     from rich.progress import BarColumn, Progress, TextColumn
@@ -232,13 +243,14 @@ def _bar(progress: LastProgress, ended: threading.Event) -> None:
                 return
 
 
-# ---- The tables that pages of several kinds share
+# ---- Tables of several kinds of study
 
-_TESTS = {"ljung-box": "whiteness", "nis": "size of the innovations"}
+_TESTS = {"ljung-box": "whiteness", "nis": "size of the innovations"}  # test -> its name in words
+LARGEST_SHOWN_SHARE = 1e3  # sigma over the value, above which the share is shown as a dash
 
 
 class EstimatedParameter(Protocol):
-    """One parameter: ``studies.rows.Row``, or what has the same names."""
+    """An estimated parameter, as ``studies.published.Row``."""
 
     @property
     def name(self) -> str: ...
@@ -265,9 +277,12 @@ class EstimatedParameter(Protocol):
 def estimates_table(
     caption: str, rows: Sequence[EstimatedParameter], starts: Mapping[str, float] | None = None
 ) -> Table:
-    """Return a table of estimates with sigmas, and true, condensed, published and start values."""
-    shown = [(row, shown_in(row.unit, row.name)) for row in rows]
-    scaled = [(row, each.factor) for row, each in shown]
+    """Return a table of estimates with sigmas, and true, condensed, published and start values.
+
+    A column without numbers is left out, except that of the estimates.
+    """
+    units = [shown_in(row.unit, row.name) for row in rows]
+    scaled = [(row, unit.factor) for row, unit in zip(rows, units, strict=True)]
     start_values = starts or {}
     published: list[Cell] = [
         Number(
@@ -280,16 +295,16 @@ def estimates_table(
         else ""
         for row, factor in scaled
     ]
-    further = [
-        (Column("true", BY_ROW), [_times(factor, row.true) for row, factor in scaled]),
-        (Column("condensed", BY_ROW), [_times(f, row.condensed) for row, f in scaled]),
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column("true", BY_ROW), [_scaled_cell(f, row.true) for row, f in scaled]),
+        (Column("condensed", BY_ROW), [_scaled_cell(f, row.condensed) for row, f in scaled]),
         (
             Column("estimate ± σ", BY_ROW, printed="estimate"),
             [estimate(factor * row.estimate, factor * row.std) for row, factor in scaled],
         ),
         (
             Column("σ of the value", "%", printed="sigma %"),
-            [_share_cell(_share(row.estimate, row.std)) for row in rows]
+            [_percent_cell(row.estimate, row.std) for row in rows]
             if all(row.true is None for row in rows)
             else [],
         ),
@@ -303,36 +318,36 @@ def estimates_table(
             Column("its error", "its σ", printed="its error, sigmas", beside=True),
             [formatted(row.published_sigmas, "+.1f") if row.published else "" for row in rows],
         ),
-        (Column("start", BY_ROW), [_times(f, start_values.get(row.name)) for row, f in scaled]),
+        (
+            Column("start", BY_ROW),
+            [_scaled_cell(f, start_values.get(row.name)) for row, f in scaled],
+        ),
     ]
     return table(
         caption,
         (Column("parameter"), [row.name for row in rows]),
         *(
             (column, cells)
-            for column, cells in further
+            for column, cells in columns
             if column.printed == "estimate" or any(isinstance(cell, Number) for cell in cells)
         ),
-        units=[each.unit for _, each in shown],
+        units=[unit.unit for unit in units],
     )
 
 
-def _share_cell(share: float) -> Cell:
-    return formatted(share, ".2g" if share < 100.0 else ".0f")
-
-
-def _times(factor: float, value: float | None) -> Cell:
+def _scaled_cell(factor: float, value: float | None) -> Cell:
     return known(None if value is None else factor * value)
 
 
-def _share(value: float, std: float) -> float:
-    """Return sigma in percent of the value; infinite (shown as a dash) if not meaningful."""
-    return (
-        100.0 * std / abs(value) if value and std > 0.0 and std < 1e3 * abs(value) else float("inf")
-    )
+def _percent_cell(value: float, std: float) -> Cell:
+    """Return sigma in per cent of the value; a dash if this is not meaningful."""
+    if not value or not 0.0 < std < LARGEST_SHOWN_SHARE * abs(value):
+        return MISSING
+    percent = 100.0 * std / abs(value)
+    return formatted(percent, ".2g" if percent < 100.0 else ".0f")
 
 
-FITS = (
+FITS = (  # columns of the fit of each channel
     Column("channel"),
     Column("rms error", PURE),
     Column("fit", "%", printed="fit %"),
@@ -342,12 +357,12 @@ FITS = (
 
 
 def rows_table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> Table:
-    """Return a table that is given by rows of cells."""
+    """Return a table from rows of cells."""
     return Table(caption, tuple(columns), tuple(map(tuple, rows)))
 
 
 def fit_cells(channel: str, error: Quantity, fit: float, r2: float, theil: float) -> list[Cell]:
-    """Return cells below ``FITS``: the error of a free simulation in one channel."""
+    """Return the cells of a channel below ``FITS``, for a free simulation."""
     value, _, unit = displayed(error)
     return [
         channel,
@@ -372,13 +387,11 @@ def derived_table(caption: str, derived: Mapping[str, tuple[float, float]]) -> T
 def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
     """Return a table with the residual tests of each channel."""
     columns = (Column("test"), Column("channel"), Column("p", PURE), Column("result"))
-    return Table(
-        caption,
-        columns,
-        tuple(
-            (_TESTS.get(t.name, t.name), t.channel, p_value(t.p_value), t.sentence) for t in tests
-        ),
+    rows = tuple(
+        (_TESTS.get(test.name, test.name), test.channel, p_value(test.p_value), test.sentence)
+        for test in tests
     )
+    return Table(caption, columns, rows)
 
 
 def p_value(value: float) -> Number:
@@ -398,18 +411,18 @@ def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
 
 
 def _exact(value: float) -> Cell:
-    """Return a constant with the digits that it was given with, as a mass of six."""
+    """Return a constant with up to seven digits, without rounding to those of an estimate."""
     return Number(value, shown=f"{value:.7g}") if math.isfinite(value) else known(value)
 
 
 def levels_of_noise(caption: str, noise: Mapping[str, tuple[float, str]]) -> Table:
-    """Return the standard deviations by channel, with units."""
-    shown = {name: shown_in(unit, name) for name, (_, unit) in noise.items()}
-    values = {name: shown[name].factor * value for name, (value, _) in noise.items()}
+    """Return a table of the standard deviation of each channel, with units."""
+    units = {name: shown_in(unit, name) for name, (_, unit) in noise.items()}
+    values = {name: units[name].factor * value for name, (value, _) in noise.items()}
     rows = tuple((name, Number(value, shown=f"{value:.3g}")) for name, value in values.items())
     return Table(
         caption,
         (Column("channel"), Column("standard deviation", BY_ROW)),
         rows,
-        tuple(each.unit or PURE for each in shown.values()),
+        tuple(unit.unit or PURE for unit in units.values()),
     )

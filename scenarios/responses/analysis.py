@@ -56,16 +56,18 @@ if TYPE_CHECKING:
     import control
 
 NO_MODEL = ModelOptions()
-# median coherence with other inputs above which an input is not usable
+HIGHEST_FREQUENCY_SHARE = 0.45  # highest frequency of a band over the sampling rate
+# An input whose median coherence with the other inputs is above this depends on them.
 PROPORTIONAL_COHERENCE = 0.9999
-LEAKED_FREQUENCY_SHARE = 0.1  # share of the frequencies above which there is a caution
-# mean coherence with other inputs above which there is a caution
-CORRELATED_COHERENCE = 0.5
-# share of the usable band in which direct and joint estimate differ beyond 95 %
+# The following limits lead to cautions.
+LEAKED_FREQUENCY_SHARE = 0.1  # share of the frequencies with leaked power only
+CORRELATED_COHERENCE = 0.5  # mean coherence of an input with the other inputs
+# Share of the usable band in which direct and joint estimate differ by more than 95 % limits.
 DISAGREEING_BAND_SHARE = 0.1
-# Least variance of the difference, share of the joint estimate's variance. Measured: 2 false
-# cautions in 87 records without feedback; with noise of 1/3 and gain 1/2, found in 60 of 60.
-LEAST_APART = 0.25
+# Least variance of the difference of the two estimates over that of the joint estimate. Tested: 2
+# false cautions in 87 records without feedback; feedback found in 60 of 60 records with noise of
+# 1/3 and gain 1/2.
+LEAST_VARIANCE_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -74,10 +76,11 @@ class ResponseOptions:
 
     Attributes
     ----------
-    band : Hz; None takes it from the longest window and the power of the inputs.
-    windows : s, lengths; empty takes four, halved from a quarter of the longest record.
-    tapers : sine tapers of whole records instead of windows; 0 for windows.
-    least_coherence : of the usable band.
+    band : frequency band, Hz; None takes it from the longest window and the power of the inputs.
+    windows : lengths of the windows, s. An empty tuple takes four: a quarter of the longest record,
+        and each half of the one before.
+    tapers : number of sine tapers of whole records; 0 for windows.
+    least_coherence : least coherence of the usable band.
     """
 
     band: tuple[float, float] | None = None
@@ -91,9 +94,9 @@ class ResponseOptions:
             if not (0.0 < low < high and math.isfinite(high)):
                 what = f"{low:g} to {high:g} Hz is no band"
                 raise DeclarationError(what, where="--band", remedy="give LOW HIGH in Hz, above 0")
-        for each in self.windows:
-            if not (each > 0.0 and math.isfinite(each)):
-                what = f"{each:g} s is no length"
+        for length in self.windows:
+            if not (length > 0.0 and math.isfinite(length)):
+                what = f"{length:g} s is no length"
                 raise DeclarationError(what, where="--window", remedy="give lengths above zero")
         if self.tapers and self.windows:
             what = "windows and tapers are two ways"
@@ -114,20 +117,22 @@ class ResponseEstimates:
 
     Attributes
     ----------
-    identities : the files.
-    parts : names of the records and parts that were pooled.
-    names : signals.
-    units : by signal.
-    responses : the estimate; by the joint input-output method if references are given.
-    direct : in this case the direct estimate.
-    rate : Hz, of the samples.
-    notes : on the preparation.
-    cautions : on the result.
-    simulated : all records are simulated.
-    fits : transfer functions.
-    model : linear model fitted to the responses.
+    identities : names and hashes of the files.
+    parts : names of the parts of records.
+    durations : durations of the parts, s.
+    names : names of the signals.
+    units : signal -> unit.
+    responses : the estimate from all parts; by the joint input-output method if there are
+        references.
+    direct : the direct estimate, if there are references.
+    rate : rate of the samples, Hz.
+    notes : sentences on the preparation.
+    cautions : sentences on the result.
+    simulated : whether all records are simulated.
+    fits : fitted transfer functions.
     qualities : flying qualities of the responses.
     loop : stability margins.
+    model : linear model fitted to the responses.
     """
 
     identities: tuple[InputFile, ...]
@@ -146,33 +151,41 @@ class ResponseEstimates:
     loop: LoopMargins | None = None
     model: FittedResponseModel | None = None
 
-    def unit(self, output: str, one: str) -> str:
-        """Unit of a response, ``"deg/s per deg"``; empty if neither signal has one."""
-        over, under = (self.units.get(name, "") or "1" for name in (output, one))
-        if over == under:
+    def unit(self, output: str, input_name: str) -> str:
+        """Return the unit of a response, as ``"deg/s per deg"``; empty if it has none."""
+        output_unit, input_unit = (self.units.get(name, "") or "1" for name in (output, input_name))
+        if output_unit == input_unit:
             return ""
-        return over if under == "1" else f"{over} per {under}"
+        return output_unit if input_unit == "1" else f"{output_unit} per {input_unit}"
 
-    def parameter_unit(self, output: str, one: str, name: str, unit: str) -> str:
-        """Unit of a parameter of a fitted form: that of the form, and of gains and coefficients of
-        the numerator times that of the response, ``"rad/s2 per rad"``.
+    def parameter_unit(self, output: str, input_name: str, name: str, unit: str) -> str:
+        """Return the unit of parameter ``name`` of a fitted form, as ``"rad/s2 per rad"``.
+
+        ``unit`` is the parameter's unit for a response without unit. The units of gains and of
+        coefficients of the numerator are multiplied by that of the response.
         """
         if name != "gain" and re.fullmatch(r"b\d+", name) is None:
             return unit
-        over, under = (self.units.get(each, "") or "1" for each in (output, one))
-        if over == under:
-            over = under = "1"
-        rate = re.fullmatch(r"(.+)/s(\d?)", over)
-        base, power = (rate[1], int(rate[2] or 1)) if rate is not None else (over, 0)
+        output_unit, input_unit = (
+            self.units.get(signal, "") or "1" for signal in (output, input_name)
+        )
+        if output_unit == input_unit:
+            output_unit = input_unit = "1"
+        rate = re.fullmatch(r"(.+)/s(\d?)", output_unit)
+        base, power = (rate[1], int(rate[2] or 1)) if rate is not None else (output_unit, 0)
         power += {"": 0, "1/s": 1}[unit] if unit in ("", "1/s") else int(unit.removeprefix("1/s"))
-        whole = f"{base}/s{power if power > 1 else ''}" if power else base
-        if under != "1":
-            return f"{whole} per {under}"
-        return "" if whole == "1" else whole
+        numerator = base
+        if power:
+            numerator = f"{base}/s{power if power > 1 else ''}"
+        if input_unit != "1":
+            return f"{numerator} per {input_unit}"
+        return "" if numerator == "1" else numerator
 
     def to_control(self) -> control.FrequencyResponseData:
-        """The responses as python-control's, over all frequencies, rad/s; points in names become
-        underscores."""
+        """Return the responses as an object of python-control, over all frequencies (rad/s).
+
+        Points in the names of signals become underscores.
+        """
         import control
 
         names = {
@@ -198,30 +211,37 @@ def responses_of(
     pilot: PilotDemand | None = None,
     model: ModelOptions = NO_MODEL,
 ) -> ResponseEstimates:
-    """Estimate the responses of the records of a request, pooled.
+    """Estimate frequency responses from all records of a request together.
 
-    ``fit``: transfer functions. ``bandwidth``: kind of outputs, ``"rate"`` or ``"attitude"``, for
-    bandwidth and phase delay. ``margins``: sign of the feedback, ``"minus"`` or ``"plus"``, for
-    stability margins. ``limits``: of levels of fitted forms. ``pilot``: of the Neal-Smith
-    criterion. ``model``: a linear model to fit.
+    Parameters
+    ----------
+    request : the records and how they are read.
+    names : names of the signals.
+    options : options of the estimate.
+    fit : transfer functions to fit.
+    bandwidth : kind of the outputs, ``"rate"`` or ``"attitude"``, for bandwidth and phase delay.
+    margins : sign of the feedback, ``"minus"`` or ``"plus"``, for stability margins.
+    limits : aircraft class, category and airspeed for levels of fitted forms.
+    pilot : task of the pilot in the Neal-Smith criterion.
+    model : linear model to fit.
 
     Raises
     ------
-    FlightidError : anything in files or options that keeps them from being used.
+    FlightidError : files or options cannot be used.
     """
     refuse_kind(bandwidth)
     refuse_loop(margins, names)
     refuse_twice(request.records)
     files = read_record_files(request.records)
     signal_names = (*names.inputs, *names.outputs, *names.references)
-    words = [name for name in signal_names if name.isidentifier() and name not in CHANNEL_UNITS]
-    chosen = column_choices(request, (*CHANNEL_UNITS, *words))
-    read = read_signals(files, names, request.plan, chosen)
+    own_names = [name for name in signal_names if name.isidentifier() and name not in CHANNEL_UNITS]
+    choices = column_choices(request, (*CHANNEL_UNITS, *own_names))
+    read = read_signals(files, names, request.plan, choices)
     if margins is not None:
         # Both signals are inside one computer, so there is no hold between them.
         read = replace(read, hold=None)
     responses, direct, step, notes = estimated(read, options)
-    _refuse_proportional(responses, names)
+    _refuse_dependent_inputs(responses, names)
     fit = fit or FitOptions()
     if fit.fixed and not fit.forms and model.model is None:
         remedy = "add --fit FORM, or --model M"
@@ -231,7 +251,8 @@ def responses_of(
         model = replace(model, fixed=fit.values)
     hold_step = read.step if read.hold is Hold.PREVIOUS else None
     fitted = model_fit_of(responses, names, model, hold_step)
-    loop = loop_margins_of(responses, names, margins, read, partial(_of_a_part, options, responses))
+    estimate_part = partial(_responses_of_part, options, responses)
+    loop = loop_margins_of(responses, names, margins, read, estimate_part)
     return ResponseEstimates(
         identities(files),
         read.names,
@@ -258,13 +279,13 @@ def responses_of(
     )
 
 
-def _of_a_part(
-    options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals
+def _responses_of_part(
+    options: ResponseOptions, all_parts: FrequencyResponses, part: ReadSignals
 ) -> FrequencyResponses:
-    """Return the responses of one part, in the band of all parts together as far as the part
-    resolves it.
+    """Return the responses of one part in the band of ``all_parts``, without frequencies that are
+    too low for its duration.
     """
-    low, high = float(whole.frequency[0]), float(whole.frequency[-1])
+    low, high = float(all_parts.frequency[0]), float(all_parts.frequency[-1])
     _, lowest = _windows(part.durations, replace(options, band=(low, high)))
     return estimated(part, replace(options, band=(max(low, lowest), high)))[0]
 
@@ -272,25 +293,26 @@ def _of_a_part(
 def _windows(
     durations: Sequence[float], options: ResponseOptions
 ) -> tuple[tuple[float, ...], float]:
-    """Lengths of windows, s, none with tapers, and the lowest frequency that they resolve, Hz."""
+    """Return the lengths of windows, s, and the lowest frequency that they resolve, Hz; with tapers
+    there are no windows.
+    """
     if options.tapers:
         return (), 0.5 * (options.tapers + 1) / min(durations)
-    windows = options.windows or window_lengths(
-        durations, options.band[0] if options.band else None
-    )
-    windows = tuple(sorted(windows, reverse=True))
-    return windows, lowest_frequency(
-        [each for each in windows if each <= max(durations)] or windows
-    )
+    lengths = options.windows
+    if not lengths:
+        lengths = window_lengths(durations, options.band[0] if options.band else None)
+    windows = tuple(sorted(lengths, reverse=True))
+    fitting = [length for length in windows if length <= max(durations)]
+    return windows, lowest_frequency(fitting or windows)
 
 
-def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) -> None:
-    """Raise RecordError if an input is a combination of the other inputs."""
-    if estimated_responses.joint or len(names.inputs) < 2:
+def _refuse_dependent_inputs(responses: FrequencyResponses, names: Names) -> None:
+    """Raise RecordError if an input is a linear combination of the other inputs."""
+    if responses.joint or len(names.inputs) < 2:
         return
-    for one, coherence in zip(names.inputs, estimated_responses.input_coherence, strict=True):
+    for name, coherence in zip(names.inputs, responses.input_coherence, strict=True):
         if float(np.median(coherence)) > PROPORTIONAL_COHERENCE:
-            what = f"{one} follows from the other inputs at every frequency"
+            what = f"{name} follows from the other inputs at every frequency"
             remedy = "leave one of them out; their responses cannot be separated"
             raise RecordError(what, where="--input", remedy=remedy)
 
@@ -298,18 +320,25 @@ def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) 
 def estimated(
     read: ReadSignals, options: ResponseOptions
 ) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
-    """Return the estimate, the direct one where it is a joint one, the step used, s, and notes."""
+    """Estimate the responses of signals.
+
+    Returns
+    -------
+    The estimate, the direct estimate if it is a joint one (else None), the sampling interval of
+    the estimate (s), and notes.
+    """
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
     low, high = options.band or input_band(read.signals, lowest)
     notes = []
     if not options.band:
-        begins = "the tapers" if options.tapers else "the longest window"
-        band = f"band {low:.3g} to {high:.3g} Hz"
-        notes.append(f"{band}: from {begins}, and up to 99 % of the inputs' power")
-    if high > 0.45 * rate:
-        what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
-        raise DeclarationError(what, where="--band", remedy=remedy)
+        source = "the tapers" if options.tapers else "the longest window"
+        notes.append(
+            f"band {low:.3g} to {high:.3g} Hz: from {source}, and up to 99 % of the inputs' power"
+        )
+    if high > HIGHEST_FREQUENCY_SHARE * rate:
+        what = f"{high:g} Hz is above {HIGHEST_FREQUENCY_SHARE:g} of the rate of {rate:.4g} Hz"
+        raise DeclarationError(what, where="--band", remedy="give a lower one")
     if low < lowest * (1.0 - 1e-9):
         what = f"{low:g} Hz is below {lowest:.3g} Hz, the lowest that the record resolves"
         raise DeclarationError(what, where="--band", remedy="give a higher one, or a longer record")
@@ -324,19 +353,18 @@ def estimated(
     if options.tapers:
         notes += [f"{options.tapers} sine tapers of each whole part"]
     else:
-        lengths = ", ".join(f"{each:.4g}" for each in windows)
+        lengths = ", ".join(f"{length:.4g}" for length in windows)
         notes += [f"Hann windows of {lengths} s that overlap by three quarters, combined"]
     direct = None
     if result.joint:
-        open_ = [replace(each, references=np.zeros((0, 0))) for each in signals]
-        direct = estimate_responses(open_, frequency, spectra)
+        without_references = [replace(part, references=np.zeros((0, 0))) for part in signals]
+        direct = estimate_responses(without_references, frequency, spectra)
         notes += ["joint input-output estimate by the references"]
     if read.hold is Hold.PREVIOUS:
-        between = _hold_response(2.0 * math.pi * frequency * read.step)
-        result, direct = (
-            _without(result, between),
-            None if direct is None else _without(direct, between),
-        )
+        hold = _hold_response(2.0 * math.pi * frequency * read.step)
+        result = _divided_by(result, hold)
+        if direct is not None:
+            direct = _divided_by(direct, hold)
         notes += ["the inputs are held between samples; the responses are corrected for this hold"]
     return result, direct, step, notes
 
@@ -346,65 +374,69 @@ def _hold_response(angle: np.ndarray) -> np.ndarray:
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 
 
-def _without(responses: FrequencyResponses, between: np.ndarray) -> FrequencyResponses:
+def _divided_by(responses: FrequencyResponses, factor: np.ndarray) -> FrequencyResponses:
     return replace(
-        responses, response=responses.response / between, std=responses.std / np.abs(between)
+        responses, response=responses.response / factor, std=responses.std / np.abs(factor)
     )
 
 
 def cautions_of(
-    estimated_responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
+    responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
 ) -> tuple[str, ...]:
     """Return the cautions on an estimate, one sentence each."""
-    out = []
+    cautions = []
     for row, output in enumerate(names.outputs):
-        for column, one in enumerate(names.inputs):
-            if not estimated_responses.usable[row, column].any():
-                limit = f"{estimated_responses.spectra.least_coherence:g}"
+        for column, input_name in enumerate(names.inputs):
+            name = f"{output}/{input_name}"
+            if not responses.usable[row, column].any():
+                limit = f"{responses.spectra.least_coherence:g}"
                 error = f"{100.0 * RANDOM_ERROR:g} %"
-                out.append(
-                    f"{output}/{one}: no frequency is usable, with a coherence of {limit}, a "
+                cautions.append(
+                    f"{name}: no frequency is usable, with a coherence of {limit}, a "
                     f"random error of {error} and power of the input on both sides"
                 )
             elif direct is not None:
-                out += _bias_of_direct(estimated_responses, direct, row, column, f"{output}/{one}")
-    out += _leaks(estimated_responses, names)
-    if not estimated_responses.joint and len(names.inputs) > 1:
-        for column, one in enumerate(names.inputs):
-            mean = float(estimated_responses.input_coherence[column].mean())
+                cautions += _bias_of_direct(responses, direct, row, column, name)
+    cautions += _leakage_cautions(responses, names)
+    if not responses.joint and len(names.inputs) > 1:
+        for name, coherence in zip(names.inputs, responses.input_coherence, strict=True):
+            mean = float(coherence.mean())
             if mean > CORRELATED_COHERENCE:
-                sentence = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
-                out.append(f"{sentence}: their responses are hard to separate, see their errors")
-    return tuple(out)
+                cautions.append(
+                    f"input {name} has a mean coherence of {mean:.2f} with the other inputs: "
+                    "their responses are hard to separate, see their errors"
+                )
+    return tuple(cautions)
 
 
-def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
+def _leakage_cautions(responses: FrequencyResponses, names: Names) -> list[str]:
     """Return cautions on bands without input power, where the coherence is due to leakage."""
-    out = []
+    cautions = []
     excitations = names.references if responses.joint else names.inputs
     for column, leaked in enumerate(responses.leaked):
-        places = responses.frequency[leaked]
-        if places.size > LEAKED_FREQUENCY_SHARE * leaked.size:
+        frequency = responses.frequency[leaked]
+        if frequency.size > LEAKED_FREQUENCY_SHARE * leaked.size:
             usable = int(np.count_nonzero(leaked & responses.usable[:, column].any(axis=0)))
-            sentence = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
             remark = f"{usable} of them count as usable" if usable else "none of them is usable"
-            out.append(
-                f"{sentence} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
+            cautions.append(
+                f"{excitations[column]} has hardly any power between {frequency[0]:.3g} and "
+                f"{frequency[-1]:.3g} Hz, where {frequency.size} of {leaked.size} frequencies "
                 f"hold what leaks from others ({remark}); name the swept --band"
             )
-    return out
+    return cautions
 
 
 def _bias_of_direct(
     responses: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
 ) -> list[str]:
-    """Return a sentence where the direct estimate contradicts the joint one."""
+    """Return a sentence if the direct estimate contradicts the joint one; else an empty list."""
     band = responses.usable[row, column]
     difference = np.abs(direct.response - responses.response)[row, column, band]
-    # Without feedback the difference has the joint one's variance less the direct one's (Hausman,
-    # "Specification Tests in Econometrics", Econometrica 46(6), 1978); LEAST_APART floors it.
-    left = 1.0 - (direct.std / responses.std)[row, column, band] ** 2
-    allowed = responses.radius()[row, column, band] * np.sqrt(np.maximum(left, LEAST_APART))
+    # Without feedback, the variance of the difference is that of the joint estimate minus that of
+    # the direct one (Hausman, "Specification Tests in Econometrics", Econometrica 46(6), 1978).
+    variance_share = 1.0 - (direct.std / responses.std)[row, column, band] ** 2
+    variance_share = np.maximum(variance_share, LEAST_VARIANCE_SHARE)
+    allowed = responses.radius()[row, column, band] * np.sqrt(variance_share)
     share = float(np.mean(difference > allowed))
     if share <= DISAGREEING_BAND_SHARE:
         return []
@@ -417,9 +449,9 @@ def _bias_of_direct(
 
 
 def pairs(estimates: ResponseEstimates) -> list[tuple[int, int, str]]:
-    """Row, column and name ``"q/elevator"`` of every response, outputs first."""
+    """Return row, column and name ``"OUTPUT/INPUT"`` of every response."""
     return [
-        (row, column, f"{output}/{one}")
+        (row, column, f"{output}/{input_name}")
         for row, output in enumerate(estimates.names.outputs)
-        for column, one in enumerate(estimates.names.inputs)
+        for column, input_name in enumerate(estimates.names.inputs)
     ]

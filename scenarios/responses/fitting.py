@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +45,12 @@ from sim.errors import DeclarationError, ModelError, RecordError
 # ---- Transfer functions fitted to the estimated responses
 
 NO_DELAY = 1e-9  # s, smaller delays are rounding errors
-# limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
+# Limits for a well determined parameter, over its value (Tischler and Remple).
 LARGEST_CRAMER_RAO_SHARE = 0.2
-# limit of the insensitivity, share of a value (Tischler and Remple)
 LARGEST_INSENSITIVITY_SHARE = 0.1
+FEWEST_FREQUENCIES = 3  # usable frequencies of a response to which a model is fitted
+LARGEST_SHOWN_PERCENT = 1000.0  # a larger share of a value is shown as a dash
+SMALLEST_SIZE = 1e-300  # keeps a quotient finite
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ class FitOptions:
     Attributes
     ----------
     forms : ``FORM`` for every response or ``OUTPUT=FORM``; empty fits none.
-    fixed : ``NAME=VALUE``.
-    shared_poles : all denominators are the same.
+    fixed : fixed parameters, ``NAME=VALUE``.
+    shared_poles : whether all responses have the same denominator.
     """
 
     forms: tuple[str, ...] = ()
@@ -72,29 +75,29 @@ class FitOptions:
 
     @property
     def values(self) -> dict[str, float]:
-        """The fixed parameters."""
-        out = {}
+        """Values of the fixed parameters."""
+        values = {}
         for text in self.fixed:
             name, _, value = text.partition("=")
             try:
-                out[name.strip()] = float(value)
+                values[name.strip()] = float(value)
             except ValueError:
                 remedy = "write NAME=VALUE, as in delay=0"
                 raise DeclarationError(
                     f"{text!r} fixes nothing", where="--fix", remedy=remedy
                 ) from None
-        return out
+        return values
 
 
 @dataclass(frozen=True, eq=False)
 class Mismatch:
-    """Estimated response over fitted one along the usable band.
+    """Ratio of the estimated to the fitted response in the usable band; arrays ``(F,)``.
 
     Attributes
     ----------
-    frequency : Hz.
-    gain, phase : of this ratio, dB and deg.
-    gain_error, phase_error : half widths of their 95 % bands.
+    frequency : frequencies, Hz.
+    gain, phase : gain and phase of the ratio, dB and deg.
+    gain_error, phase_error : half widths of their 95 % bands, dB and deg.
     """
 
     frequency: np.ndarray
@@ -105,13 +108,13 @@ class Mismatch:
 
     @property
     def piloted(self) -> np.ndarray:
-        """Whether frequencies are in the range of the envelopes of unnoticeable dynamics, bool."""
+        """Whether each frequency is in the range of the envelopes of unnoticeable dynamics."""
         omega = 2.0 * math.pi * self.frequency
         return np.asarray((omega >= PILOTED[0]) & (omega <= PILOTED[1]))
 
     @property
     def outside(self) -> np.ndarray:
-        """Whether the mismatch exceeds the envelopes by more than its 95 % band, bool."""
+        """Whether the mismatch at each frequency exceeds the envelopes by more than its error."""
         limits = unnoticeable(2.0 * math.pi * self.frequency)
         gain = (self.gain - self.gain_error > limits.high_gain) | (
             self.gain + self.gain_error < limits.low_gain
@@ -128,9 +131,9 @@ class Fits:
 
     Attributes
     ----------
-    fit : all of them.
-    places : row and column of the response of each.
-    mismatches : of each.
+    fit : the fitted functions.
+    places : row and column of the response of each function.
+    mismatches : mismatch of each function.
     """
 
     fit: TransferFit
@@ -141,18 +144,15 @@ class Fits:
         """Return the function of a response and its mismatch; None if none was fitted."""
         if (row, column) not in self.places:
             return None
-        at = self.places.index((row, column))
-        return self.fit.functions[at], self.mismatches[at]
+        number = self.places.index((row, column))
+        return self.fit.functions[number], self.mismatches[number]
 
 
 def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
-    """Fit the forms to the responses in their usable bands; None if no form is named.
-
-    Raises DeclarationError, RecordError or ModelError in one line.
-    """
+    """Fit the forms to the responses in their usable bands; return None if no form is named."""
     if not options.forms:
         return None
-    by_output = _by_output(options.forms, names.outputs)
+    by_output = _forms_by_output(options.forms, names.outputs)
     places, targets, forms = [], [], []
     for row, output in enumerate(names.outputs):
         for column, input_name in enumerate(names.inputs):
@@ -172,15 +172,15 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
     except ModelError as error:
         option = {"fix": "--fix", "shared poles": "--shared-poles"}.get(error.where, "--fit")
         raise DeclarationError(error.what, where=option, remedy=error.remedy) from None
-    each = tuple(
+    mismatches = tuple(
         _mismatch(responses, place, function)
         for place, function in zip(places, fit.functions, strict=True)
     )
-    return Fits(fit, tuple(places), each)
+    return Fits(fit, tuple(places), mismatches)
 
 
 def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
-    """Return the usable band of a response, as it is fitted."""
+    """Return the usable band of a response as the target of a fit."""
     usable = responses.usable[place]
     coherence = (
         responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
@@ -195,8 +195,8 @@ def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) 
     )
 
 
-def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str]:
-    out: dict[str, str] = {}
+def _forms_by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str]:
+    by_output: dict[str, str] = {}
     for text in forms:
         output, equals, form = text.rpartition("=")
         if equals and output not in outputs:
@@ -207,11 +207,11 @@ def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str
         except ModelError as error:
             raise DeclarationError(error.what, where="--fit", remedy=error.remedy) from None
         for name in (output,) if equals else outputs:
-            if name in out:
+            if name in by_output:
                 what = f"two forms for {name}"
                 raise DeclarationError(what, where="--fit", remedy="name one for each output")
-            out[name] = form
-    return out
+            by_output[name] = form
+    return by_output
 
 
 def _mismatch(
@@ -247,16 +247,16 @@ def cost_sentence(function: FittedResponse) -> str:
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
-    """Whether a pilot would notice the mismatch of a low-order form; empty for plain orders."""
+    """Return a sentence on whether a pilot would notice the mismatch; empty for plain orders."""
     if function.form.name not in FORMS or not mismatch.piloted.any():
         return ""
     outside = mismatch.outside
-    rad = 2.0 * math.pi * mismatch.frequency
-    judged = rad[mismatch.piloted]
+    omega = 2.0 * math.pi * mismatch.frequency
+    judged = omega[mismatch.piloted]
     band = f"{judged[0]:.3g} to {judged[-1]:.3g} rad/s"
     if not outside.any():
         return f"mismatch within the envelopes of unnoticeable added dynamics, {band}"
-    beyond = rad[outside]
+    beyond = omega[outside]
     return (
         f"mismatch beyond the envelopes of unnoticeable added dynamics at {outside.sum()} of "
         f"{judged.size} frequencies from {band}, first at {beyond[0]:.3g} rad/s"
@@ -264,39 +264,41 @@ def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
 
 
 def transfer_text(function: FittedResponse) -> str:
-    """``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
-    top, bottom = _polynomial(function.numerator), _polynomial(function.denominator)
+    """Return ``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
+    numerator, denominator = _polynomial(function.numerator), _polynomial(function.denominator)
     delay = function.values["delay"]
-    return f"({top}) / ({bottom})" + (f" exp(-{delay:.4g} s)" if delay > NO_DELAY else "")
+    lag = f" exp(-{delay:.4g} s)" if delay > NO_DELAY else ""
+    return f"({numerator}) / ({denominator}){lag}"
 
 
 def _polynomial(coefficients: np.ndarray) -> str:
     order = len(coefficients) - 1
-    parts: list[str] = []
-    for n, value in enumerate(coefficients.tolist()):
-        power = order - n
-        letter = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+    text = ""
+    for i, value in enumerate(coefficients.tolist()):
+        power = {order: "", order - 1: "s"}.get(i, f"s^{order - i}")
         number = f"{abs(value):.4g}"
-        body = letter if letter and number == "1" else f"{number} {letter}".strip()
-        sign = "-" if value < 0 else "+"
-        parts.append((f"{sign} " if parts else ("-" if value < 0 else "")) + body)
-    return " ".join(parts)
+        term = power if power and number == "1" else f"{number} {power}".strip()
+        if text:
+            text += f" {'-' if value < 0 else '+'} {term}"
+        else:
+            text = f"-{term}" if value < 0 else term
+    return text
 
 
 def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
     """Return the cautions on the fits, one sentence each."""
     if fits is None:
         return ()
-    out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
+    cautions = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
     for function, mismatch in zip(fits.fit.functions, fits.mismatches, strict=True):
         if function.cost > ACCEPTABLE_COST:
-            out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
-        out += _outside_band(function, mismatch)
+            cautions.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
+        cautions += _outside_band(function, mismatch)
         uncertain = [name for name in function.std if _hardly_determined(function, name)]
-        if _may_be_none(function):
+        if _delay_may_be_zero(function):
             delay, std = function.values["delay"], function.std["delay"]
             shown = delay if delay > NO_DELAY else 0.0
-            out.append(
+            cautions.append(
                 f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; "
                 "--fix delay=0 leaves it out"
             )
@@ -307,13 +309,13 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
                 f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} % alone"
             )
             sentence = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
-            out.append(f"{sentence}; fix one of them with --fix, or take a lower order")
-    return tuple(out)
+            cautions.append(f"{sentence}; fix one of them with --fix, or take a lower order")
+    return tuple(cautions)
 
 
 def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
-    """Return a caution if a fitted mode lies outside the band that was used: a dip of the coherence
-    at a lightly damped mode ends the usable band there.
+    """Return a caution if a fitted mode lies outside the usable band, which may end at a dip of the
+    coherence near a lightly damped mode.
     """
     low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
     mode = function.values.get("frequency")
@@ -327,7 +329,7 @@ def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
 
 
 def _hardly_determined(function: FittedResponse, name: str) -> bool:
-    """Return whether one of the two deviations of a free parameter exceeds its limit."""
+    """Return whether the Cramer-Rao bound or the insensitivity of a parameter exceeds its limit."""
     size = abs(function.values[name])
     return (
         function.std[name] > LARGEST_CRAMER_RAO_SHARE * size
@@ -335,7 +337,7 @@ def _hardly_determined(function: FittedResponse, name: str) -> bool:
     )
 
 
-def _may_be_none(function: FittedResponse) -> bool:
+def _delay_may_be_zero(function: FittedResponse) -> bool:
     """Return whether a free delay differs from zero by less than two standard deviations."""
     return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]
 
@@ -345,65 +347,59 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Options of a model fit: name or file of the ``model`` (None: no fit), constants and starting
-    values in ``vehicle``, and ``fixed`` parameters.
-    """
+    """Options of a model fit."""
 
-    model: str | None = None
-    vehicle: Path | None = None
-    fixed: Mapping[str, float] | None = None
+    model: str | None = None  # name or file of the model; None fits none
+    vehicle: Path | None = None  # file of constants and starting values
+    fixed: Mapping[str, float] | None = None  # values of fixed parameters
 
 
 @dataclass(frozen=True, eq=False)
 class FittedResponseModel:
-    """A linear model fitted to the responses at ``places`` ``(row, column)``.
+    """A linear model fitted to several responses."""
 
-    ``model``, ``vehicle``: names. ``pairs``: ``OUTPUT/INPUT`` of each response. ``omegas``: rad/s,
-    of each response. ``units``: by parameter. ``sentences``: notes. ``file``: vehicle file.
-    """
-
-    model: str
+    model: str  # names of model and vehicle
     vehicle: str
     fit: ModelFit
-    places: tuple[tuple[int, int], ...]
-    pairs: tuple[str, ...]
-    units: Mapping[str, str]
-    omegas: tuple[np.ndarray, ...]
-    sentences: tuple[str, ...]
-    file: InputFile | None = None
+    places: tuple[tuple[int, int], ...]  # row and column of each response
+    pairs: tuple[str, ...]  # ``OUTPUT/INPUT`` of each response
+    units: Mapping[str, str]  # by parameter
+    omegas: tuple[np.ndarray, ...]  # frequencies of each response, rad/s
+    sentences: tuple[str, ...]  # notes
+    file: InputFile | None = None  # the vehicle file
 
     def of(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Frequencies, rad/s, and response of the fitted model; None if it was not fitted."""
+        """Return frequencies (rad/s) and response of the model; None if it was not fitted there."""
         if (row, column) not in self.places:
             return None
-        at = self.places.index((row, column))
-        return self.omegas[at], self.fit.responses[at]
+        number = self.places.index((row, column))
+        return self.omegas[number], self.fit.responses[number]
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """Cautions on the fit, one sentence each."""
-        fit, out = self.fit, []
+        fit, cautions = self.fit, []
         if not fit.converged:
-            out.append(f"the search for the parameters of {self.model} did not end")
+            cautions.append(f"the search for the parameters of {self.model} did not end")
         for name, cost in zip(self.pairs, fit.costs, strict=True):
             if cost > ACCEPTABLE_COST:
                 sentence = f"above {ACCEPTABLE_COST:g}: it does not fit"
-                out.append(f"{name}: cost {cost:.3g} of {self.model}, {sentence}")
-        size = np.maximum(np.abs(fit.values), 1e-300)
-        weak = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
+                cautions.append(f"{name}: cost {cost:.3g} of {self.model}, {sentence}")
+        size = np.maximum(np.abs(fit.values), SMALLEST_SIZE)
+        uncertain = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
             fit.insensitivity > LARGEST_INSENSITIVITY_SHARE * size
         )
-        uncertain = [name for name, each in zip(fit.names, weak.tolist(), strict=True) if each]
-        if uncertain:
+        if np.any(uncertain):
+            names = [name for name, flag in zip(fit.names, uncertain, strict=True) if flag]
             limits = (
                 f"{100 * LARGEST_CRAMER_RAO_SHARE:.0f} % and insensitivity "
                 f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} %"
             )
-            out.append(
-                f"{', '.join(uncertain)} hardly determined (Cramer-Rao bound {limits}); hold "
+            cautions.append(
+                f"{', '.join(names)} hardly determined (Cramer-Rao bound {limits}); hold "
                 "one of them with --fix"
             )
-        return tuple(out)
+        return tuple(cautions)
 
 
 def model_fit_of(
@@ -412,13 +408,12 @@ def model_fit_of(
     options: ModelOptions,
     hold_step: float | None = None,
 ) -> FittedResponseModel | None:
-    """Fit the model to all responses that have a usable band; None if no model is
-    named.
+    """Fit the model to all responses that have a usable band; return None if no model is named.
 
     The model is linearised about rest, or about level flight at the starting values. A delay of all
-    inputs is free unless fixed. ``hold_step``: s, time for which the inputs are held. The
-    estimated responses were divided by the lag of the hold, which an output with direct feedthrough
-    does not have; so the model is discretised with held inputs and divided by the same lag.
+    inputs is free unless fixed. ``hold_step`` is the time for which the inputs are held, s. The
+    estimated responses were divided by the response of the hold, although outputs with direct
+    feedthrough do not have it. So the model is discretised and divided in the same way.
 
     Raises
     ------
@@ -433,13 +428,12 @@ def model_fit_of(
     system = compile_model(model_of_file(vehicle))
     _refuse_other_signals(system, names)
     places, targets, pairs = [], [], []
-    for row, output in enumerate(names.outputs):
-        for column, input_name in enumerate(names.inputs):
-            if np.count_nonzero(estimated_responses.usable[row, column]) >= 3:
-                name = f"{output}/{input_name}"
-                places.append((row, column))
-                pairs.append(name)
-                targets.append(target_of(estimated_responses, (row, column), name))
+    for place in product(range(len(names.outputs)), range(len(names.inputs))):
+        if np.count_nonzero(estimated_responses.usable[place]) >= FEWEST_FREQUENCIES:
+            name = f"{names.outputs[place[0]]}/{names.inputs[place[1]]}"
+            places.append(place)
+            pairs.append(name)
+            targets.append(target_of(estimated_responses, place, name))
     if not targets:
         what = "no response has a usable band to fit"
         raise RecordError(what, where="--model", remedy="lower --coherence, or leave it out")
@@ -451,25 +445,23 @@ def model_fit_of(
 
     def responses(values: Mapping[str, float]) -> list[np.ndarray]:
         space = state_space(system, values, x0, u0)
-        delay_value = values.get(DELAY, 0.0)
-        eye, out = np.eye(len(space.A)), []
         A, B = space.A, space.B
+        model_responses = []
         if hold_step is not None:
-            n, r = B.shape
-            block = np.zeros((n + r, n + r))
-            block[:n, :n], block[:n, n:] = A, B
-            transition = expm(hold_step * block)
-            A, B = transition[:n, :n], transition[:n, n:]
+            A, B = _discretised(A, B, hold_step)
         for target, k, m in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
-            z = s if hold_step is None else np.exp(s * hold_step)
-            inside = np.linalg.solve(z[:, None, None] * eye - A, B[None, :, m, None])
-            row = (space.C[k] @ inside)[:, 0] + space.D[k, m]
-            hold_response = (
-                1.0 if hold_step is None else (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
-            )
-            out.append(row * np.exp(-s * delay_value) / hold_response)
-        return out
+            z = s
+            hold_response: np.ndarray | float = 1.0
+            if hold_step is not None:
+                z = np.exp(s * hold_step)
+                hold_response = (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
+            matrices = z[:, None, None] * np.eye(len(A)) - A
+            states = np.linalg.solve(matrices, B[None, :, m, None])
+            response = (space.C[k] @ states)[:, 0] + space.D[k, m]
+            delay = np.exp(-s * values.get(DELAY, 0.0))
+            model_responses.append(response * delay / hold_response)
+        return model_responses
 
     start, fixed = _starting_values(system, options.fixed or {})
     try:
@@ -478,7 +470,7 @@ def model_fit_of(
         raise DeclarationError(error.what, where="--model", remedy=error.remedy) from None
     units = {name: system.parameters[name].unit for name in (*start, *fixed) if name != DELAY}
     units |= {DELAY: "s"}
-    about = "level flight" if trim is not None else "rest"
+    condition = "level flight" if trim is not None else "rest"
     return FittedResponseModel(
         options.model,
         vehicle.name,
@@ -487,22 +479,33 @@ def model_fit_of(
         tuple(pairs),
         units,
         tuple(target.omega for target in targets),
-        (_fit_sentence(options.model, vehicle, about, len(pairs)),),
+        (_fit_sentence(options.model, vehicle, condition, len(pairs)),),
         vehicle.identity,
     )
 
 
-def _fit_sentence(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
-    """Sentence on the model, the vehicle and the number of responses that were fitted."""
+def _discretised(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices of the system over one step (s) with held inputs."""
+    n, r = B.shape
+    block = np.zeros((n + r, n + r))
+    block[:n, :n], block[:n, n:] = A, B
+    transition = expm(step * block)
+    return transition[:n, :n], transition[:n, n:]
+
+
+def _fit_sentence(model: str, vehicle: VehicleFile, condition: str, count: int) -> str:
+    """Return a sentence on model, vehicle, flight condition and number of fitted responses."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     responses = f"{count} response{'s' * (count != 1)}"
-    return f"{model} model of {named}, linearised about {about}, fitted to {responses}"
+    return f"{model} model of {named}, linearised about {condition}, fitted to {responses}"
 
 
 def _starting_values(
     system: System, fixed: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Starting values of the free parameters, with a delay of all inputs, and the fixed ones."""
+    """Return the starting values of free parameters, with a delay of all inputs, and the values of
+    fixed parameters.
+    """
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     known = [*free, *([] if DELAY in free else [DELAY])]
     for name in fixed:
@@ -527,25 +530,21 @@ def _refuse_other_signals(system: System, names: Names) -> None:
 
 
 def model_lines(fitted: FittedResponseModel) -> list[str]:
-    """Return the costs of the fitted model, one sentence each."""
+    """Return notes on the fitted model and its costs, one sentence each."""
     lines = list(fitted.sentences)
     for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
-        verdict = (
-            "close to the data"
-            if cost <= NEARLY_PERFECT_COST
-            else "acceptable"
-            if cost <= ACCEPTABLE_COST
-            else "poor"
-        )
+        verdict = "acceptable" if cost <= ACCEPTABLE_COST else "poor"
+        if cost <= NEARLY_PERFECT_COST:
+            verdict = "close to the data"
         lines.append(f"{name}: cost {cost:.3g}, {verdict}")
     return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 
 def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
-    """Return the parameters of a fitted model; those that were fixed come last."""
+    """Return a table of the parameters of a fitted model; fixed parameters are last."""
     fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
-    none = [MISSING] * len(fixed)
+    dashes = [MISSING] * len(fixed)
 
     def shares(sizes: np.ndarray) -> list[Cell]:
         return [_share(size, value) for size, value in zip(sizes, fit.values, strict=True)]
@@ -554,7 +553,7 @@ def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
         Number(float(value), shown=number_text(float(value), float(std)))
         for value, std in zip(fit.values, fit.std, strict=True)
     ]
-    spread: list[Cell] = [formatted(float(std), ".2g") for std in fit.std]
+    stds: list[Cell] = [formatted(float(std), ".2g") for std in fit.std]
     start: list[Cell] = [formatted(float(value), ".5g") for value in fit.start]
     return table(
         caption,
@@ -563,17 +562,18 @@ def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
             Column("value", BY_ROW),
             [*values, *(formatted(float(fit.fixed[name]), ".5g") for name in fixed)],
         ),
-        (Column("std", BY_ROW, beside=True), [*spread, *["fixed"] * len(fixed)]),
-        (Column("Cramer-Rao", "%"), [*shares(fit.cramer_rao), *none]),
-        (Column("insensitivity", "%"), [*shares(fit.insensitivity), *none]),
-        (Column("start", BY_ROW), [*start, *none]),
+        (Column("std", BY_ROW, beside=True), [*stds, *["fixed"] * len(fixed)]),
+        (Column("Cramer-Rao", "%"), [*shares(fit.cramer_rao), *dashes]),
+        (Column("insensitivity", "%"), [*shares(fit.insensitivity), *dashes]),
+        (Column("start", BY_ROW), [*start, *dashes]),
         units=[fitted.units.get(name, "") for name in (*names, *fixed)],
     )
 
 
 def _share(part: float, value: float) -> Cell:
-    share = 100.0 * float(part) / max(abs(float(value)), 1e-300)
-    return formatted(share if math.isfinite(share) and share < 1000.0 else None, ".3g")
+    percent = 100.0 * float(part) / max(abs(float(value)), SMALLEST_SIZE)
+    shown = math.isfinite(percent) and percent < LARGEST_SHOWN_PERCENT
+    return formatted(percent if shown else None, ".3g")
 
 
 def model_content(fitted: FittedResponseModel) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""Stability margins from the measured signals of a loop: pooled, by maneuver, and the worst of
-them.
+"""Stability margins from the measured signals of a loop: of all records, of each maneuver, and of
+the worst maneuver.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from scenarios.responses.reading import Names, ReadSignals
 from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
-DIFFERING_P_VALUE = 0.05  # chance below which maneuvers are said to differ
-UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "1"}
-WORDS = {
+DIFFERING_P_VALUE = 0.05  # p-value below which maneuvers are said to differ
+UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "1"}  # kind of a margin -> unit
+WORDS = {  # margin -> its name in words
     "gain_increase": "gain increase",
     "gain_decrease": "gain decrease",
     "phase_margin": "phase margin",
@@ -42,18 +42,20 @@ WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class LoopMargins:
-    """Margins of the loop that the records hold.
+    """Stability margins of a recorded loop.
 
     Attributes
     ----------
     name : ``"returned/command"``.
-    sign : ``"minus"`` if the returned signal is subtracted.
-    curve, margins : of all records together.
-    maneuvers : margins of each part, None without an estimate; ``parts``: names of the parts,
-        ``reasons``: why there is no estimate, by name.
-    worst : smallest value of each margin over the parts; empty with one part.
-    cautions : on the result.
-    contradicted : the signals have the opposite sign; the margins are then those of another loop.
+    sign : ``"minus"`` if the loop subtracts the returned signal, else ``"plus"``.
+    curve, margins : loop response and margins of all parts together.
+    parts : names of the parts (maneuvers) of the records; empty with a single part.
+    maneuvers : margins of each part, None without an estimate.
+    reasons : sentences on the parts without an estimate.
+    worst : smallest value of each margin over the parts; empty with a single part.
+    cautions : sentences on the result.
+    contradicted : whether the signals have the opposite sign. The margins are then those of another
+        loop.
     """
 
     name: str
@@ -88,45 +90,62 @@ def loop_margins_of(
     read: ReadSignals,
     again: Callable[[ReadSignals], FrequencyResponses],
 ) -> LoopMargins | None:
-    """Return the margins of a loop; None without a ``sign``.
+    """Return the margins of a loop; None without a ``sign`` or a usable band.
 
-    ``again`` : estimates the response of one part in the same way.
+    Parameters
+    ----------
+    responses : frequency response of the loop from all parts.
+    names : names of the signals.
+    sign : sign with which the loop feeds the returned signal back.
+    read : the signals of all parts.
+    again : estimates the response of a single part in the same way.
     """
     if sign is None or not responses.usable[0, 0].any():
         return None
     name = f"{names.outputs[0]}/{names.inputs[0]}"
 
-    def margins(one: FrequencyResponses) -> tuple[LoopCurve, StabilityMargins]:
-        target = target_of(one, (0, 0), name)
-        target = target if sign == MINUS else turned(target)
+    def margins_of(response: FrequencyResponses) -> tuple[LoopCurve, StabilityMargins]:
+        target = target_of(response, (0, 0), name)
+        if sign == PLUS:
+            target = turned(target)
         return loop_curve(target), stability_margins(target)
 
-    curve, pooled = margins(responses)
-    each: list[StabilityMargins | None] = []
+    curve, margins = margins_of(responses)
+    parts = read.names if len(read.signals) > 1 else ()
+    maneuvers: list[StabilityMargins | None] = []
     reasons: list[str] = []
-    for number, part in enumerate(read.names):
-        if len(read.signals) < 2:
-            break
+    for number, part in enumerate(parts):
         chosen = slice(number, number + 1)
-        alone = replace(
+        single = replace(
             read, signals=read.signals[chosen], names=(part,), durations=read.durations[chosen]
         )
+        part_margins = None
         try:
-            one = again(alone)
-            each.append(margins(one)[1] if one.usable[0, 0].any() else None)
-            reasons += [] if each[-1] else [f"{part}: no usable band by itself"]
+            response = again(single)
+            if response.usable[0, 0].any():
+                part_margins = margins_of(response)[1]
+            else:
+                reasons.append(f"{part}: no usable band by itself")
         except FlightidError as error:
-            each.append(None)
             reasons.append(f"{part}: no margins by itself: {error.what}")
-    determined = [one for one in each if one is not None]
+        maneuvers.append(part_margins)
+    numbers = [number for number, item in enumerate(maneuvers) if item is not None]
+    determined = [item for item in maneuvers if item is not None]
     worst = worst_margins(determined) if determined else ()
-    at = [number for number, one in enumerate(each) if one is not None]
-    worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
-    other = responses.joint and fitting_sign(_products(read)) not in (sign, None)
-    cautions = _cautions(responses, names, sign, worst, contradicted=other)
-    parts = read.names if each else ()
+    worst = tuple(replace(item, maneuver=numbers[item.maneuver]) for item in worst)
+    contradicted = responses.joint and fitting_sign(_products(read)) not in (sign, None)
+    cautions = _cautions(responses, names, sign, worst, contradicted=contradicted)
     return LoopMargins(
-        name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions, other
+        name,
+        sign,
+        curve,
+        margins,
+        parts,
+        tuple(maneuvers),
+        tuple(reasons),
+        worst,
+        cautions,
+        contradicted,
     )
 
 
@@ -138,46 +157,52 @@ def _cautions(
     *,
     contradicted: bool,
 ) -> tuple[str, ...]:
-    out = []
+    cautions = []
     if not responses.joint:
-        out.append(
+        cautions.append(
             "margins from the direct estimate: what noise and turbulence bring back through the "
             "loop biases them; record the excitation and name it with --reference"
         )
     elif contradicted:
-        out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
-    for one in worst:
-        if one.p_value < DIFFERING_P_VALUE:
-            out.append(
-                f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = "
-                f"{one.p_value:.2g}); go by the worst one"
+        cautions.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
+    for item in worst:
+        if item.p_value < DIFFERING_P_VALUE:
+            cautions.append(
+                f"{WORDS[item.name]}: the maneuvers differ by more than chance (p = "
+                f"{item.p_value:.2g}); go by the worst one"
             )
-    return tuple(out)
+    return tuple(cautions)
 
 
 def _products(read: ReadSignals) -> np.ndarray:
-    """Sums of products ``(3, 3)`` of reference, command and returned signal about their means."""
-    rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
-    centred = [row - row.mean(axis=1, keepdims=True) for row in rows]
-    return np.asarray(sum(row @ row.T for row in centred))
+    """Return the sums of products ``(3, 3)`` of reference, command and returned signal about their
+    means in each part.
+    """
+    parts = [np.concatenate([part.references, part.inputs, part.outputs]) for part in read.signals]
+    centred = [rows - rows.mean(axis=1, keepdims=True) for rows in parts]
+    return np.asarray(sum(rows @ rows.T for rows in centred))
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
     """Return the sign of the feedback according to the signals; None if undecided.
 
-    A loop that subtracts has reference = command + returned, by which the two have regression
-    coefficients of one sign.
+    The reference is regressed on command and returned signal. If the loop subtracts, reference =
+    command + returned: both coefficients have the same sign.
 
     Parameters
     ----------
-    products : ``(3, 3)``, of reference, command and returned signal about their means.
+    products : sums of products ``(3, 3)`` of reference, command and returned signal about their
+        means.
     """
-    a, b = np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
-    return None if a * b == 0.0 else MINUS if a * b > 0.0 else PLUS
+    command, returned = np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
+    product = command * returned
+    if product == 0.0:
+        return None
+    return MINUS if product > 0.0 else PLUS
 
 
 def sign_caution(reference: str, command: str, returned: str, sign: str) -> str:
-    """Return a caution that the signals contradict the ``sign`` that was given."""
+    """Return a caution that the signals contradict the declared ``sign``."""
     other = PLUS if sign == MINUS else MINUS
     return (
         f"{reference} is closer to {command} {'+' if other == MINUS else '-'} {returned}: "
@@ -186,77 +211,80 @@ def sign_caution(reference: str, command: str, returned: str, sign: str) -> str:
 
 
 def loop_tables(loop: LoopMargins) -> list[Table]:
-    """The margins of all records together, and of the worst maneuver where there are several."""
+    """Return tables of the margins of all parts together, and of the worst maneuver."""
     sign = "-" if loop.sign == MINUS else "+"
     title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
-    named = loop.margins.named
-    frequencies = [margin.frequency.value for margin in named.values()]
-    margins = table(
+    names, margins = list(loop.margins.named), list(loop.margins.named.values())
+    frequencies = [margin.frequency.value for margin in margins]
+    hertz = [frequency / (2.0 * math.pi) for frequency in frequencies]
+    together = table(
         title,
-        (Column("margin"), [WORDS[name] for name in named]),
-        (Column("value", BY_ROW), [formatted(each.size.value, ".3g") for each in named.values()]),
-        (Column("95 %", right=True), [interval_text(each) for each in named.values()]),
+        (Column("margin"), [WORDS[name] for name in names]),
+        (Column("value", BY_ROW), [formatted(margin.size.value, ".3g") for margin in margins]),
+        (Column("95 %", right=True), [interval_text(margin) for margin in margins]),
         (Column("at", "rad/s", printed="at rad/s"), [formatted(f, ".3g") for f in frequencies]),
-        (
-            Column("at", "Hz", printed="Hz"),
-            [formatted(f / (2.0 * math.pi), ".3g") for f in frequencies],
-        ),
-        units=[UNITS[each.kind] for each in named.values()],
+        (Column("at", "Hz", printed="Hz"), [formatted(f, ".3g") for f in hertz]),
+        units=[UNITS[margin.kind] for margin in margins],
     )
+    counts = [sum(value is not None for value in item.values) for item in loop.worst]
     worst = table(
         "The worst maneuver, intervals for all together",
-        (Column("worst of"), [WORDS[one.name] for one in loop.worst]),
-        (Column("value", BY_ROW), [formatted(one.margin.size.value, ".3g") for one in loop.worst]),
-        (Column("+-", BY_ROW, beside=True), [formatted(one.half, ".2g") for one in loop.worst]),
-        (Column("maneuver"), [loop.parts[one.maneuver] for one in loop.worst]),
+        (Column("worst of"), [WORDS[item.name] for item in loop.worst]),
         (
-            Column("maneuvers", PURE),
-            [Number(sum(each is not None for each in one.values), digits=0) for one in loop.worst],
+            Column("value", BY_ROW),
+            [formatted(item.margin.size.value, ".3g") for item in loop.worst],
         ),
-        (Column("p of no difference", PURE), [formatted(one.p_value, ".2g") for one in loop.worst]),
-        units=[UNITS[one.margin.kind] for one in loop.worst],
+        (Column("+-", BY_ROW, beside=True), [formatted(item.half, ".2g") for item in loop.worst]),
+        (Column("maneuver"), [loop.parts[item.maneuver] for item in loop.worst]),
+        (Column("maneuvers", PURE), [Number(count, digits=0) for count in counts]),
+        (
+            Column("p of no difference", PURE),
+            [formatted(item.p_value, ".2g") for item in loop.worst],
+        ),
+        units=[UNITS[item.margin.kind] for item in loop.worst],
     )
-    return [each for each in (margins, worst) if each.rows]
+    return [shown for shown in (together, worst) if shown.rows]
 
 
 def interval_text(margin: Margin) -> str:
-    """``"4.5 to 4.8"``, and ``or wider`` where the usable band ends before the interval does."""
+    """Return ``"4.5 to 4.8"``, with ``or wider`` if the usable band ends within the interval."""
     text = f"{margin.low:.3g} to {margin.high:.3g}"
     return f"{text} or wider" if margin.open else text
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
-    """Return lines that compare the margins with the required ones."""
-    out = []
+    """Return sentences that compare the margins with the required ones, and notes."""
     named = loop.margins.named
-    sizes = [
+    requirements = [
         ("gain_increase", REQUIRED_GAIN, "dB"),
         ("gain_decrease", REQUIRED_GAIN, "dB"),
         ("phase_margin", REQUIRED_PHASE, "deg"),
     ]
+    comparisons = [
+        f"{WORDS[name]} of {required:g} {unit} {_verdict(named[name], required)}"
+        for name, required, unit in requirements
+        if name in named
+    ]
     lines = []
-    for name, required, unit in sizes:
-        if name in named:
-            ends = sorted(
-                abs(end) if named[name].low * named[name].high > 0.0 else end
-                for end in (named[name].low, named[name].high)
-            )
-            verdict = (
-                "met"
-                if ends[0] >= required and not named[name].open
-                else "not met"
-                if ends[1] < required
-                else "undecided"
-            )
-            lines.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
     if loop.contradicted:
-        out.append("not compared with MIL-F-9490D: the signals contradict the sign of the loop")
-    elif lines:
-        out.append(
+        lines.append("not compared with MIL-F-9490D: the signals contradict the sign of the loop")
+    elif comparisons:
+        lines.append(
             "MIL-F-9490D, below the first structural mode, with the 95 % intervals: "
-            f"{', '.join(lines)}"
+            f"{', '.join(comparisons)}"
         )
-    return [*out, *loop.margins.notes, *loop.reasons]
+    return [*lines, *loop.margins.notes, *loop.reasons]
+
+
+def _verdict(margin: Margin, required: float) -> str:
+    """Return whether the 95 % interval of a margin meets a requirement."""
+    low, high = margin.low, margin.high
+    if low * high > 0.0:  # a gain decrease is negative
+        low, high = abs(low), abs(high)
+    low, high = sorted((low, high))
+    if low >= required and not margin.open:
+        return "met"
+    return "not met" if high < required else "undecided"
 
 
 def margins_content(loop: LoopMargins) -> dict[str, object]:
@@ -264,31 +292,32 @@ def margins_content(loop: LoopMargins) -> dict[str, object]:
     content: dict[str, object] = {
         "response": loop.name,
         "sign": loop.sign,
-        "pooled": {name: _margin_content(each) for name, each in loop.margins.named.items()},
-        "gain_crossings": [_margin_content(each) for each in loop.margins.phases],
-        "phase_crossings": [_margin_content(each) for each in loop.margins.gains],
+        "pooled": {name: _margin_content(margin) for name, margin in loop.margins.named.items()},
+        "gain_crossings": [_margin_content(margin) for margin in loop.margins.phases],
+        "phase_crossings": [_margin_content(margin) for margin in loop.margins.gains],
         "notes": [*loop.margins.notes, *loop.reasons],
     }
     if loop.parts:
         content["maneuvers"] = [
-            {
-                "name": part,
-                **(
-                    {name: _margin_content(one) for name, one in each.named.items()} if each else {}
-                ),
-            }
-            for part, each in zip(loop.parts, loop.maneuvers, strict=True)
+            {"name": part, **_margins_content(margins)}
+            for part, margins in zip(loop.parts, loop.maneuvers, strict=True)
         ]
         content["worst"] = {
-            one.name: {
-                "value": one.margin.size.value,
-                "half_width": one.half,
-                "maneuver": loop.parts[one.maneuver],
-                "p_alike": one.p_value,
+            item.name: {
+                "value": item.margin.size.value,
+                "half_width": item.half,
+                "maneuver": loop.parts[item.maneuver],
+                "p_alike": item.p_value,
             }
-            for one in loop.worst
+            for item in loop.worst
         }
     return content
+
+
+def _margins_content(margins: StabilityMargins | None) -> dict[str, object]:
+    """Return the margins of a part; empty without an estimate."""
+    named = margins.named if margins is not None else {}
+    return {name: _margin_content(margin) for name, margin in named.items()}
 
 
 def _margin_content(margin: Margin) -> dict[str, object]:

@@ -41,9 +41,10 @@ from scenarios.responses.fitting import Fits, target_of
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
-RATE = "rate"  # Kinds of an output.
-ATTITUDE = "attitude"
+RATE, ATTITUDE = "rate", "attitude"  # kinds of an output
 PITCH = "pitch"  # the fitted form whose levels depend on the airspeed
+OUTSIDE_LEVELS = 4  # in place of a level: outside level 3
+DROOP_TOLERANCE = 0.05  # dB, by which a closed loop may exceed the allowed droop
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ class LevelOptions:
 
     Attributes
     ----------
-    flown : ``CLASS-CATEGORY``, class I, II-C, II-L, III or IV and category A, B or C of the flight
-        phase, as in ``IV-A``; None: no levels.
-    airspeed : m/s, for n/alpha and CAP.
+    flown : ``CLASS-CATEGORY``, as in ``IV-A``: class I, II-C, II-L, III or IV, and category A, B or
+        C of the flight phase; None for no levels.
+    airspeed : airspeed for n/alpha and CAP, m/s.
     """
 
     flown: str | None = None
@@ -73,13 +74,13 @@ class LevelOptions:
 
     @property
     def parts(self) -> tuple[str, str]:
-        """Class and category."""
-        head, _, tail = (self.flown or "").rpartition("-")
-        return head, tail
+        """Aircraft class and flight-phase category."""
+        aircraft_class, _, category = (self.flown or "").rpartition("-")
+        return aircraft_class, category
 
     def refuse_unused(self, fits: Fits | None) -> None:
         """Raise DeclarationError if no fit uses these options."""
-        forms = [each.form.name for each in fits.fit.functions] if fits is not None else []
+        forms = [function.form.name for function in fits.fit.functions] if fits is not None else []
         if self.flown is not None and not any(name in FORMS for name in forms):
             remedy = f"add --fit with one of {', '.join(FORMS)}"
             raise DeclarationError(
@@ -95,23 +96,30 @@ NO_LEVELS = LevelOptions()
 
 
 def pilot_demand(bandwidth: float | None, delay: float | None) -> PilotDemand | None:
-    """Task of the pilot; None without a bandwidth.
+    """Return the task of the pilot; None without a bandwidth.
 
-    Raises DeclarationError for wrong numbers, or for a delay without a bandwidth.
+    Parameters
+    ----------
+    bandwidth : bandwidth of the closed loop, rad/s.
+    delay : delay of the pilot, s; None takes the usual one.
+
+    Raises
+    ------
+    DeclarationError : a number is impossible, or there is a delay without a bandwidth.
     """
     if bandwidth is None:
         if delay is not None:
             remedy = "add --pilot RAD/S, the closed-loop bandwidth"
             raise DeclarationError("there is no pilot", where="--pilot-delay", remedy=remedy)
         return None
-    delay_seconds = PILOT_DELAY if delay is None else delay
-    for option, value, fine in (
+    delay = PILOT_DELAY if delay is None else delay
+    for option, value, possible in (
         ("--pilot", bandwidth, bandwidth > 0.0),
-        ("--pilot-delay", delay_seconds, delay_seconds >= 0.0),
+        ("--pilot-delay", delay, delay >= 0.0),
     ):
-        if not (fine and math.isfinite(value)):
+        if not (possible and math.isfinite(value)):
             raise DeclarationError(f"{value:g}", where=option, remedy="give a positive number")
-    return PilotDemand(bandwidth, delay_seconds)
+    return PilotDemand(bandwidth, delay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,16 +128,16 @@ class Qualities:
 
     Attributes
     ----------
-    name : of the response.
-    place : its row and column.
-    bandwidth, curve : where a kind of output is named.
-    dropback : where ``pitch`` is fitted, s.
+    name : name of the response, ``"OUTPUT/INPUT"``.
+    place : row (output) and column (input) of the response.
+    bandwidth, curve : bandwidth, and the attitude response; None unless a kind of output is named.
+    dropback : dropback of the attitude, s; None unless ``pitch`` is fitted.
     form : quantities of a fitted form.
-    levels : of these, where limits are requested.
-    overshoot : of the pitch rate after a step, largest over steady.
-    pilot : of Neal and Smith, or why there is none.
+    levels : levels of these quantities, if requested.
+    overshoot : pitch rate after a step, largest over steady.
+    pilot : result of the Neal-Smith criterion, or the reason why there is none.
     flown : class and category of the levels.
-    form_name : of the fitted form.
+    form_name : name of the fitted form.
     """
 
     name: str
@@ -162,21 +170,27 @@ class Qualities:
             result["pilot_resonance"] = (self.pilot.resonance, "dB")
             result["pilot_compensation"] = (self.pilot.compensation, "deg")
         result |= {
-            each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form
+            quality.name: (BandwidthQuantity(quality.value, quality.std), quality.unit)
+            for quality in self.form
         }
-        return {name: (each, unit) for name, (each, unit) in result.items() if each is not None}
+        return {
+            name: (quantity, unit)
+            for name, (quantity, unit) in result.items()
+            if quantity is not None
+        }
 
     @property
     def lines(self) -> list[str]:
         """Levels and undetermined quantities, one sentence each."""
-        out = []
-        for level in self.levels:
-            name = quality_name(level.quality.name)
-            reached = level_text(level.level, level.best, level.worst)
-            out.append(f"{self.name}: {name}: {reached} ({level.criterion.source})")
-        out += [f"{self.name}: {line}" for line in _chart_lines(self)]
-        notes = self.bandwidth.notes if self.bandwidth is not None else ()
-        return out + [f"{self.name}: {note}" for note in notes]
+        lines = [
+            f"{quality_name(level.quality.name)}: "
+            f"{level_text(level.level, level.best, level.worst)} ({level.criterion.source})"
+            for level in self.levels
+        ]
+        lines += _chart_lines(self)
+        if self.bandwidth is not None:
+            lines += self.bandwidth.notes
+        return [f"{self.name}: {line}" for line in lines]
 
 
 _QUALITY_NAMES = {
@@ -192,7 +206,7 @@ _QUALITY_NAMES = {
 
 
 def quality_name(name: str) -> str:
-    """Name of a quantity of ``Qualities.numbers`` in tables and sentences."""
+    """Return the name of a quantity of ``Qualities.numbers`` for tables and sentences."""
     return _QUALITY_NAMES.get(name, name.replace("_", " "))
 
 
@@ -202,11 +216,11 @@ class ChartLevel:
 
     Attributes
     ----------
-    name : of the criterion.
-    words : what is judged.
-    level : 1 to 4, 4 outside all;
-    best, worst : within two standard deviations.
-    source : of the limits.
+    name : name of the criterion.
+    words : the judged quantities in words.
+    level : 1 to 3, or ``OUTSIDE_LEVELS``.
+    best, worst : best and worst level within two standard deviations.
+    source : source of the limits.
     """
 
     name: str
@@ -217,51 +231,58 @@ class ChartLevel:
     source: str
 
 
-def chart_levels(one: Qualities) -> list[ChartLevel]:
-    """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known."""
-    out = []
-    band = one.bandwidth
-    in_category_a = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
-    if in_category_a and band is not None and band.bandwidth is not None and band.delay is not None:
+def chart_levels(qualities: Qualities) -> list[ChartLevel]:
+    """Return the levels of bandwidth with phase delay, and of the Neal-Smith criterion, if known.
+
+    Limits of bandwidth and phase delay are known for pitch in category A.
+    """
+    levels = []
+    band, form_name = qualities.bandwidth, qualities.form_name
+    category = qualities.flown[1] if qualities.flown is not None else ""
+    may_be_pitch = category == "A" and form_name in ("", PITCH)
+    if may_be_pitch and band is not None and band.bandwidth is not None and band.delay is not None:
         width, delay = band.bandwidth, band.delay
         best, worst = (
             pitch_bandwidth_level(
-                width.value - sign * 2.0 * width.std, max(delay.value + sign * 2.0 * delay.std, 0.0)
+                width.value - sigmas * width.std, max(delay.value + sigmas * delay.std, 0.0)
             )
-            for sign in (-1.0, 1.0)
+            for sigmas in (-2.0, 2.0)
         )
-        words = "bandwidth and phase delay" + ("" if one.form_name else ", if this is pitch")
+        words = "bandwidth and phase delay" + ("" if form_name else ", if this is pitch")
         level = pitch_bandwidth_level(width.value, delay.value)
-        out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
-    result = one.pilot
-    if isinstance(result, NealSmith) and result.droop >= LARGEST_DROOP - 0.05:
-        words = f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
-        source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
-        out.append(
-            ChartLevel("pilot_resonance", words, result.level, result.best, result.worst, source)
+        levels.append(
+            ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE)
         )
-    return out
+    pilot = qualities.pilot
+    if isinstance(pilot, NealSmith) and pilot.droop >= LARGEST_DROOP - DROOP_TOLERANCE:
+        words = f"resonance at {pilot.demand.bandwidth:g} rad/s, delay {pilot.demand.delay:g} s"
+        source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
+        levels.append(
+            ChartLevel("pilot_resonance", words, pilot.level, pilot.best, pilot.worst, source)
+        )
+    return levels
 
 
-def _chart_lines(one: Qualities) -> list[str]:
-    """Return the levels of criteria with two quantities, and the pilot's compensation."""
-    out = [
-        f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
-        for each in chart_levels(one)
+def _chart_lines(qualities: Qualities) -> list[str]:
+    """Return the levels of criteria with two quantities, and notes of the Neal-Smith criterion."""
+    lines = [
+        f"{chart.words}: {level_text(chart.level, chart.best, chart.worst)} ({chart.source})"
+        for chart in chart_levels(qualities)
     ]
-    if isinstance(one.pilot, str):
-        out.append(one.pilot)
-    elif one.pilot is not None:
-        out += one.pilot.notes
-    return out
+    if isinstance(qualities.pilot, str):
+        lines.append(qualities.pilot)
+    elif qualities.pilot is not None:
+        lines += qualities.pilot.notes
+    return lines
 
 
 def level_text(level: int, best: int, worst: int) -> str:
-    """``"level 1; 1 to 2 within two sigmas"``."""
-    reached = f"level {level}" if level < 4 else "outside level 3"
+    """Return a level in words: ``"level 1; 1 to 2 within two sigmas"``."""
+    text = f"level {level}" if level < OUTSIDE_LEVELS else "outside level 3"
     if best == worst:
-        return reached
-    return f"{reached}; {best} to {worst if worst < 4 else 'outside 3'} within two sigmas"
+        return text
+    worst_text = str(worst) if worst < OUTSIDE_LEVELS else "outside 3"
+    return f"{text}; {best} to {worst_text} within two sigmas"
 
 
 def refuse_kind(kind: str | None) -> None:
@@ -272,8 +293,9 @@ def refuse_kind(kind: str | None) -> None:
 
 
 def no_rate(form: Form, unit: str) -> bool:
-    """Return whether a form of a pitch rate was fitted to an output with the unit of another
-    quantity, such as an angle; an output without a unit may be a rate.
+    """Return whether the form of a pitch rate was fitted to an output that is not a rate.
+
+    The unit decides. An output without a unit may be a rate.
     """
     return form.name == PITCH and unit not in ("", "1") and not unit.endswith(("rad/s", "deg/s"))
 
@@ -282,16 +304,16 @@ def form_cautions(fits: Fits | None, names: Names, units: Mapping[str, str]) -> 
     """Return cautions on forms that were fitted to outputs of another kind."""
     if fits is None:
         return ()
-    out = []
+    cautions = []
     for (row, _), function in zip(fits.places, fits.fit.functions, strict=True):
         name = names.outputs[row]
         if no_rate(function.form, units.get(name, "")):
-            out.append(
+            cautions.append(
                 f"{function.name}: the form pitch is that of a pitch rate, and {name} is in "
                 f"{units[name]}; take --fit {name}=dutch-roll for an angle of attack, else orders "
                 "such as 1/2"
             )
-    return tuple(out)
+    return tuple(cautions)
 
 
 def qualities_of(
@@ -303,79 +325,83 @@ def qualities_of(
     pilot: PilotDemand | None = None,
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Qualities, ...]:
-    """Return the flying qualities of every response with a usable band.
+    """Return the flying qualities of every response that has some.
 
-    ``kind``: of outputs, rate or attitude; None: no bandwidth and phase delay. ``limits``: of
-    levels of fitted forms. ``pilot``: of the Neal-Smith criterion. ``units``: of the signals;
-    what holds for a pitch rate is not computed of an output that is none.
+    Parameters
+    ----------
+    responses : the frequency responses.
+    names : names of outputs and inputs.
+    kind : kind of the outputs, rate or attitude; None computes no bandwidth and phase delay.
+    fits : fitted forms, or None.
+    limits : aircraft class, category and airspeed for the levels of fitted forms.
+    pilot : task of the pilot in the Neal-Smith criterion, or None.
+    units : units of the signals. An output whose unit is not that of a rate has no quantities of a
+        pitch rate.
     """
     limits.refuse_unused(fits)
     if pilot is not None and kind is None:
         remedy = f"say what the outputs are with --bandwidth, {RATE} or {ATTITUDE}"
         raise DeclarationError("a pilot needs an attitude", where="--pilot", remedy=remedy)
-    out = []
+    all_qualities = []
     # If there is also a pitch rate, a second-order response is that of the angle of attack.
-    lateral = fits is None or all(each.form.name != PITCH for each in fits.fit.functions)
-    for row, output in enumerate(names.outputs):
-        for column, one in enumerate(names.inputs):
-            fitted = fits.of(row, column) if fits is not None else None
-            if fitted is not None and no_rate(fitted[0].form, units.get(output, "")):
-                fitted = None
-            fall = dropback(fitted[0]) if fitted is not None else None
-            bandwidth = curve = None
-            name = f"{output}/{one}"
-            if kind is not None and responses.usable[row, column].any():
-                target = target_of(responses, (row, column), name)
-                bandwidth = attitude_bandwidth(target, rate=kind == RATE)
-                curve = attitude_curve(target, rate=kind == RATE)
-            form = (
-                form_qualities(fitted[0], limits.airspeed, dutch_roll=lateral)
-                if fitted is not None
-                else ()
+    dutch_roll = fits is None or all(item.form.name != PITCH for item in fits.fit.functions)
+    for place in product(range(len(names.outputs)), range(len(names.inputs))):
+        output = names.outputs[place[0]]
+        name = f"{output}/{names.inputs[place[1]]}"
+        fitted = fits.of(*place) if fits is not None else None
+        function = fitted[0] if fitted is not None else None
+        if function is not None and no_rate(function.form, units.get(output, "")):
+            function = None
+        bandwidth = curve = None
+        if kind is not None and responses.usable[place].any():
+            target = target_of(responses, place, name)
+            bandwidth = attitude_bandwidth(target, rate=kind == RATE)
+            curve = attitude_curve(target, rate=kind == RATE)
+        form: tuple[Quality, ...] = ()
+        if function is not None:
+            form = form_qualities(function, limits.airspeed, dutch_roll=dutch_roll)
+        levels = form_levels(form, *limits.parts) if limits.flown is not None else ()
+        if limits.flown is None and limits.airspeed is None:
+            form = ()
+        attitude_dropback = dropback(function) if function is not None else None
+        if bandwidth is None and attitude_dropback is None and not form:
+            continue
+        all_qualities.append(
+            Qualities(
+                name,
+                place,
+                bandwidth,
+                curve,
+                attitude_dropback,
+                form,
+                levels,
+                pitch_overshoot(function) if function is not None else None,
+                neal_smith(curve, pilot) if curve is not None and pilot else None,
+                limits.parts if limits.flown is not None else None,
+                function.form.name if function is not None else "",
             )
-            levels = form_levels(form, *limits.parts) if limits.flown is not None else ()
-            form = form if limits.flown is not None or limits.airspeed is not None else ()
-            if bandwidth is not None or fall is not None or form:
-                over = pitch_overshoot(fitted[0]) if fitted is not None else None
-                closed = neal_smith(curve, pilot) if curve is not None and pilot else None
-                flight_phase = limits.parts if limits.flown is not None else None
-                place = (row, column)
-                out.append(
-                    Qualities(
-                        *(
-                            name,
-                            place,
-                            bandwidth,
-                            curve,
-                            fall,
-                            form,
-                            levels,
-                            over,
-                            closed,
-                            flight_phase,
-                        ),
-                        fitted[0].form.name if fitted is not None else "",
-                    )
-                )
-    return tuple(out)
+        )
+    return tuple(all_qualities)
 
 
-def quality_table(one: Qualities) -> Table | None:
+def quality_table(qualities: Qualities) -> Table | None:
     """Return the numbers of one response with their 95 % intervals; None if there are none."""
-    if not one.numbers:
+    if not qualities.numbers:
         return None
-    rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]
+    rows = [
+        (quality_name(name), quantity, unit) for name, (quantity, unit) in qualities.numbers.items()
+    ]
     hertz = [
-        formatted(each.value / (2.0 * math.pi), ".3g") if unit == "rad/s" else ""
-        for _, each, unit in rows
+        formatted(quantity.value / (2.0 * math.pi), ".3g") if unit == "rad/s" else ""
+        for _, quantity, unit in rows
     ]
     return table(
-        f"Flying qualities of {one.name}, with 95 % intervals",
+        f"Flying qualities of {qualities.name}, with 95 % intervals",
         (Column("quantity"), [name for name, _, _ in rows]),
-        (Column("value", BY_ROW), [formatted(each.value, ".3g") for _, each, _ in rows]),
+        (Column("value", BY_ROW), [formatted(quantity.value, ".3g") for _, quantity, _ in rows]),
         (
             Column("+-", BY_ROW, beside=True),
-            [formatted(NORMAL_HALF_WIDTH * each.std, ".2g") for _, each, _ in rows],
+            [formatted(NORMAL_HALF_WIDTH * quantity.std, ".2g") for _, quantity, _ in rows],
         ),
         (Column("frequency", "Hz"), hertz) if any(hertz) else None,
         units=["" if unit == "1" else unit for _, _, unit in rows],
@@ -383,44 +409,48 @@ def quality_table(one: Qualities) -> Table | None:
 
 
 def quality_tables(qualities: Sequence[Qualities]) -> list[Table]:
-    """Flying qualities, a table for each response that has some."""
-    return [each for each in map(quality_table, qualities) if each is not None]
+    """Return a table of the flying qualities of each response that has some."""
+    return [shown for shown in map(quality_table, qualities) if shown is not None]
 
 
 def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
-    """Return the levels and undetermined flying qualities, one sentence each."""
-    return [line for each in qualities for line in each.lines]
+    """Return the levels and undetermined flying qualities of all responses, a sentence each."""
+    return [line for response in qualities for line in response.lines]
 
 
 def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Level, best and worst within two standard deviations by response and quantity or chart."""
-    result = {
-        each.name: {
-            **{one.quality.name: (one.level, one.best, one.worst) for one in each.levels},
-            **{one.name: (one.level, one.best, one.worst) for one in chart_levels(each)},
+    """Return level, and best and worst level within two sigmas, by response and by quantity or
+    chart.
+    """
+    result = {}
+    for response in qualities:
+        levels = {
+            level.quality.name: (level.level, level.best, level.worst) for level in response.levels
         }
-        for each in qualities
-    }
-    return {name: levels for name, levels in result.items() if levels}
+        for chart in chart_levels(response):
+            levels[chart.name] = (chart.level, chart.best, chart.worst)
+        if levels:
+            result[response.name] = levels
+    return result
 
 
-def levels_content(one: Qualities) -> list[dict[str, Any]]:
+def levels_content(qualities: Qualities) -> list[dict[str, Any]]:
     """Return the levels of quantities and of charts for ``responses.json``."""
     return [
         *(
-            _level_row(each.quality.name, each, each.criterion.source)
-            | {"category": each.criterion.category}
-            for each in one.levels
+            _level_content(level.quality.name, level, level.criterion.source)
+            | {"category": level.criterion.category}
+            for level in qualities.levels
         ),
-        *(_level_row(each.name, each, each.source) for each in chart_levels(one)),
+        *(_level_content(chart.name, chart, chart.source) for chart in chart_levels(qualities)),
     ]
 
 
-def _level_row(name: str, reached: QualityLevel | ChartLevel, source: str) -> dict[str, Any]:
+def _level_content(name: str, level: QualityLevel | ChartLevel, source: str) -> dict[str, Any]:
     return {
         "quantity": name,
-        "level": reached.level,
-        "best": reached.best,
-        "worst": reached.worst,
+        "level": level.level,
+        "best": level.best,
+        "worst": level.worst,
         "source": source,
     }

@@ -1,4 +1,4 @@
-"""Frequency responses in the terminal, on their page and in their folder."""
+"""Frequency responses in the terminal, on a page, and in a study folder."""
 
 from __future__ import annotations
 
@@ -57,15 +57,17 @@ from scenarios.responses.qualities import levels_content, quality_lines, quality
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# ---- Frequency responses in the terminal: a summary, notes, and a table for each response
+# ---- Frequency responses in the terminal
 
 PRINTED_FREQUENCIES = 12  # frequencies of a printed table
+MOST_NAMED_FILES = 3  # parts or files that are named in a heading
+SMALLEST_SIZE = 1e-300  # keeps a quotient or a logarithm finite
 
 
 def print_responses(
     estimates: ResponseEstimates, out: Console | None = None, details: str = BELOW
 ) -> None:
-    """Print an estimate."""
+    """Print summary, notes, and a table for each response and for what was computed from it."""
     out = out or console()
     print_summary(out, responses_summary(estimates, details))
     for line in estimates.cautions:
@@ -95,21 +97,21 @@ def print_responses(
 
 
 def name_pair(estimates: ResponseEstimates, row: int, column: int) -> tuple[str, str]:
-    """Output and input of a response."""
+    """Return the names of output and input of a response."""
     return estimates.names.outputs[row], estimates.names.inputs[column]
 
 
 def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Summary:
-    """Summary: the records, the estimate, and the usable bands."""
-    whole = sum(estimates.durations)
-    some = ", ".join(estimates.parts[:3]) + (", ..." if len(estimates.parts) > 3 else "")
+    """Return the summary: parts of records, kind of the estimate, and usable bands."""
+    duration = sum(estimates.durations)
     number = len(pairs(estimates))
     method = "joint input-output" if estimates.responses.joint else "direct"
     bands = [
         f"{name} {band_sentence(estimates, row, column)}" for row, column, name in pairs(estimates)
     ]
     return Summary(
-        f"{some}, {whole:.4g} s in {len(estimates.parts)} part{'s' * (len(estimates.parts) > 1)}",
+        f"{_first_names(estimates.parts)}, {duration:.4g} s in {len(estimates.parts)} "
+        f"part{'s' * (len(estimates.parts) > 1)}",
         f"{number} frequency response{'s' * (number > 1)}, {method} estimate",
         "; ".join(bands),
         "",
@@ -117,18 +119,30 @@ def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Sum
     )
 
 
+def _first_names(names: Sequence[str]) -> str:
+    more = ", ..." if len(names) > MOST_NAMED_FILES else ""
+    return ", ".join(names[:MOST_NAMED_FILES]) + more
+
+
 def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
-    """Return the transfer function of a response, its cost and how its mismatch is judged."""
+    """Return the fitted transfer function of a response, its cost, and the judgement of its
+    mismatch.
+    """
     fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None:
         return []
     function, mismatch = fitted
-    judged = envelope_sentence(function, mismatch)
-    head = f"{function.name} = {transfer_text(function)} ({function.form.name})"
-    return [head, cost_sentence(function), *([judged] if judged else [])]
+    lines = [
+        f"{function.name} = {transfer_text(function)} ({function.form.name})",
+        cost_sentence(function),
+    ]
+    if judgement := envelope_sentence(function, mismatch):
+        lines.append(judgement)
+    return lines
 
 
 def _unit_of(estimates: ResponseEstimates, row: int, column: int, form: Form, name: str) -> str:
+    """Return the unit of a parameter of a form."""
     names = estimates.names
     unit = form.units.get(name, "")
     return estimates.parameter_unit(names.outputs[row], names.inputs[column], name, unit)
@@ -137,37 +151,35 @@ def _unit_of(estimates: ResponseEstimates, row: int, column: int, form: Form, na
 def fit_tables(
     estimates: ResponseEstimates, row: int, column: int, caption: str = ""
 ) -> list[Table]:
-    """Return the parameters of a fitted transfer function; no table where none was fitted."""
+    """Return a table of the parameters of a fitted transfer function; none without a fit."""
     fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None or estimates.fits is None:
         return []
     function, _ = fitted
     names = list(function.form.parameters)
 
-    def share(name: str, sizes: Mapping[str, float]) -> Cell:
-        size = max(abs(function.values[name]), 1e-300)
-        known = name in function.std and function.std[name] < size
-        return formatted(100.0 * sizes[name] / size if known else None, ".3g")
+    def value_cell(name: str) -> Cell:
+        value = function.values[name]
+        return Number(value, shown=number_text(value, function.std.get(name)))
 
-    def spread(name: str) -> Cell:
+    def percent(name: str, numbers: Mapping[str, float]) -> Cell:
+        size = max(abs(function.values[name]), SMALLEST_SIZE)
+        determined = name in function.std and function.std[name] < size
+        return formatted(100.0 * numbers[name] / size if determined else None, ".3g")
+
+    def std_cell(name: str) -> Cell:
         return formatted(function.std[name], ".2g") if name in function.std else "fixed"
 
     shared = ["shared" if name in estimates.fits.fit.shared else "" for name in names]
+    insensitivity = [percent(name, function.insensitivity) for name in names]
     return [
         table(
             caption,
             (Column("parameter"), names),
-            (
-                Column("value", BY_ROW),
-                [
-                    Number(value, shown=number_text(value, function.std.get(name)))
-                    for name in names
-                    for value in [function.values[name]]
-                ],
-            ),
-            (Column("std", BY_ROW, beside=True), [spread(name) for name in names]),
-            (Column("std", "%"), [share(name, function.std) for name in names]),
-            (Column("insensitivity", "%"), [share(name, function.insensitivity) for name in names]),
+            (Column("value", BY_ROW), [value_cell(name) for name in names]),
+            (Column("std", BY_ROW, beside=True), [std_cell(name) for name in names]),
+            (Column("std", "%"), [percent(name, function.std) for name in names]),
+            (Column("insensitivity", "%"), insensitivity),
             (Column("note"), shared) if any(shared) else None,
             units=[_unit_of(estimates, row, column, function.form, name) for name in names],
         )
@@ -175,7 +187,7 @@ def fit_tables(
 
 
 def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
-    """``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
+    """Return the usable band: ``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
     band = estimates.responses.bands()[row][column]
     kind = "partial coherence" if len(estimates.names.inputs) > 1 else "coherence"
     limit = f"{kind} {estimates.responses.spectra.least_coherence:g} or more"
@@ -192,44 +204,45 @@ def shown_rows(count: int) -> np.ndarray:
 def response_table(
     estimates: ResponseEstimates, row: int, column: int, sentence: str = ""
 ) -> Table:
-    """Some frequencies of a response, named by its output, input and unit."""
-    one, output, name = estimates.responses, *name_pair(estimates, row, column)
-    at = shown_rows(one.frequency.size)
-    response, usable = one.response[row, column], one.usable[row, column]
-    unit = estimates.unit(output, name)
+    """Return a table of a response at some frequencies; ``sentence`` ends the caption."""
+    responses = estimates.responses
+    rows = shown_rows(responses.frequency.size)
+    unit = estimates.unit(*name_pair(estimates, row, column))
     label = next(text for i, j, text in pairs(estimates) if (i, j) == (row, column))
-    size = np.abs(response)
+    frequency = responses.frequency
+    magnitude = np.abs(responses.response[row, column])
+    decibels = 20.0 * np.log10(np.maximum(magnitude, SMALLEST_SIZE))
+    phase = np.degrees(responses.phase()[row, column])
+    phase_half_width = np.degrees(responses.phase_half_width()[row, column])
+    usable = responses.usable[row, column]
 
     def cells(values: np.ndarray, form: str) -> list[Cell]:
-        return [formatted(float(values[k]), form) for k in at]
+        return [formatted(float(values[k]), form) for k in rows]
 
-    magnitude = unit or PURE
-    several = len(estimates.names.inputs) > 1
+    size_unit = unit or PURE
+    partial_coherence = None
+    if len(estimates.names.inputs) > 1:
+        partial_coherence = (
+            Column("partial coherence", PURE),
+            cells(responses.partial_coherence[row, column], ".3f"),
+        )
     return table(
         f"{label}{f', {unit}' if unit else ''}{sentence}",
-        (Column("frequency", "Hz", printed="Hz"), cells(one.frequency, ".3g")),
-        (Column("frequency", "rad/s", printed="rad/s"), cells(2.0 * np.pi * one.frequency, ".3g")),
-        (Column("magnitude", magnitude, printed="magnitude"), cells(size, ".4g")),
-        (Column("+-", magnitude, printed="+-"), cells(one.half_width()[row, column], ".2g")),
-        (
-            Column("magnitude", "dB", printed="dB"),
-            cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f"),
-        ),
-        (Column("phase", "deg"), cells(np.degrees(one.phase()[row, column]), ".1f")),
-        (
-            Column("+-", "deg", printed="+-"),
-            cells(np.degrees(one.phase_half_width()[row, column]), ".1f"),
-        ),
-        (Column("coherence", PURE), cells(one.coherence[row], ".3f")),
-        (Column("partial coherence", PURE), cells(one.partial_coherence[row, column], ".3f"))
-        if several
-        else None,
-        (Column("random error", PURE), cells(one.random_error[row, column], ".3f")),
-        (Column("usable"), ["yes" if usable[k] else MISSING for k in at]),
+        (Column("frequency", "Hz", printed="Hz"), cells(frequency, ".3g")),
+        (Column("frequency", "rad/s", printed="rad/s"), cells(2.0 * np.pi * frequency, ".3g")),
+        (Column("magnitude", size_unit, printed="magnitude"), cells(magnitude, ".4g")),
+        (Column("+-", size_unit, printed="+-"), cells(responses.half_width()[row, column], ".2g")),
+        (Column("magnitude", "dB", printed="dB"), cells(decibels, ".1f")),
+        (Column("phase", "deg"), cells(phase, ".1f")),
+        (Column("+-", "deg", printed="+-"), cells(phase_half_width, ".1f")),
+        (Column("coherence", PURE), cells(responses.coherence[row], ".3f")),
+        partial_coherence,
+        (Column("random error", PURE), cells(responses.random_error[row, column], ".3f")),
+        (Column("usable"), ["yes" if usable[k] else MISSING for k in rows]),
     )
 
 
-# ---- The page of an estimate: figures, tables, how it was made and how its numbers are read
+# ---- The page of an estimate
 
 READING = (
     "The bands hold the response with a probability of 95 % at each frequency by itself. They "
@@ -246,8 +259,8 @@ READING = (
 
 def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] = ()) -> Page:
     """Return the page of an estimate with the figures ``figure_files``."""
-    names, summary = estimates.names, responses_summary(estimates)
-    files = [each.name for each in estimates.identities]
+    summary = responses_summary(estimates)
+    files = [file.name for file in estimates.identities]
     tables: list[Block] = []
     functions: list[Block] = []
     for row, column, name in pairs(estimates):
@@ -262,22 +275,19 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
     if estimates.loop is not None:
         margins += loop_tables(estimates.loop)
         margins.append(Bullets(tuple(map(as_sentence, margin_lines(estimates.loop)))))
-    words = ["flightid", "response", *files]
-    words += [word for name in names.inputs for word in ("--input", name)]
-    words += [word for name in names.outputs for word in ("--output", name)]
-    words += [word for name in names.references for word in ("--reference", name)]
-    words += ["--margins", estimates.loop.sign] if estimates.loop is not None else []
-    vehicle = estimates.model.file if estimates.model is not None else None
-    words += ["--model", estimates.model.model] if estimates.model is not None else []
-    words += ["--vehicle", vehicle.name] if vehicle is not None else []
     usable = sum(band is not None for row in estimates.responses.bands() for band in row)
     number = len(pairs(estimates))
+    verdict = "usable" if usable else "not usable"
+    if number > 1:
+        verdict = f"{usable} of {number} usable"
+    inputs = [("used", file.name, file.sha256) for file in estimates.identities]
+    vehicle = estimates.model.file if estimates.model is not None else None
+    if vehicle is not None:
+        inputs.append(("vehicle", vehicle.name, vehicle.sha256))
     return Page(
-        title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
+        title=f"{_first_names(files)}: frequency responses",
         kind="Frequency responses",
-        verdict=f"{usable} of {number} usable"
-        if number > 1
-        else ("usable" if usable else "not usable"),
+        verdict=verdict,
         tone="plain",
         sentence=as_sentence(summary.outcome),
         summary=(as_sentence(summary.result),),
@@ -292,21 +302,30 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
             *section("How they were estimated", Bullets(tuple(map(as_sentence, estimates.notes)))),
             *section("How the numbers are read", Bullets(READING)),
         ),
-        reproduction=reproduction(
-            words,
-            "",
-            [
-                *(("used", each.name, each.sha256) for each in estimates.identities),
-                *(("vehicle", each.name, each.sha256) for each in (vehicle,) if each is not None),
-            ],
-        ),
+        reproduction=reproduction(_command(estimates, files), "", inputs),
         created=now(),
     )
 
 
-# ---- The folder of an estimate: CSV, figures, page, and the JSON last
+def _command(estimates: ResponseEstimates, files: Sequence[str]) -> list[str]:
+    """Return the command line of an estimate with its main options."""
+    names = estimates.names
+    command = ["flightid", "response", *files]
+    command += [word for name in names.inputs for word in ("--input", name)]
+    command += [word for name in names.outputs for word in ("--output", name)]
+    command += [word for name in names.references for word in ("--reference", name)]
+    if estimates.loop is not None:
+        command += ["--margins", estimates.loop.sign]
+    if estimates.model is not None:
+        command += ["--model", estimates.model.model]
+        if estimates.model.file is not None:
+            command += ["--vehicle", estimates.model.file.name]
+    return command
 
-MAIN = "responses.json"
+
+# ---- The study folder of an estimate
+
+MAIN = "responses.json"  # written last
 TABLE = "responses.csv"
 SCHEMA = "flightid/responses/1"
 
@@ -316,67 +335,64 @@ def write_responses(
 ) -> Path:
     """Write an estimate into ``folder``, completely or not at all; return the folder."""
     with study_folder(folder, MAIN) as scratch:
-        figure_files: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-            from scenarios.plots.flying_qualities import figure_response
-
-            several = len(pairs(estimates)) > 1
-            named = [
-                (
-                    f"response_{n}" if several else "response",
-                    partial(figure_response, estimates, row, column),
-                )
-                for n, (row, column, _) in enumerate(pairs(estimates), start=1)
-            ]
-            if estimates.fits is not None:
-                from scenarios.plots.flying_qualities import figure_mismatch
-
-                named += [
-                    (
-                        f"mismatch_{n}" if several else "mismatch",
-                        partial(figure_mismatch, estimates, *place),
-                    )
-                    for n, (row, column, _) in enumerate(pairs(estimates), start=1)
-                    if (place := (row, column)) in estimates.fits.places
-                ]
-            about = {
-                f"{kind}_{n}": name
-                for n, (_, _, name) in enumerate(pairs(estimates), start=1)
-                for kind in ("response", "mismatch")
-            }
-            named += quality_figures(estimates)
-            if any(each.curve is not None for each in estimates.qualities):
-                from scenarios.plots.flying_qualities import figure_bandwidth
-
-                named += [
-                    (
-                        f"bandwidth_{n}" if several else "bandwidth",
-                        partial(figure_bandwidth, estimates, n - 1),
-                    )
-                    for n in range(1, len(estimates.qualities) + 1)
-                ]
-            if estimates.loop is not None:
-                from scenarios.plots.flying_qualities import figure_margins
-
-                named.append(("loop", partial(figure_margins, estimates)))
-            figure_files = tuple(
-                replace(
-                    each,
-                    caption=f"{about[each.stem]}: {caption_of(each.stem.rstrip('_0123456789'))}",
-                )
-                if each.stem in about
-                else each
-                for each in draw_for_page(named, scratch, figures)
-            )
+        figure_files = _draw(estimates, scratch, figures) if figures else ()
         write_text(scratch / TABLE, responses_csv(estimates))
         write_page(scratch, responses_page(estimates, figure_files))
         write_json(scratch / MAIN, responses_content(estimates))
     return Path(folder)
 
 
+def _draw(estimates: ResponseEstimates, folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+    """Draw all figures of an estimate; captions of one response of several begin with its name."""
+    from scenarios.plots.drawing import draw_for_page
+    from scenarios.plots.flying_qualities import (
+        figure_bandwidth,
+        figure_margins,
+        figure_mismatch,
+        figure_response,
+    )
+
+    several = len(pairs(estimates)) > 1
+    places = [(row, column) for row, column, _ in pairs(estimates)]
+
+    def stem(kind: str, number: int) -> str:
+        return f"{kind}_{number}" if several else kind
+
+    drawings = [
+        (stem("response", n), partial(figure_response, estimates, *place))
+        for n, place in enumerate(places, start=1)
+    ]
+    if estimates.fits is not None:
+        drawings += [
+            (stem("mismatch", n), partial(figure_mismatch, estimates, *place))
+            for n, place in enumerate(places, start=1)
+            if place in estimates.fits.places
+        ]
+    drawings += quality_figures(estimates)
+    if any(qualities.curve is not None for qualities in estimates.qualities):
+        drawings += [
+            (stem("bandwidth", n), partial(figure_bandwidth, estimates, n - 1))
+            for n in range(1, len(estimates.qualities) + 1)
+        ]
+    if estimates.loop is not None:
+        drawings.append(("loop", partial(figure_margins, estimates)))
+    response_names = {
+        f"{kind}_{n}": name
+        for n, (_, _, name) in enumerate(pairs(estimates), start=1)
+        for kind in ("response", "mismatch")
+    }
+
+    def captioned(drawn: Drawn) -> Drawn:
+        if drawn.stem not in response_names:
+            return drawn
+        caption = caption_of(drawn.stem.rstrip("_0123456789"))
+        return replace(drawn, caption=f"{response_names[drawn.stem]}: {caption}")
+
+    return tuple(map(captioned, draw_for_page(drawings, folder, formats)))
+
+
 def model_blocks(estimates: ResponseEstimates) -> list[Block]:
-    """Return the fitted model on the page; none if none was fitted."""
+    """Return the blocks of the page on a fitted model; empty without one."""
     if estimates.model is None:
         return []
     title = f"Parameters of {estimates.model.model}"
@@ -387,64 +403,65 @@ def model_blocks(estimates: ResponseEstimates) -> list[Block]:
 
 
 def quality_figures(estimates: ResponseEstimates) -> list[tuple[str, partial[Figure]]]:
-    """Names and makers of the charts of flying qualities and of the steps of fitted responses."""
+    """Return stem and drawing function of each chart of flying qualities, and of each figure of
+    step responses.
+    """
     from scenarios.plots.flying_qualities import charts_of, figure_qualities, figure_steps
 
-    charts = [each for each in estimates.qualities if charts_of(each)]
-    out: list[tuple[str, partial[Figure]]] = [
+    count = sum(bool(charts_of(qualities)) for qualities in estimates.qualities)
+    drawings: list[tuple[str, partial[Figure]]] = [
         (
-            f"qualities_{n}" if len(charts) > 1 else "qualities",
+            f"qualities_{n}" if count > 1 else "qualities",
             partial(figure_qualities, estimates, n - 1),
         )
-        for n in range(1, len(charts) + 1)
+        for n in range(1, count + 1)
     ]
-    places = [] if estimates.fits is None else list(estimates.fits.places)
-    steady = [
-        place
-        for place in places
-        if estimates.fits is not None
-        and (fitted := estimates.fits.of(*place)) is not None
-        and step_response(fitted[0]) is not None
-    ]
-    out += [
+    if estimates.fits is None:
+        return drawings
+    steady = []  # places of the responses with a steady value after a step
+    for place in estimates.fits.places:
+        fitted = estimates.fits.of(*place)
+        if fitted is not None and step_response(fitted[0]) is not None:
+            steady.append(place)
+    drawings += [
         (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, estimates, *place))
         for n, place in enumerate(steady, start=1)
     ]
-    return out
+    return drawings
 
 
 def response_columns(estimates: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
-    """Return the numbers of one response by the names of their columns, each ``(F,)``.
+    """Return the numbers of one response, each ``(F,)``, by the names of their columns.
 
-    ``magnitude`` in the unit of output over input, phases in degrees without jumps, bands of 95 %;
-    the lower bound of a magnitude that is not determined is zero.
+    The magnitude is in the unit of output over input. Phases are in degrees and without jumps. Low
+    and high are limits of 95 %; a magnitude that is not determined has the lower limit zero.
     """
-    one = estimates.responses
-    response, half = one.response[row, column], one.half_width()[row, column]
-    size = np.abs(response)
-    phase = np.degrees(one.phase()[row, column])
-    turn = np.degrees(one.phase_half_width()[row, column])
+    responses = estimates.responses
+    response, half_width = responses.response[row, column], responses.half_width()[row, column]
+    magnitude = np.abs(response)
+    phase = np.degrees(responses.phase()[row, column])
+    phase_half_width = np.degrees(responses.phase_half_width()[row, column])
     columns = {
-        "frequency_Hz": one.frequency,
+        "frequency_Hz": responses.frequency,
         "real": response.real,
         "imaginary": response.imag,
-        "magnitude": size,
-        "magnitude_dB": 20.0 * np.log10(np.maximum(size, 1e-300)),
+        "magnitude": magnitude,
+        "magnitude_dB": 20.0 * np.log10(np.maximum(magnitude, SMALLEST_SIZE)),
         "phase_deg": phase,
-        "coherence": one.coherence[row],
-        "partial_coherence": one.partial_coherence[row, column],
-        "random_error": one.random_error[row, column],
-        "std": one.std[row, column],
-        "magnitude_low": np.maximum(size - half, 0.0),
-        "magnitude_high": size + half,
-        "phase_low_deg": phase - turn,
-        "phase_high_deg": phase + turn,
-        "degrees_of_freedom": one.degrees[row],
-        "usable": one.usable[row, column].astype(int),
+        "coherence": responses.coherence[row],
+        "partial_coherence": responses.partial_coherence[row, column],
+        "random_error": responses.random_error[row, column],
+        "std": responses.std[row, column],
+        "magnitude_low": np.maximum(magnitude - half_width, 0.0),
+        "magnitude_high": magnitude + half_width,
+        "phase_low_deg": phase - phase_half_width,
+        "phase_high_deg": phase + phase_half_width,
+        "degrees_of_freedom": responses.degrees[row],
+        "usable": responses.usable[row, column].astype(int),
     }
     if estimates.direct is not None:
-        other = estimates.direct.response[row, column]
-        columns |= {"direct_real": other.real, "direct_imaginary": other.imag}
+        direct = estimates.direct.response[row, column]
+        columns |= {"direct_real": direct.real, "direct_imaginary": direct.imag}
     return columns
 
 
@@ -457,15 +474,15 @@ def responses_csv(estimates: ResponseEstimates) -> str:
         if not number:
             writer.writerow(["output", "input", *columns])
         names = [estimates.names.outputs[row], estimates.names.inputs[column]]
-        for cells in zip(*(each.tolist() for each in columns.values()), strict=True):
+        for cells in zip(*(values.tolist() for values in columns.values()), strict=True):
             writer.writerow([*names, *map(repr, cells)])
     return out.getvalue()
 
 
 def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
-    """Content of ``responses.json``: the same numbers by response, with the usable bands in Hz."""
-    one = estimates.responses
-    bands = one.bands()
+    """Return the content of ``responses.json``."""
+    estimate = estimates.responses
+    bands = estimate.bands()
     responses = []
     for row, column, _ in pairs(estimates):
         band = bands[row][column]
@@ -484,14 +501,14 @@ def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
     parts = zip(estimates.parts, estimates.durations, strict=True)
     return {
         "schema": SCHEMA,
-        "method": "joint input-output" if one.joint else "direct",
+        "method": "joint input-output" if estimate.joint else "direct",
         "references": list(estimates.names.references),
         "estimate": {
-            "windows_s": list(one.spectra.windows),
-            "tapers": one.spectra.tapers,
+            "windows_s": list(estimate.spectra.windows),
+            "tapers": estimate.spectra.tapers,
             "rate_Hz": estimates.rate,
             "detrended": "linear",
-            "least_coherence": one.spectra.least_coherence,
+            "least_coherence": estimate.spectra.least_coherence,
         },
         **({"flying_qualities": _qualities_content(estimates)} if estimates.qualities else {}),
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
@@ -504,8 +521,8 @@ def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
         "notes": list(estimates.notes),
         "warnings": list(estimates.cautions),
         "inputs": {
-            "records": [each.name for each in estimates.identities],
-            "sha256": [each.sha256 for each in estimates.identities],
+            "records": [file.name for file in estimates.identities],
+            "sha256": [file.sha256 for file in estimates.identities],
         },
         "versions": versions(),
     }
@@ -516,7 +533,7 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
     for (row, column), function, mismatch in zip(
         fits.places, fits.fit.functions, fits.mismatches, strict=True
     ):
-        form, judged = function.form, envelope_sentence(function, mismatch)
+        form, judgement = function.form, envelope_sentence(function, mismatch)
         functions.append(
             {
                 "output": estimates.names.outputs[row],
@@ -540,7 +557,7 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
                     for name, value in function.values.items()
                     if name not in function.std
                 },
-                **({"unnoticeable": not bool(mismatch.outside.any())} if judged else {}),
+                **({"unnoticeable": not bool(mismatch.outside.any())} if judgement else {}),
                 "mismatch": {
                     "frequency_Hz": mismatch.frequency.tolist(),
                     "gain_dB": mismatch.gain.tolist(),
@@ -559,14 +576,14 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
 def _qualities_content(estimates: ResponseEstimates) -> list[dict[str, Any]]:
     return [
         {
-            "output": estimates.names.outputs[each.place[0]],
-            "input": estimates.names.inputs[each.place[1]],
+            "output": estimates.names.outputs[qualities.place[0]],
+            "input": estimates.names.inputs[qualities.place[1]],
             **{
                 name: {"value": number.value, "std": number.std, "unit": unit}
-                for name, (number, unit) in each.numbers.items()
+                for name, (number, unit) in qualities.numbers.items()
             },
-            "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
-            **({"levels": told} if (told := levels_content(each)) else {}),
+            "notes": list(qualities.bandwidth.notes) if qualities.bandwidth is not None else [],
+            **({"levels": levels} if (levels := levels_content(qualities)) else {}),
         }
-        for each in estimates.qualities
+        for qualities in estimates.qualities
     ]

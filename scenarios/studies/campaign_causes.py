@@ -1,8 +1,9 @@
-"""Causes of wrong sigmas in a campaign, and the right sigmas.
+"""Causes of wrong sigmas in a campaign, and the correct sigmas.
 
-A cause either predicts the size of the errors (prior, coloured noise), or its removal corrects the
-sigma (start, integration, noise levels, noise size). If no cause does, the model cannot represent
-the truth. The causes are found from the runs alone, not from the scenario's declared errors.
+Some causes predict the size of the errors: prior, coloured noise. For others, runs repeated without
+the cause have correct sigmas: start, integration, noise levels, noise size. If there is no such
+cause, the model cannot represent the truth. Causes are found from the runs alone, not from the
+errors that the scenario declares.
 
 Residuals are computed with the parameters fixed at the reference and with fine integration steps,
 so that they depend neither on start nor on step. S are the sensitivities in units of the noise, and
@@ -56,8 +57,9 @@ class Wrong:
     Attributes
     ----------
     at : index of the parameter.
-    factor : correction of the sigmas, with which two sigmas contain 95.4 % of the errors; above one
-        if the reported sigmas are too small.
+    statistics : statistics of the parameter.
+    factor : factor on the sigmas with which two sigmas contain 95.4 % of the errors; above 1 if the
+        reported sigmas are too small.
     rms, mean : root mean square and mean of the errors in reported sigmas.
     """
 
@@ -73,23 +75,26 @@ class Wrong:
         return self.factor > 1.0
 
 
-def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
-    """Return the parameters whose two-sigma coverage differs from a normal distribution.
+def wrong_sigmas(statistics: CampaignStatistics) -> tuple[Wrong, ...]:
+    """Return the parameters whose two-sigma coverage differs from that of a normal distribution.
 
-    Clopper-Pearson intervals at the level 1 - 0.05 / n for n parameters (Bonferroni), so that 5 %
-    of the campaigns with correct sigmas report some parameter.
+    The coverage has a Clopper-Pearson interval at the level 1 - 0.05 / n for n parameters
+    (Bonferroni). So 5 % of the campaigns with correct sigmas report any parameter.
     """
-    out = []
-    level = 1.0 - (1.0 - SHARES_LEVEL) / len(found.parameters)
-    for at, each in enumerate(found.parameters):
-        low, high = clopper_pearson(each.two.hits, each.two.runs, level)
+    wrong = []
+    level = 1.0 - (1.0 - SHARES_LEVEL) / len(statistics.parameters)
+    for i, parameter in enumerate(statistics.parameters):
+        low, high = clopper_pearson(parameter.two.hits, parameter.two.runs, level)
         if not low <= NORMAL[2] <= high:
-            errors = found.sigmas[at]
-            factor = float(np.quantile(np.abs(errors), NORMAL[2])) / 2.0
-            out.append(
-                Wrong(at, each, factor, float(np.sqrt(np.mean(errors**2))), float(np.mean(errors)))
-            )
-    return tuple(out)
+            errors = statistics.sigmas[i]
+            rms = float(np.sqrt(np.mean(errors**2)))
+            wrong.append(Wrong(i, parameter, _correction(errors), rms, float(np.mean(errors))))
+    return tuple(wrong)
+
+
+def _correction(errors: np.ndarray) -> float:
+    """Return the factor on reported sigmas with which two sigmas contain 95.4 % of the errors."""
+    return float(np.quantile(np.abs(errors), NORMAL[2])) / 2.0
 
 
 # ---- Residuals at the reference values, and errors predicted from them and from the prior
@@ -237,25 +242,28 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
 
 # Largest difference between the logarithms of the predicted and the observed rms error.
 PREDICTED_SIZE_TOLERANCE = 0.15
-# Misfit in noise standard deviations: no misfit below the first; above the second, process noise
-# estimated by likelihood would represent model error.
-SMALL_MISFIT, LARGE = 0.05, 0.3
-REMOVED_BIAS_SHARE = 0.3  # share of a bias left at a tenth of the noise: removed
-SOME_BIAS = 0.15  # share of the mean square error above which the cause of a bias is sought
-OF_BIAS = 0.5  # share of the mean square error above which a bias is the main error
+SMALL_MISFIT = 0.05  # misfit over the noise sigma, below which there is none
+# Misfit above which process noise estimated by likelihood would represent model error.
+LARGE_MISFIT = 0.3
+# A bias is due to noise if at most this share of it remains with a tenth of the noise.
+REMOVED_BIAS_SHARE = 0.3
+NOTABLE_BIAS_SHARE = 0.15  # of the mean square error; above it the cause of a bias is sought
+MAIN_BIAS_SHARE = 0.5  # of the mean square error; above it a bias is the main error
+SMALL_PRIOR_SHARE = 0.2  # of the variance; below it a prior hardly changes a sigma
 PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """Why the sigma of one parameter is wrong.
+    """The cause of the wrong sigma of one parameter.
 
     Attributes
     ----------
-    causes : their keys.
+    wrong : the parameter.
+    causes : keys of the causes.
     corrected : correct sigma, in the parameter's unit.
     coverage : share of the errors within two corrected sigmas.
-    again : the coverage is of runs repeated with the cause removed, not of the original runs.
+    again : whether the coverage is of runs repeated without the cause, not of the original runs.
     strength : size of the cause, such as the prior's share of the variance.
     """
 
@@ -276,7 +284,12 @@ class Finding:
 class Findings:
     """All wrong sigmas of a campaign and their evidence.
 
-    ``levels``, ``residuals``: noise levels and residuals. ``again``: number of runs repeated.
+    Attributes
+    ----------
+    found : the finding for each wrong sigma.
+    levels : noise levels by likelihood, or None.
+    residuals : residuals of the runs, or None.
+    again : number of repeated runs.
     """
 
     found: tuple[Finding, ...]
@@ -287,7 +300,7 @@ class Findings:
     @property
     def misfits(self) -> bool:
         """Whether estimated process noise would represent model error."""
-        return self.residuals is not None and self.residuals.misfit > LARGE
+        return self.residuals is not None and self.residuals.misfit > LARGE_MISFIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,9 +317,8 @@ def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) 
     ``levels``: estimate the noise levels by likelihood even if no sigma is wrong.
     """
     statistics = campaign_statistics(campaign)
-    return Judgement(
-        statistics, findings_of(campaign, statistics, levels=levels) if causes else Findings(())
-    )
+    findings = findings_of(campaign, statistics, levels=levels) if causes else Findings(())
+    return Judgement(statistics, findings)
 
 
 def findings_of(
@@ -318,63 +330,60 @@ def findings_of(
     if not wrong:
         return Findings((), likely_levels(campaign.work, seeds) if levels else None)
     work, bound = campaign.work, bound_of(campaign.work)
-    found = {
-        each.at: told for each in wrong if (told := _by_prior(each, bound, statistics)) is not None
-    }
+    findings: dict[int, Finding] = {}  # by index of the parameter
+    for item in wrong:
+        if (finding := _by_prior(item, bound, statistics)) is not None:
+            findings[item.at] = finding
     residuals = residuals_of(work, seeds)
-    scale = _scale(bound, residuals, campaign)
+    scale, colour = _scale(bound, residuals, campaign), None
     if scale is not None and residuals is not None:
-        left = [each for each in wrong if each.at not in found]
-        found |= {
-            each.at: told
-            for each in left
-            if (told := _by_colour(each, scale, residuals, statistics)) is not None
-        }
-    rest = [each for each in wrong if each.at not in found]
-    likely = likely_levels(work, seeds) if rest or levels else None
+        colour = _strongest(residuals)
+        for item in wrong:
+            if item.at in findings:
+                continue
+            if (finding := _by_colour(item, scale, residuals, statistics)) is not None:
+                findings[item.at] = finding
+    unexplained = [item for item in wrong if item.at not in findings]
+    likely = likely_levels(work, seeds) if unexplained or levels else None
     trials = Trials.of(campaign, likely, scale)
-    # What makes up for a large misfit, as process noise by likelihood does, is no cure.
-    misfits = residuals is not None and residuals.misfit > LARGE
-    cured = {} if misfits else closest(trials, [each.at for each in rest])
-    colour = _strongest(residuals) if scale is not None and residuals is not None else None
-    for each in rest:
-        found[each.at] = (
-            _of_trial(each, cured[each.at], colour)
-            if each.at in cured
-            else _left(each, trials, residuals, statistics)
-        )
-    return Findings(tuple(found[each.at] for each in wrong), likely, residuals, len(trials.seeds))
+    # With a large misfit, a change as process noise by likelihood hides the cause: model error.
+    large_misfit = residuals is not None and residuals.misfit > LARGE_MISFIT
+    successful = {} if large_misfit else closest(trials, [item.at for item in unexplained])
+    for item in unexplained:
+        if item.at in successful:
+            findings[item.at] = _of_trial(item, successful[item.at], colour)
+        else:
+            findings[item.at] = _without_trial(item, trials, residuals, statistics)
+    ordered = tuple(findings[item.at] for item in wrong)
+    return Findings(ordered, likely, residuals, len(trials.seeds))
 
 
-def _near(foretold: float, seen: float, runs: int) -> bool:
-    """Return whether the predicted rms error agrees with the observed one."""
-    return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
-        PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs)
-    )
+def _agree(predicted: float, observed: float, runs: int) -> bool:
+    """Return whether a predicted rms error agrees with the observed one of so many runs."""
+    if predicted <= 0.0:
+        return False
+    tolerance = max(PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs))
+    return abs(math.log(predicted / observed)) <= tolerance
 
 
 def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
-    """Return a finding if the prior has so large a part in the stated sigma that it predicts the
-    errors.
-    """
-    # With other reported sigmas, as with process noise, the bound does not apply to the method.
-    if (
-        bound is None
-        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
-        > 2.0 * PREDICTED_SIZE_TOLERANCE
-    ):
+    """Return a finding if the share of the prior in the sigma predicts the errors; else None."""
+    if bound is None:
         return None
-    foretold, share = predicted_by_prior(bound, wrong.at)
+    # With other reported sigmas, as with process noise, the bound does not apply to the method.
+    deviation = abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
+    if deviation > 2.0 * PREDICTED_SIZE_TOLERANCE:
+        return None
+    predicted, share = predicted_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
-    if (share < 0.2 and foretold < 1.0 + PREDICTED_SIZE_TOLERANCE) or not _near(
-        foretold, wrong.rms, len(errors)
-    ):
+    small = share < SMALL_PRIOR_SHARE and predicted < 1.0 + PREDICTED_SIZE_TOLERANCE
+    if small or not _agree(predicted, wrong.rms, len(errors)):
         return None
     return Finding(
         wrong,
         (PRIOR,),
-        foretold * wrong.statistics.reported,
-        coverage_of(errors / foretold)[1],
+        predicted * wrong.statistics.reported,
+        coverage_of(errors / predicted)[1],
         False,
         share,
     )
@@ -383,15 +392,14 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
 def _scale(
     bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns
 ) -> np.ndarray | None:
-    """Return the factors ``(n,)`` by which coloured noise makes sigmas too small; None if white."""
+    """Return the factors ``(n,)`` by which coloured noise makes sigmas too small.
+
+    None if the noise is white, or the method is not a filter without process noise.
+    """
     estimation = campaign.estimation
-    if (
-        bound is None
-        or residuals is None
-        or not residuals.coloured
-        or estimation.method not in FILTERS
-        or estimation.process_noise
-    ):
+    if bound is None or residuals is None or not residuals.coloured:
+        return None
+    if estimation.method not in FILTERS or estimation.process_noise:
         return None
     return predicted_by_colour(bound, residuals)
 
@@ -399,9 +407,10 @@ def _scale(
 def _by_colour(
     wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics
 ) -> Finding | None:
-    """Return a finding if the correlation of the noise alone predicts the scatter."""
+    """Return a finding if the autocorrelation of the noise predicts the scatter; else None."""
     errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
-    if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
+    biased = wrong.mean**2 > MAIN_BIAS_SHARE * wrong.rms**2
+    if biased or not _agree(factor, wrong.rms, len(errors)):
         return None
     return Finding(
         wrong,
@@ -414,13 +423,15 @@ def _by_colour(
 
 
 def _strongest(residuals: Residuals) -> float:
+    """Return the autocorrelation of largest size."""
     return float(residuals.colour[np.argmax(np.abs(residuals.colour))])
 
 
 def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
+    """Return the finding from repeated runs that have correct sigmas."""
     errors, std = trial.errors[wrong.at], trial.std[wrong.at]
-    # Linearisation does not reduce the scatter. The prior does; it loses its effect if the filter
-    # starts from its own result.
+    # A filter that starts from its own result has neither the errors of its linearisation nor the
+    # effect of its prior. Of the two, only the prior makes reported sigmas too large.
     keys = (PRIOR,) if trial.keys == (START,) and not wrong.too_small else trial.keys
     causes = keys if strength is None else (COLOUR, *keys)
     return Finding(
@@ -433,32 +444,29 @@ def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
     )
 
 
-def _left(
+def _without_trial(
     wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics
 ) -> Finding:
-    """Return the finding if no change helps: a bias from noise, or an inadequate model.
+    """Return the finding if no repeated runs have correct sigmas: the model is inadequate, a bias
+    is due to noise, or the cause is unknown.
 
     The corrected sigma comes from half of the runs and is tested on the other half.
     """
     errors = statistics.sigmas[wrong.at]
-    half, others = errors[::2], errors[1::2]
-    factor = float(np.quantile(np.abs(half), NORMAL[2])) / 2.0
+    factor = _correction(errors[::2])
     misfit = residuals.misfit if residuals is not None else 0.0
-    cause, strength = (MODEL, misfit) if misfit > SMALL_MISFIT else (OPEN, misfit)
-    if cause == OPEN and wrong.mean**2 > SOME_BIAS * wrong.rms**2:
-        first, quiet = trials.trial(()), quiet_trial(trials)
-        if (
-            first is not None
-            and quiet is not None
-            and abs(quiet.errors[wrong.at].mean())
-            < REMOVED_BIAS_SHARE * abs(first.errors[wrong.at].mean())
-        ):
-            cause = NOISE
+    cause = MODEL if misfit > SMALL_MISFIT else OPEN
+    if cause == OPEN and wrong.mean**2 > NOTABLE_BIAS_SHARE * wrong.rms**2:
+        original, quiet = trials.trial(()), quiet_trial(trials)
+        if original is not None and quiet is not None:
+            bias = abs(original.errors[wrong.at].mean())
+            if abs(quiet.errors[wrong.at].mean()) < REMOVED_BIAS_SHARE * bias:
+                cause = NOISE
     return Finding(
         wrong,
         (cause,),
         factor * wrong.statistics.reported,
-        coverage_of(others / factor)[1],
+        coverage_of(errors[1::2] / factor)[1],
         False,
-        strength,
+        misfit,
     )

@@ -1,15 +1,16 @@
-"""Sweeps of a scenario over structures from stiff to soft: results, criteria, and both as data.
+"""Sweeps of a scenario over structures from stiff to soft: results, and criteria for when a rigid
+model fails.
 
-Criteria for when a rigid model fails. The first two detect the structure in a record; the third
-compares the error of a rigid model with the noise.
+Two criteria detect the structure in a record; the third compares the error of a rigid model with
+the noise.
 
- - whiteness: the residual of the rigid whole-record fit is no longer white (Ljung and Box), at the
+- whiteness: the residual of the rigid whole-record fit is no longer white (Ljung and Box), at the
   level of all residual tests.
- - likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one
-  elastic mode to the rigid one, 2 (ln L_mode - ln L_rigid) > k ln n. A model with s states that
-  moves alpha and q from one input shows 3 s numbers, whatever parameters it is written in, and has
-  s initial states: k = 8 for two more states.
-- misfit: the error of the best rigid model exceeds the noise in rms (`sim.vehicles.flexibility`).
+- likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one
+  elastic mode to the rigid one: 2 (ln L_mode - ln L_rigid) > k ln n. A model with s states, one
+  input and the outputs alpha and q has 3 s identifiable numbers, in any parametrization, and s
+  initial states. So k = 8 for two more states.
+- misfit: the rms error of the best rigid model exceeds the noise (`sim.vehicles.flexibility`).
 """
 
 from __future__ import annotations
@@ -47,9 +48,16 @@ from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above
 
 @dataclass(frozen=True, eq=False)
 class SweptMethod:
-    """Result of one method on one structure: ``values`` and ``std`` ``(n,)`` of ``names``, in SI.
+    """Result of one method on one structure.
 
-    ``condensed``: expected values by name. ``tests``: of the residual; empty for a filter.
+    Attributes
+    ----------
+    estimation : the method.
+    names : names of the n parameters.
+    values, std : estimates and their sigmas, ``(n,)``, SI.
+    outcome, log_likelihood : outcome of the estimation and its log likelihood.
+    condensed : expected values by name: those with the elastic modes statically condensed.
+    tests : tests of the residual; empty for a filter.
     """
 
     estimation: Estimation
@@ -63,14 +71,22 @@ class SweptMethod:
 
     def errors(self, name: str) -> tuple[float, float]:
         """Return the error against the condensed value: in per cent, and in standard deviations."""
-        at, right = self.names.index(name), self.condensed[name]
-        off = float(self.values[at]) - right
-        return 100.0 * off / abs(right), off / float(self.std[at])
+        i, expected = self.names.index(name), self.condensed[name]
+        error = float(self.values[i]) - expected
+        return 100.0 * error / abs(expected), error / float(self.std[i])
 
 
 @dataclass(frozen=True, eq=False)
 class SweepPoint:
-    """Results on one structure; ``samples``: number of measured samples."""
+    """Results on one structure.
+
+    Attributes
+    ----------
+    frequency_factor : factor on the elastic frequencies.
+    figures : numbers on the flexibility of the structure.
+    samples : number of measured samples.
+    methods : results of the methods.
+    """
 
     frequency_factor: float
     figures: Flexibility
@@ -80,10 +96,14 @@ class SweepPoint:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Structures from stiff to soft.
+    """Results on structures from stiff to soft.
 
-    ``rigid``: true derivatives of the rigid aircraft; ``units``: by parameter; ``marks``: named
-    structures with their published values.
+    Attributes
+    ----------
+    points : results on each structure.
+    rigid : true derivatives of the rigid aircraft.
+    units : unit of each parameter.
+    marks : named structures with their published values.
     """
 
     points: tuple[SweepPoint, ...]
@@ -104,12 +124,22 @@ def sweep_flexibility(
 ) -> Sweep | None:
     """Simulate a scenario with each of its frequency factors, and apply all its methods.
 
-    None without factors. ``record`` is that of the scenario's flight with this ``seed``. All
-    structures have the same measurement noise, so that differences are due to the structure.
+    All structures have the same measurement noise, so that differences are due to the structure.
+
+    Parameters
+    ----------
+    scenario : the scenario.
+    record : record of the scenario's flight with this ``seed``.
+    seed : seed of the noise.
+    progress : called with the stage and the share done, 0 to 1.
+
+    Returns
+    -------
+    The results; None if the scenario has no frequency factors.
 
     Raises
     ------
-    FlightidError : a structure that diverges, or whose short period does not oscillate.
+    FlightidError : a structure diverges, or its short period does not oscillate.
     """
     plan = scenario.sweep
     if plan is None:
@@ -119,18 +149,23 @@ def sweep_flexibility(
         replace(scenario.flight, frequency_factor=factor) for factor in plan.frequency_factors
     ]
     records = [fly_scenario(replace(scenario, flight=flight), seed)[0] for flight in flights]
-    methods = []
+    by_method = []
     for number, estimation in enumerate(scenario.estimations):
         progress(estimation.label, (1 + number) / (2 + len(scenario.estimations)))
-        methods.append(_estimated(scenario, estimation, flights, records))
+        by_method.append(_results(scenario, estimation, flights, records))
+    elevator = record["elevator"].values
     figures = [
-        flexibility(flown_vehicle(f), record["elevator"].values, 1.0 / f.rate, f.noise_std, f.modes)
-        for f in flights
+        flexibility(
+            flown_vehicle(flight), elevator, 1.0 / flight.rate, flight.noise_std, flight.modes
+        )
+        for flight in flights
     ]
-    count = sum(int(channel.valid.sum()) for channel in record.outputs)
+    samples = sum(int(channel.valid.sum()) for channel in record.outputs)
     points = tuple(
-        SweepPoint(f.frequency_factor, figures[i], count, tuple(found[i] for found in methods))
-        for i, f in enumerate(flights)
+        SweepPoint(
+            flight.frequency_factor, figures[i], samples, tuple(results[i] for results in by_method)
+        )
+        for i, flight in enumerate(flights)
     )
     units = {
         item.name: item.unit
@@ -151,16 +186,18 @@ def _model(scenario: Scenario, estimation: Estimation, flight: FlightPlan) -> Mo
     )
 
 
-def _estimated(
+def _results(
     scenario: Scenario,
     estimation: Estimation,
     flights: Sequence[FlightPlan],
     records: Sequence[Record],
 ) -> list[SweptMethod]:
     """Return the results of one method on all structures; filters run on all records at once."""
-    condensed = [
-        condense_above(flown_vehicle(f).values, f.modes, min(estimation.modes, f.modes))
-        for f in flights
+    all_condensed = [
+        condense_above(
+            flown_vehicle(flight).values, flight.modes, min(estimation.modes, flight.modes)
+        )
+        for flight in flights
     ]
     model = _model(scenario, estimation, flights[0])
     if estimation.method == "ekf" and not estimation.modes and math.isinf(estimation.spread):
@@ -174,42 +211,53 @@ def _estimated(
             bank.std[first:].T,
             outcomes,
             bank.log_likelihood.tolist(),
-            condensed,
+            all_condensed,
             strict=True,
         )
         return [SweptMethod(estimation, bank.names[first:], *column) for column in columns]
-    found = []
-    for flight, record, right in zip(flights, records, condensed, strict=True):
-        own = replace(estimation, engine="batched")
-        estimate = estimate_record(own, record, _model(scenario, estimation, flight)).estimate
+    with_batch_engine = replace(estimation, engine="batched")
+    results = []
+    for flight, record, condensed in zip(flights, records, all_condensed, strict=True):
+        model = _model(scenario, estimation, flight)
+        estimate = estimate_record(with_batch_engine, record, model).estimate
         tests = tests_of_records(estimate, [record])
-        numbers = (
-            estimate.names,
-            estimate.values,
-            estimate.std,
-            estimate.outcome,
-            estimate.log_likelihood,
+        results.append(
+            SweptMethod(
+                estimation,
+                estimate.names,
+                estimate.values,
+                estimate.std,
+                estimate.outcome,
+                estimate.log_likelihood,
+                condensed,
+                tests,
+            )
         )
-        found.append(SweptMethod(estimation, *numbers, right, tests))
-    return found
+    return results
 
 
-# ---- From which degree of flexibility on a rigid model no longer serves
+# ---- Criteria: the degree of flexibility from which a rigid model fails
 
-# As in `ident.statistics.residuals`.
-WHITENESS_P_VALUE = 1e-3
-# Coefficients per state: one in the denominator, one in each of two numerators, an initial state.
+WHITENESS_P_VALUE = 1e-3  # as in `ident.statistics.residuals`
+# Numbers of each state: a coefficient of the denominator, one of each of two numerators, and the
+# initial value.
 NUMBERS_PER_STATE = 3 + 1
-FIT = "output-error"
+SMALLEST_P_VALUE = 1e-300  # keeps the logarithm finite
+FIT = "output-error"  # method of whole-record fits
 
 
 @dataclass(frozen=True)
 class Criterion:
     """One criterion along a sweep.
 
-    ``values``: one per point, NaN if unknown. A rigid model fails if the value is above ``limit``,
-    or below it if ``below``. ``degree``, ``frequency_factor``: start of the failure, interpolated;
-    None if there is none within the sweep.
+    Attributes
+    ----------
+    name, sentence : name and description.
+    limit : limit of the criterion.
+    below : whether a rigid model fails below the limit; else it fails above.
+    values : value on each structure, NaN if unknown.
+    degree, frequency_factor : degree of flexibility and frequency factor from which a rigid model
+        fails, interpolated; None if there is no such structure within the sweep.
     """
 
     name: str
@@ -223,7 +271,7 @@ class Criterion:
 
 def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
     """Return the criteria that the scenario's methods allow, in the usual order of failure."""
-    found = [
+    criteria = [
         _criterion(
             "likelihood",
             "a model with one elastic mode is likelier (BIC)",
@@ -246,10 +294,10 @@ def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
             math.log10(LARGEST_MISFIT),
             False,
             points,
-            lambda p: math.log10(p.figures.misfit),
+            lambda point: math.log10(point.figures.misfit),
         ),
     ]
-    return tuple(each for each in found if any(map(math.isfinite, each.values)))
+    return tuple(criterion for criterion in criteria if any(map(math.isfinite, criterion.values)))
 
 
 def _criterion(
@@ -261,8 +309,10 @@ def _criterion(
     value: Callable[[SweepPoint], float],
 ) -> Criterion:
     values = tuple(float(value(point)) for point in points)
-    degree = _begins([math.log(point.figures.degree) for point in points], values, limit, below)
-    factor = _begins([math.log(point.frequency_factor) for point in points], values, limit, below)
+    log_degrees = [math.log(point.figures.degree) for point in points]
+    log_factors = [math.log(point.frequency_factor) for point in points]
+    degree = _failure_place(log_degrees, values, limit, below)
+    factor = _failure_place(log_factors, values, limit, below)
     return Criterion(
         name,
         sentence,
@@ -274,12 +324,12 @@ def _criterion(
     )
 
 
-def _begins(
+def _failure_place(
     places: Sequence[float], values: Sequence[float], limit: float, below: bool
 ) -> float | None:
-    """Return the interpolated place after which a series stays beyond its limit.
+    """Return the interpolated place after which all values are beyond the limit.
 
-    None if it never does, or is beyond from the first point on.
+    None if there is no such place, or if all values are beyond it.
     """
     beyond = [
         (value < limit) is below and value != limit and math.isfinite(value) for value in values
@@ -292,36 +342,38 @@ def _begins(
 
 
 def _fit(point: SweepPoint, elastic: bool) -> SweptMethod | None:
-    """Return the whole-record fit of the rigid model, or of the one with the fewest modes."""
+    """Return the whole-record fit of the rigid model or, if ``elastic``, of the model with the
+    fewest elastic modes; None if there is none.
+    """
     fits = [
-        each
-        for each in point.methods
-        if each.estimation.method == FIT and bool(each.estimation.modes) is elastic
+        method
+        for method in point.methods
+        if method.estimation.method == FIT and bool(method.estimation.modes) is elastic
     ]
-    return min(fits, key=lambda each: each.estimation.modes, default=None)
+    return min(fits, key=lambda method: method.estimation.modes, default=None)
 
 
 def _whiteness(point: SweepPoint) -> float:
     """Return log10 of the smallest p value of the channels, with Bonferroni's correction."""
     fit = _fit(point, False)
-    tests = (
-        [test.p_value for test in fit.tests if test.name == "ljung-box"] if fit is not None else []
-    )
-    return math.log10(max(min(1.0, len(tests) * min(tests)), 1e-300)) if tests else math.nan
+    tests = fit.tests if fit is not None else ()
+    p_values = [test.p_value for test in tests if test.name == "ljung-box"]
+    if not p_values:
+        return math.nan
+    return math.log10(max(min(1.0, len(p_values) * min(p_values)), SMALLEST_P_VALUE))
 
 
 def _preference(point: SweepPoint) -> float:
-    """Return the gain in the information criterion of the model with modes over the rigid one."""
+    """Return the advantage of the elastic over the rigid model in the information criterion."""
     rigid, elastic = _fit(point, False), _fit(point, True)
     if rigid is None or elastic is None:
         return math.nan
     states = 2 * (elastic.estimation.modes - rigid.estimation.modes)
-    return 2.0 * (
-        elastic.log_likelihood - rigid.log_likelihood
-    ) - NUMBERS_PER_STATE * states * math.log(point.samples)
+    gain = 2.0 * (elastic.log_likelihood - rigid.log_likelihood)
+    return gain - NUMBERS_PER_STATE * states * math.log(point.samples)
 
 
-# ---- A sweep for comparison.json
+# ---- Content of comparison.json and of the CSV file
 
 HEADINGS = (
     "frequency_factor",
@@ -340,38 +392,41 @@ HEADINGS = (
 
 def sweep_content(sweep: Sweep) -> dict[str, Any]:
     """Return points from stiff to soft, criteria and named structures; derivatives in SI."""
-    criteria = []
-    for each in criteria_of(sweep.points):
-        told: dict[str, Any] = {
-            "name": each.name,
-            "sentence": each.sentence,
-            "limit": each.limit,
-            "fails_below": each.below,
-        }
-        told["values"] = [
-            {"frequency_factor": p.frequency_factor, "value": v}
-            for p, v in zip(sweep.points, each.values, strict=True)
-            if math.isfinite(v)
-        ]
-        if each.degree is not None and each.frequency_factor is not None:
-            told |= {"degree": each.degree, "frequency_factor": each.frequency_factor}
-        criteria.append(told)
     return {
         "rigid": dict(sweep.rigid),
-        "points": [_point(point) for point in sweep.points],
-        "criteria": criteria,
+        "points": [_point_content(point) for point in sweep.points],
+        "criteria": [
+            _criterion_content(criterion, sweep) for criterion in criteria_of(sweep.points)
+        ],
         "marks": [
             {
                 "label": mark.label,
                 "frequency_factor": mark.frequency_factor,
                 "published": {
                     name: {"value": start.value, "std": start.std}
-                    for name, start in printed.items()
+                    for name, start in published.items()
                 },
             }
-            for mark, printed in sweep.marks
+            for mark, published in sweep.marks
         ],
     }
+
+
+def _criterion_content(criterion: Criterion, sweep: Sweep) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "name": criterion.name,
+        "sentence": criterion.sentence,
+        "limit": criterion.limit,
+        "fails_below": criterion.below,
+        "values": [
+            {"frequency_factor": point.frequency_factor, "value": value}
+            for point, value in zip(sweep.points, criterion.values, strict=True)
+            if math.isfinite(value)
+        ],
+    }
+    if criterion.degree is not None and criterion.frequency_factor is not None:
+        content |= {"degree": criterion.degree, "frequency_factor": criterion.frequency_factor}
+    return content
 
 
 def sweep_csv(sweep: Sweep) -> str:
@@ -380,30 +435,30 @@ def sweep_csv(sweep: Sweep) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADINGS)
     for point in sweep.points:
-        for found in point.methods:
-            for at, name in enumerate(found.names):
-                if name not in found.condensed:
+        for method in point.methods:
+            for i, name in enumerate(method.names):
+                if name not in method.condensed:
                     continue
                 rigid = repr(sweep.rigid[name]) if name in sweep.rigid else ""
                 numbers = (
-                    found.condensed[name],
-                    float(found.values[at]),
-                    float(found.std[at]),
-                    *found.errors(name),
+                    method.condensed[name],
+                    float(method.values[i]),
+                    float(method.std[i]),
+                    *method.errors(name),
                 )
-                label = [
+                labels = [
                     repr(point.frequency_factor),
                     repr(point.figures.degree),
-                    found.estimation.name,
+                    method.estimation.name,
                     name,
                     sweep.units[name],
                     rigid,
                 ]
-                writer.writerow([*label, *map(repr, numbers)])
+                writer.writerow([*labels, *map(repr, numbers)])
     return text.getvalue()
 
 
-def _point(point: SweepPoint) -> dict[str, Any]:
+def _point_content(point: SweepPoint) -> dict[str, Any]:
     figures = point.figures
     return {
         "frequency_factor": point.frequency_factor,
@@ -413,22 +468,23 @@ def _point(point: SweepPoint) -> dict[str, Any]:
         "rigid_serves": figures.rigid_serves,
         "condensed": dict(figures.condensed),
         "best_rigid": dict(figures.fitted),
-        "methods": {found.estimation.name: _method(found) for found in point.methods},
+        "methods": {method.estimation.name: _method_content(method) for method in point.methods},
     }
 
 
-def _method(found: SweptMethod) -> dict[str, Any]:
-    rows = {}
-    for at, name in enumerate(found.names):
-        if name in found.condensed:
-            percent, sigmas = found.errors(name)
-            row = {
-                "estimate": float(found.values[at]),
-                "std": float(found.std[at]),
-                "condensed": found.condensed[name],
+def _method_content(method: SweptMethod) -> dict[str, Any]:
+    parameters = {}
+    for i, name in enumerate(method.names):
+        if name in method.condensed:
+            percent, sigmas = method.errors(name)
+            parameters[name] = {
+                "estimate": float(method.values[i]),
+                "std": float(method.std[i]),
+                "condensed": method.condensed[name],
+                "error_percent": percent,
+                "error_sigmas": sigmas,
             }
-            rows[name] = {**row, "error_percent": percent, "error_sigmas": sigmas}
-    content: dict[str, Any] = {"outcome": found.outcome.code, "parameters": rows}
-    return content | (
-        {"log_likelihood": found.log_likelihood} if math.isfinite(found.log_likelihood) else {}
-    )
+    content: dict[str, Any] = {"outcome": method.outcome.code, "parameters": parameters}
+    if math.isfinite(method.log_likelihood):
+        content["log_likelihood"] = method.log_likelihood
+    return content

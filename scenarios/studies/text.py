@@ -62,46 +62,47 @@ from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
 # ---- What records and priors determine, in the terminal
 
 UNINFORMED_SHARE = 0.95  # posterior over prior sigma above which a record adds nothing
-MOST_NAMED_DIRECTIONS = 3  # directions of each kind that are named
+MOST_NAMED_DIRECTIONS = 3  # directions that are named as best known and as least known
+MOST_NAMED_PARTS = 3  # parameters that are named of a direction
+MOST_NAMED_PARAMETERS = 8  # parameters that are named as overclaimed
 
 
 def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
-    """Return tables of posterior over prior sigma and of the prior's share, by method."""
-    first = methods[0].found
-    ratio = [
-        dict(zip(m.found.names, (m.found.posterior_std / m.found.prior_std).tolist(), strict=True))
-        for m in methods
-    ]
-    share = [dict(zip(m.found.names, m.found.prior_share.tolist(), strict=True)) for m in methods]
+    """Return a table of posterior over prior sigma and of the prior's share by method, and
+    sentences.
+    """
+    names = methods[0].found.names
+    ratios, shares = [], []  # of each method, by parameter
+    for method in methods:
+        found = method.found
+        ratio = (found.posterior_std / found.prior_std).tolist()
+        ratios.append(dict(zip(found.names, ratio, strict=True)))
+        shares.append(dict(zip(found.names, found.prior_share.tolist(), strict=True)))
     shown = [
-        name
-        for name in first.names
-        if any(each.get(name, 1.0) < UNINFORMED_SHARE for each in ratio)
+        name for name in names if any(ratio.get(name, 1.0) < UNINFORMED_SHARE for ratio in ratios)
     ]
-    shown.sort(key=lambda name: ratio[0][name])
+    shown.sort(key=lambda name: ratios[0][name])
     labels = [method.estimation.name for method in methods]
-    blocks: list[Block] = [
-        table(
-            "sigma over the prior's, and share of the variance that the prior gives",
-            (Column("parameter"), shown),
-            *(
-                (Column(f"{label}, sigma", PURE), [known(each.get(n), 3) for n in shown])
-                for label, each in zip(labels, ratio, strict=True)
-            ),
-            *(
-                (
-                    Column(f"{label}, prior", "%"),
-                    [known(100 * each[n] if n in each else None, 0) for n in shown],
-                )
-                for label, each in zip(labels, share, strict=True)
-            ),
-        )
+    ratio_columns = [
+        (Column(f"{label}, sigma", PURE), [known(ratio.get(name), 3) for name in shown])
+        for label, ratio in zip(labels, ratios, strict=True)
     ]
-    rest = len(first.names) - len(shown)
-    if rest:
+    share_columns = [
+        (
+            Column(f"{label}, prior", "%"),
+            [known(100 * share[name] if name in share else None, 0) for name in shown],
+        )
+        for label, share in zip(labels, shares, strict=True)
+    ]
+    caption = "sigma over the prior's, and share of the variance that the prior gives"
+    blocks: list[Block] = [
+        table(caption, (Column("parameter"), shown), *ratio_columns, *share_columns)
+    ]
+    not_shown = len(names) - len(shown)
+    if not_shown:
         blocks.append(
             Prose(
-                f"the other {rest} of {len(first.names)} parameters keep more than "
+                f"the other {not_shown} of {len(names)} parameters keep more than "
                 f"{UNINFORMED_SHARE:g} of their prior's sigma with every method"
             )
         )
@@ -111,39 +112,42 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
 
 
 def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
-    """Return sentences on what the record determines best and least, and on overclaims."""
+    """Return sentences on the directions that the record determines best and least, and on
+    parameters with too small sigmas. A direction is a linear combination of parameters.
+    """
     found, label = method.found, method.estimation.name
     seen = len(found.names) - found.unseen
+    directions = [_direction(method, number) for number in range(seen)]
     sentences = [
         f"{label}: of {len(found.names)} parameters the record shows {seen} directions and knows "
         f"{found.determined} of them better than the prior "
         f"does ({found.effective:.1f} numbers settled); along {found.unseen} directions the "
-        "outputs do not change at all, whatever the noise"
+        "outputs do not change at all, whatever the noise",
+        f"{label}: known best: {'; '.join(directions[:MOST_NAMED_DIRECTIONS])}",
+        f"{label}: seen least: {'; '.join(directions[-MOST_NAMED_DIRECTIONS:])}",
     ]
-    best, least = (
-        range(min(MOST_NAMED_DIRECTIONS, seen)),
-        range(max(seen - MOST_NAMED_DIRECTIONS, 0), seen),
-    )
-    sentences.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
-    sentences.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
-    if method.overclaimed:
-        names = ", ".join(method.overclaimed[:8]) + (", ..." if len(method.overclaimed) > 8 else "")
+    overclaimed = method.overclaimed
+    if overclaimed:
+        more = ", ..." if len(overclaimed) > MOST_NAMED_PARAMETERS else ""
+        names = ", ".join(overclaimed[:MOST_NAMED_PARAMETERS]) + more
         sentences.append(
-            f"{label}: claims {len(method.overclaimed)} parameters better than record and prior "
+            f"{label}: claims {len(overclaimed)} parameters better than record and prior "
             f"allow: {names}"
         )
     return tuple(sentences)
 
 
-def _direction(method: MethodDetermination, at: int) -> str:
-    parts = method.found.composition(at, 3)
-    named = " ".join(f"{part:+.2f} {name}" for name, part in parts)
-    return f"{method.found.strengths[at]:.2g} times the prior ({named.removeprefix('+')})"
+def _direction(method: MethodDetermination, number: int) -> str:
+    """Return strength and largest parts of a direction."""
+    parts = method.found.composition(number, MOST_NAMED_PARTS)
+    combination = " ".join(f"{part:+.2f} {name}" for name, part in parts).removeprefix("+")
+    return f"{method.found.strengths[number]:.2g} times the prior ({combination})"
 
 
 # ---- A sweep in the terminal
 
 LEAST_LOG_PROBABILITY = -20  # decimal logarithm of the smallest probability that is printed
+# Criterion -> heading of its column; empty for none.
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
 
 
@@ -151,85 +155,77 @@ def sweep_blocks(sweep: Sweep) -> list[Block]:
     """Return the tables of criteria and of errors by structure, and sentences on the criteria."""
     criteria, points = criteria_of(sweep.points), sweep.points
     names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
-    factors = (
-        Column("frequencies", PURE, left=True),
-        [
-            Number(
-                p.frequency_factor,
-                shown=f"{p.frequency_factor:g} {names.get(p.frequency_factor, '')}".strip(),
-            )
-            for p in points
-        ],
-    )
+    factors: list[Cell] = []
+    for point in points:
+        factor = point.frequency_factor
+        factors.append(Number(factor, shown=f"{factor:g} {names.get(factor, '')}".strip()))
+    factor_column = (Column("frequencies", PURE, left=True), factors)
+    properties = [point.figures for point in points]
     blocks: list[Block] = [
         table(
             "structures from stiff to soft",
-            factors,
-            (Column("degree", PURE), [Number(p.figures.degree, digits=4) for p in points]),
+            factor_column,
+            (Column("degree", PURE), [Number(item.degree, digits=4) for item in properties]),
             (
                 Column("stiffness lost", "%"),
-                [Number(100 * p.figures.stiffness_loss, digits=1) for p in points],
+                [Number(100 * item.stiffness_loss, digits=1) for item in properties],
             ),
-            (Column("misfit/noise", PURE), [Number(p.figures.misfit, digits=2) for p in points]),
+            (Column("misfit/noise", PURE), [Number(item.misfit, digits=2) for item in properties]),
             *(
                 (
-                    Column(HEADINGS[each.name], PURE),
-                    [_criterion_cell(each.name, value) for value in each.values],
+                    Column(HEADINGS[criterion.name], PURE),
+                    [_criterion_cell(criterion.name, value) for value in criterion.values],
                 )
-                for each in criteria
-                if HEADINGS[each.name]
+                for criterion in criteria
+                if HEADINGS[criterion.name]
             ),
         )
     ]
-    for number, found in enumerate(points[0].methods):
+    for number, method in enumerate(points[0].methods):
         title = (
-            f"{found.estimation.label}: error against the condensed derivatives in % (in standard "
+            f"{method.estimation.label}: error against the condensed derivatives in % (in standard "
             "deviations)"
         )
         columns = [
             (
                 Column(name, "%", printed=name),
-                [_error(point, number, name) for point in points],
+                [_error_cell(point, number, name) for point in points],
             )
             for name in sweep.rigid
-            if name in found.names
+            if name in method.names
         ]
-        blocks.append(table(title, factors, *columns))
-    return [*blocks, *(Prose(criterion_sentence(each, sweep)) for each in criteria)]
+        blocks.append(table(title, factor_column, *columns))
+    return [*blocks, *(Prose(criterion_sentence(criterion, sweep)) for criterion in criteria)]
 
 
 def sweep_phrase(sweep: Sweep) -> str:
-    """Return the degree of flexibility at which a rigid model fails each criterion, in one line."""
-    texts = [
-        f"{each.name} from {each.degree:.3g} on"
-        if each.degree is not None
-        else f"{each.name} {_everywhere(each)}"
-        for each in criteria_of(sweep.points)
-    ]
+    """Return the degree of flexibility from which a rigid model fails each criterion."""
+    texts = []
+    for criterion in criteria_of(sweep.points):
+        if criterion.degree is not None:
+            where = f"from {criterion.degree:.3g} on"
+        elif _fails_first(criterion):
+            where = "on every structure"
+        else:
+            where = "on none"
+        texts.append(f"{criterion.name} {where}")
     return f"degree of flexibility from which a rigid model fails: {', '.join(texts)}"
 
 
-def _everywhere(criterion: Criterion) -> str:
-    fails = (
-        criterion.values[0] < criterion.limit
-        if criterion.below
-        else criterion.values[0] > criterion.limit
-    )
-    return "on every structure" if fails else "on none"
+def _fails_first(criterion: Criterion) -> bool:
+    """Return whether a rigid model fails the criterion on the stiffest structure."""
+    if criterion.below:
+        return criterion.values[0] < criterion.limit
+    return criterion.values[0] > criterion.limit
 
 
 def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
-    """Return a sentence on the structure from which on a rigid model fails the criterion."""
+    """Return a sentence on the structure from which a rigid model fails the criterion."""
     if criterion.degree is None or criterion.frequency_factor is None:
-        fails = (
-            criterion.values[0] < criterion.limit
-            if criterion.below
-            else criterion.values[0] > criterion.limit
-        )
-        return (
-            f"{criterion.sentence}: "
-            f"{'on every structure of the sweep' if fails else 'on none of the sweep, or not from one on'}"  # noqa: E501
-        )
+        where = "on none of the sweep, or not from one on"
+        if _fails_first(criterion):
+            where = "on every structure of the sweep"
+        return f"{criterion.sentence}: {where}"
     first, last = sweep.points[0].figures.degree, sweep.points[-1].figures.degree
     where = (
         f"from a degree of flexibility of {criterion.degree:.3g} on (frequencies by "
@@ -239,21 +235,20 @@ def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
 
 
 def _criterion_cell(name: str, value: float) -> Cell:
+    """Return the value of a criterion; that of whiteness is the logarithm of a probability."""
     if name != "whiteness":
         return Number(value, digits=0)
-    share = 10.0**value
-    return Number(
-        share,
-        shown=f"{share:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}",
-    )
+    probability = 10.0**value
+    text = f"{probability:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}"
+    return Number(probability, shown=text)
 
 
-def _error(point: SweepPoint, method: int, name: str) -> Cell:
+def _error_cell(point: SweepPoint, method: int, name: str) -> Cell:
     percent, sigmas = point.methods[method].errors(name)
     return Number(percent, shown=f"{percent:+.1f} ({sigmas:+.1f})")
 
 
-# ---- Tables for the terminal (rich)
+# ---- A study in the terminal
 
 
 def print_study(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
@@ -300,9 +295,9 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def print_brief(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
-    """Print the summary of a study, the main method's estimates, and where to find the rest.
+    """Print the summary of a study, the main method's estimates, and where the other results are.
 
-    ``details``: place of the rest, see ``details_in``.
+    ``details`` names this place, see ``details_in``.
     """
     out = out or console()
     main = study.main
@@ -315,7 +310,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def rest_of(details: str) -> str:
-    """Return the line that says where to read the rest of the study."""
+    """Return a sentence that says where all results of the study are."""
     if details == BELOW:
         return "--out FOLDER keeps the whole study, with a page to read"
     page = Path(details.removeprefix("below; in "))
@@ -329,9 +324,9 @@ def study_summary(study: StudyResult, details: str = BELOW) -> Summary:
     others = f"; {further} further method{'s' * (further > 1)} in the report" if further else ""
     errors = {row.name: row.sigmas for row in main.rows if row.sigmas is not None and row.std > 0.0}
     worst = max(errors, key=lambda name: abs(errors[name]), default="")
-    outcome = main.result.estimate.outcome.value + (
-        f"; largest error {errors[worst]:+.1f} sigma ({worst})" if worst else ""
-    )
+    outcome = main.result.estimate.outcome.value
+    if worst:
+        outcome += f"; largest error {errors[worst]:+.1f} sigma ({worst})"
     result = result_phrase(
         [(row.name, row.estimate, row.std, row.unit) for row in main.rows], main.derived
     )
@@ -359,9 +354,8 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
     show_table(out, estimates_table(title, rows))
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    seen = other_flight_line(study.scenario, method.estimation)
     for line in (
-        seen,
+        other_flight_line(study.scenario, method.estimation),
         derived_line(method.derived),
         levels,
         test_line(method.tests),
@@ -372,23 +366,28 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
             print_paragraph(out, line)
 
 
-def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
-    """Return tables of repeated flights: coverage, errors (sigmas and units), failed runs."""
-    runs = sum(found[0].outcomes.values())
-    labels = [f"{each.flight}: {each.estimation.label}" for each in found]
-    units = {
-        name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)
-    }
-    shares = [(share, low, high) for each in found for share, (low, high) in [each.within_two]]
+def repeated_blocks(scatters: Sequence[Scatter]) -> list[Block]:
+    """Return tables of the results of repeated flights, and notes on runs that failed.
 
-    def percent(at: int) -> list[Cell]:
-        return [Number(100.0 * each[at], digits=0) for each in shares]
+    The tables have the coverage, and the errors in sigmas and in the units of the derivatives.
+    """
+    runs = sum(scatters[0].outcomes.values())
+    labels = [f"{scatter.flight}: {scatter.estimation.label}" for scatter in scatters]
+    units: dict[str, str] = {}
+    for scatter in scatters:
+        units |= dict(zip(scatter.names, scatter.units, strict=True))
+    converged = [scatter.outcomes.get("converged", 0) for scatter in scatters]
+    coverage = [(share, *interval) for share, interval in (item.within_two for item in scatters)]
 
-    def errors(name: str, form: str, values: Callable[[Scatter], np.ndarray]) -> list[Cell]:
-        return [
-            formatted(values(each)[each.names.index(name)] if name in each.names else None, form)
-            for each in found
+    def percent(entry: int) -> list[Cell]:
+        return [Number(100.0 * row[entry], digits=0) for row in coverage]
+
+    def errors(name: str, form: str, rms: Callable[[Scatter], np.ndarray]) -> list[Cell]:
+        values = [
+            rms(scatter)[scatter.names.index(name)] if name in scatter.names else None
+            for scatter in scatters
         ]
+        return [formatted(value, form) for value in values]
 
     flights = (Column("flight: method"), labels)
     blocks: list[Block] = [
@@ -396,10 +395,7 @@ def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
             f"{runs} runs of each flight: intervals that hold the truth, and root mean square "
             "error in reported sigmas",
             flights,
-            (
-                Column("settled", PURE),
-                [Number(each.outcomes.get("converged", 0), digits=0) for each in found],
-            ),
+            (Column("settled", PURE), [Number(count, digits=0) for count in converged]),
             (Column("within two sigmas", "%"), percent(0)),
             (Column("from (95 %)", "%"), percent(1)),
             (Column("to", "%", beside=True), percent(2)),
@@ -417,28 +413,33 @@ def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
             ),
         ),
     ]
-    for each in found:
-        others = ", ".join(
+    for scatter in scatters:
+        failures = [
             f"{count} {code}"
-            for code, count in sorted(each.outcomes.items())
+            for code, count in sorted(scatter.outcomes.items())
             if code != "converged"
-        )
-        if others:
-            line = f"{each.flight}, {each.estimation.label}: {others} of {runs} left out"
+        ]
+        if failures:
+            line = (
+                f"{scatter.flight}, {scatter.estimation.label}: {', '.join(failures)} of {runs} "
+                "left out"
+            )
             blocks.append(Prose(line, "note"))
     return blocks
 
 
 def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
-    """Return the rows in display units, with frequencies in Hz and the scenario's ``display``."""
+    """Return the rows in display units; further rows have frequencies in Hz, and parameters in the
+    units of the scenario's ``display``.
+    """
     from scenarios.studies.comparison import in_unit
 
-    out = []
+    displayed = []
     for row in rows:
-        shown = shown_in(row.unit, row.name).unit
-        out.append(row if shown == row.unit else in_unit(row, shown))
+        unit = shown_in(row.unit, row.name).unit
+        displayed.append(row if unit == row.unit else in_unit(row, unit))
         if is_frequency(row.name, row.unit):
-            out.append(in_unit(row, "Hz"))
+            displayed.append(in_unit(row, "Hz"))
         if row.name in study.scenario.display:
-            out.append(in_unit(row, study.scenario.display[row.name]))
-    return out
+            displayed.append(in_unit(row, study.scenario.display[row.name]))
+    return displayed

@@ -124,9 +124,9 @@ def fitted_sets(
     from ident.whole_record.layout import FitSettings
     from scenarios.diagnosis.opening import (
         candidates_for,
+        loop_input_for,
         opened_files,
         own_effects,
-        posed_for,
         vehicle_path_of,
     )
     from scenarios.preparation.declared_model import step_for
@@ -134,16 +134,16 @@ def fitted_sets(
 
     request = flight.request()
     opened = opened_files(request, vehicle_path_of(request))
-    posed = posed_for(opened, request.plan)
-    records = (*posed.records, *posed.predicted)
+    prepared = loop_input_for(opened, request.plan)
+    records = (*prepared.records, *prepared.predicted)
     by_name = {
         each.name: each
-        for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])
+        for each in candidates_for(prepared.model, own_effects(request.effects, prepared.model)[0])
     }
     measured = {name for record in records for name in record.output_names}
-    outputs = [item.name for item in posed.model.equations.outputs if item.name in measured]
-    data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
-    settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
+    outputs = [item.name for item in prepared.model.equations.outputs if item.name in measured]
+    data = FitData(records, measured_masks(records, outputs), prepared.model, outputs)
+    settings = FitSettings(max_step=step_for(prepared.model, prepared.records, 0.01), enough=1e-6)
     able = [name for name in names if name in by_name]
     search = _EffectSetFits(
         data,
@@ -165,10 +165,10 @@ def fitted_sets(
     )
     declared = [
         item.name
-        for item in posed.model.parameters
+        for item in prepared.model.parameters
         if item.free and not item.name.startswith("bias_")
     ]
-    units = {item.name: item.unit for item in posed.model.parameters}
+    units = {item.name: item.unit for item in prepared.model.parameters}
     local = {name: [item.name for item in by_name[name].parameters if item.free] for name in able}
     return {
         "declared": declared,

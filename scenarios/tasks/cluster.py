@@ -29,9 +29,10 @@ CONNECTION_TIMEOUT = 6.0  # s, longest wait for a scheduler's answer
 SILENCE_TIMEOUT = 20.0  # s without an answer after which a scheduler is lost
 CHECK_INTERVAL = 2.0  # s between checks of the scheduler and its workers
 POLL_INTERVAL = 0.01  # s between checks for finished blocks
-# blocks on their way for each thread of a worker: none waits for work, and memory is bounded
+# Blocks that are sent for each thread of the workers: enough that no thread waits, few enough to
+# limit memory.
 BLOCKS_PER_THREAD = 3
-BLOCKS_WITHOUT_WORKERS = 4  # blocks on their way while there are no workers yet
+BLOCKS_WITHOUT_WORKERS = 4  # blocks that are sent while the cluster has no workers
 CLOSING_TIMEOUT = 1.0  # s, longest wait when disconnecting
 
 
@@ -42,35 +43,40 @@ def run_on_cluster(
     longest: float | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> Generator[list[Ended], None, None]:
-    """Run blocks as ``run_blocks`` does, by the workers of the Dask scheduler at ``address``;
-    ``say`` receives what it waits for.
+    """Run blocks as ``run_blocks`` does, on the workers of a Dask scheduler.
 
-    The work is sent once to each worker. A block whose worker dies is run by another, until Dask
-    gives it up; then that is recorded.
+    The work is sent once to each worker. A block whose worker dies is run by another worker. After
+    several deaths Dask stops, which is recorded as the error of the block.
+
+    Parameters
+    ----------
+    work, blocks, longest : as for ``run_blocks``.
+    address : address of the scheduler.
+    say : called with a sentence if the cluster has no workers.
 
     Raises
     ------
-    FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the
-        flightid that is here.
+    FlightidError : Dask is not installed; no scheduler answers or it is lost; or a worker has
+        another version of flightid.
     """
     if not len(blocks):
         return
     with _connected(address) as client:
-        yield from _streamed(client, _Sending(client, work, longest), blocks, address, say)
+        yield from _results(client, _Sender(client, work, longest), blocks, address, say)
 
 
 class _SentBlock(NamedTuple):
-    """A block on its way."""
+    """A block that was sent: its number and its future result."""
 
-    at: int
+    number: int
     future: Future
 
 
-class _Sending:
-    """Sending of blocks to the cluster.
+class _Sender:
+    """Sends blocks to the cluster.
 
-    Only plain values and functions by value are sent. The scheduler does not need flightid, and a
-    worker without it can report this.
+    It sends plain values, and functions as code. So the scheduler does not need flightid, and a
+    worker without flightid can report this.
     """
 
     def __init__(self, client: Client, work: Work, longest: float | None) -> None:
@@ -102,69 +108,70 @@ class _Sending:
         self._work = client.submit(loaded, pickle.dumps(work), key=f"{self.token}-work")
         self._run = run
 
-    def __call__(self, at: int, block: Sequence[Task]) -> Future:
-        plain = [(task.number, task.seed) for task in block]
+    def __call__(self, index: int, block: Sequence[Task]) -> Future:
+        """Send a block and return its future result."""
+        plain_block = [(task.number, task.seed) for task in block]
         return self.client.submit(
             self._run,
             self._work,
             self.token,
-            plain,
+            plain_block,
             self.longest,
             versions(),
-            key=f"{self.token}-{at}",
+            key=f"{self.token}-{index}",
             pure=False,
         )
 
 
-def _streamed(
+def _results(
     client: Client,
-    send: _Sending,
+    send: _Sender,
     blocks: Sequence[Sequence[Task]],
     address: str,
     say: Callable[[str], None],
 ) -> Generator[list[Ended], None, None]:
+    """Send all blocks, a limited number at a time, and yield the results of each that has ended."""
     from distributed import as_completed
 
-    coming: Any = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
-    waiting: dict[str, _SentBlock] = {}
-    given, window, looked = 0, BLOCKS_WITHOUT_WORKERS, -CHECK_INTERVAL
-    while given < len(blocks) or waiting:
-        if time.monotonic() - looked > CHECK_INTERVAL:
+    completed: Any = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
+    running: dict[str, _SentBlock] = {}
+    sent, most_running, last_check = 0, BLOCKS_WITHOUT_WORKERS, -CHECK_INTERVAL
+    while sent < len(blocks) or running:
+        if time.monotonic() - last_check > CHECK_INTERVAL:
             threads = _threads(client, address)
-            window, looked = (
-                max(BLOCKS_WITHOUT_WORKERS, BLOCKS_PER_THREAD * threads),
-                time.monotonic(),
-            )
-            if not threads:
-                say(
-                    "the cluster has no workers yet"
-                    if not given
-                    else "the cluster has no workers, waiting for some"
-                )
-        while given < len(blocks) and len(waiting) < window:
-            future = send(given, blocks[given])
-            waiting[str(future.key)] = _SentBlock(given, future)
-            coming.add(future)
-            given += 1
-        batch = coming.next_batch(block=False)
+            most_running = max(BLOCKS_WITHOUT_WORKERS, BLOCKS_PER_THREAD * threads)
+            last_check = time.monotonic()
+            if not threads and not sent:
+                say("the cluster has no workers yet")
+            elif not threads:
+                say("the cluster has no workers, waiting for some")
+        while sent < len(blocks) and len(running) < most_running:
+            future = send(sent, blocks[sent])
+            running[str(future.key)] = _SentBlock(sent, future)
+            completed.add(future)
+            sent += 1
+        batch = completed.next_batch(block=False)
         if not batch:
             time.sleep(POLL_INTERVAL)
         for future, result in batch:
-            to = waiting.pop(str(future.key))
-            ended = _ended(blocks[to.at], future, result, address)
+            sent_block = running.pop(str(future.key))
+            ended = _ended(blocks[sent_block.number], future, result, address)
             future.release()
             yield ended
 
 
 def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> list[Ended]:
-    """Return the results of a block; Dask's own failures are recorded as circumstances."""
+    """Return the ended tasks of a block. Failures of Dask are recorded as ``passing`` errors.
+
+    A worker that cannot run the block returns the reason, alone or with a remedy.
+    """
     if isinstance(result, tuple):
         what, remedy = result
         raise FlightidError(what, where=address, remedy=remedy)
     if isinstance(result, str):
-        there = ", ".join(f"{name} {number}" for name, number in versions().items())
+        own_versions = ", ".join(f"{name} {number}" for name, number in versions().items())
         raise FlightidError(
-            result, where=address, remedy=f"have the same on every worker as here: {there}"
+            result, where=address, remedy=f"have the same on every worker as here: {own_versions}"
         )
     if future.status == "finished":
         return list(result)
@@ -181,7 +188,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
 
 
 def _threads(client: Client, address: str) -> int:
-    """Return the number of threads of all workers. Raises FlightidError without an answer."""
+    """Return the number of threads of all workers; raise FlightidError without an answer."""
     scheduler = client.scheduler
     if client.status != "running" or scheduler is None:
         raise _lost(address)
@@ -197,7 +204,7 @@ def _lost(address: str) -> FlightidError:
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """Context manager: client of the scheduler without log output. Cancels its tasks at the end."""
+    """Connect to the scheduler, without log output; at the end, cancel the tasks of the client."""
     try:
         import dask
         from distributed import Client
@@ -209,12 +216,11 @@ def _connected(address: str) -> Iterator[Client]:
     }
     with _quiet(), dask.config.set(settings):
         try:
-            kind = _kind(address)
-            client = (
-                Client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False, name="flightid")
-                if kind == "Scheduler"
-                else None
-            )
+            kind, client = _kind(address), None
+            if kind == "Scheduler":
+                client = Client(
+                    address, timeout=CONNECTION_TIMEOUT, set_as_default=False, name="flightid"
+                )
         except Exception as error:
             raise FlightidError(
                 f"no Dask scheduler answers ({_short(error)})", where=address, remedy=START
@@ -231,36 +237,38 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _kind(address: str) -> str:
-    """Return the kind of the process at an address: ``"Scheduler"``, ``"Worker"``, ... A client
-    would wait for ever if something else listens there.
+    """Return the kind of the process at an address, as ``"Scheduler"`` or ``"Worker"``.
+
+    A client would wait for ever for a process of another kind.
     """
     from distributed.core import rpc
 
-    async def asked() -> str:
-        async with rpc(address, timeout=CONNECTION_TIMEOUT) as there:
-            return str((await there.identity())["type"])
+    async def request_kind() -> str:
+        async with rpc(address, timeout=CONNECTION_TIMEOUT) as process:
+            return str((await process.identity())["type"])
 
-    async def in_time() -> str:
-        return await asyncio.wait_for(asked(), CONNECTION_TIMEOUT)
+    async def request_in_time() -> str:
+        return await asyncio.wait_for(request_kind(), CONNECTION_TIMEOUT)
 
-    answer: queue.SimpleQueue[str | Exception] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[str | Exception] = queue.SimpleQueue()
 
     def run() -> None:
         try:
-            answer.put(asyncio.run(in_time()))
+            answers.put(asyncio.run(request_in_time()))
         except Exception as error:
-            answer.put(error)
+            answers.put(error)
 
-    # In a thread, since a notebook has its own event loop; a daemon, so that Ctrl-C works.
+    # A thread, because a notebook has an event loop of its own; a daemon, so that Ctrl-C works.
     threading.Thread(target=run, daemon=True).start()
-    found = answer.get()
-    if isinstance(found, Exception):
-        raise found
-    return found
+    answer = answers.get()
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
+    """Suppress log output and warnings of Dask."""
     names = [
         name
         for name in logging.root.manager.loggerDict

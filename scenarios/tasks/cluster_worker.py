@@ -20,10 +20,10 @@ from scenarios.tasks.work import DECIDING, Ended, Task, Work
 
 IDLE_TIMEOUT = 30.0  # s after which an idle process is ended
 
-_lock = threading.Lock()
-_sweeping = threading.Lock()  # held while a sweep is due
-_idle: list[_Lane] = []
-_works: dict[str, Work] = {}  # the one that was sent last, by its token
+_lock = threading.Lock()  # protects ``_idle`` and ``_works``
+_sweeping = threading.Lock()  # held while a timer for ``_sweep`` runs
+_idle: list[_BlockProcess] = []
+_works: dict[str, Work] = {}  # token -> work; only the last one
 
 
 def run_sent(
@@ -31,35 +31,46 @@ def run_sent(
     token: str,
     block: Sequence[tuple[int, int]],
     longest: float | None,
-    asked: Mapping[str, str],
+    client_versions: Mapping[str, str],
 ) -> list[Ended] | str | tuple[str, str]:
-    """Return a block ``(number, seed)`` of the pickled work ``content``; or, in words, why this
-    worker cannot run it, with the remedy if it is known.
+    """Run a block in a process of this worker.
 
-    A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and
-    threads of one worker do not share an interpreter: in a worker with four, four processes work.
+    The worker survives a block that ends its process or exceeds its time. Each thread of a worker
+    has a process of its own.
+
+    Parameters
+    ----------
+    content : the pickled work.
+    token : identifier of the work.
+    block : number and seed of each task.
+    longest : time limit of the block, s.
+    client_versions : versions of packages at the client.
+
+    Returns
+    -------
+    The ended tasks. If this worker cannot run the block: the reason, alone or with a remedy.
     """
-    if differing := _differing(asked, versions()):
-        return f"the worker on {socket.gethostname()} has {differing}"
+    if difference := _version_difference(client_versions, versions()):
+        return f"the worker on {socket.gethostname()} has {difference}"
     try:
-        lane = _lane(content, token, longest)
+        process = _block_process(content, token, longest)
     except Exception as error:
         return (
             f"the worker on {socket.gethostname()} cannot load what is to be done "
             f"({' '.join(f'{type(error).__name__}: {error}'.split())})"
         )
-    if isinstance(lane, tuple):
-        return lane
-    ended = lane.run([Task(number, seed) for number, seed in block])
+    if isinstance(process, tuple):
+        return process
+    ended = process.run([Task(number, seed) for number, seed in block])
     with _lock:
-        lane.since = time.monotonic()
-        _idle.append(lane)
+        process.idle_since = time.monotonic()
+        _idle.append(process)
     _sweep_later()
     return ended
 
 
-class _One(Sequence[Sequence[Task]]):
-    """Blocks that are requested one after another and put in as they come."""
+class _NextBlock(Sequence[Sequence[Task]]):
+    """An endless sequence of blocks; ``block`` is set before each is requested."""
 
     block: Sequence[Task] = ()
 
@@ -75,40 +86,44 @@ class _One(Sequence[Sequence[Task]]):
         return self.block
 
 
-class _Lane:
-    """A process that waits for blocks of one work."""
+class _BlockProcess:
+    """A process that runs blocks of one work, one after the other."""
 
     def __init__(self, work: Work, token: str, longest: float | None) -> None:
-        self.token, self.since = token, time.monotonic()
-        self._blocks = _One()
-        self._ended = run_in_processes(work, self._blocks, 1, longest)
+        self.token, self.idle_since = token, time.monotonic()
+        self._blocks = _NextBlock()
+        self._results = run_in_processes(work, self._blocks, 1, longest)
 
     def run(self, block: Sequence[Task]) -> list[Ended]:
         self._blocks.block = block
-        return next(self._ended)
+        return next(self._results)
 
     def end(self) -> None:
-        self._ended.close()
+        self._results.close()
 
 
-def _lane(content: bytes, token: str, longest: float | None) -> _Lane | tuple[str, str]:
-    # Nannies start their workers as daemons, which may have no children; ours end with them.
+def _block_process(
+    content: bytes, token: str, longest: float | None
+) -> _BlockProcess | tuple[str, str]:
+    """Return an idle or new process for a work; a reason and remedy if the work is not ready."""
+    # Dask starts workers as daemons, which must not have children. These children end with them.
     vars(multiprocessing.current_process())["_config"]["daemon"] = False
     with _lock:
-        for lane in _idle:
-            if lane.token == token:
-                _idle.remove(lane)
-                return lane
+        for process in _idle:
+            if process.token == token:
+                _idle.remove(process)
+                return process
         work = _works.get(token)
         if work is None:
             work = pickle.loads(content)
             _works.clear()
             _works[token] = work
     unready: tuple[str, str] | None = getattr(work, "unready", lambda: None)()
-    return unready or _Lane(work, token, longest)
+    return unready or _BlockProcess(work, token, longest)
 
 
 def _sweep_later() -> None:
+    """Start a timer that ends idle processes, unless one is running."""
     if _sweeping.acquire(blocking=False):
         timer = threading.Timer(IDLE_TIMEOUT / 2.0, _sweep)
         timer.daemon = True
@@ -125,27 +140,34 @@ def _sweep() -> None:
 def _end_idle(longest: float) -> None:
     """End processes that have been idle for ``longest`` s."""
     with _lock:
-        old = [lane for lane in _idle if time.monotonic() - lane.since >= longest]
-        for lane in old:
-            _idle.remove(lane)
+        old = [process for process in _idle if time.monotonic() - process.idle_since >= longest]
+        for process in old:
+            _idle.remove(process)
         if old and not _idle:
             _works.clear()
-    for lane in old:
-        lane.end()
+    for process in old:
+        process.end()
 
 
-def _differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return the first difference on which the last digits hang, in words; of Python, the second
-    number of its version.
+def _version_difference(client: Mapping[str, str], worker: Mapping[str, str]) -> str:
+    """Return the first difference of versions that may change last digits; empty without one.
+
+    Of Python, major and minor version are compared.
     """
     for name in (*DECIDING, "python"):
-        one, other = here.get(name), there.get(name)
+        client_version, worker_version = client.get(name), worker.get(name)
         if name == "python":
-            one, other = (text and ".".join(text.split(".")[:2]) for text in (one, other))
-        if one != other:
-            return f"{name} {other or 'not installed'}, and here is {one or 'none'}"
+            client_version, worker_version = (
+                version and ".".join(version.split(".")[:2])
+                for version in (client_version, worker_version)
+            )
+        if client_version != worker_version:
+            return (
+                f"{name} {worker_version or 'not installed'}, and here is "
+                f"{client_version or 'none'}"
+            )
     return ""
 
 
-# When the worker ends: its process would else wait for them.
+# Without this, the worker would wait for its idle processes when it ends.
 multiprocessing.util.Finalize(None, _end_idle, args=(0.0,), exitpriority=100)

@@ -1,4 +1,4 @@
-"""Blocks of tasks shared out among processes of this machine."""
+"""Run blocks of tasks in this process or in several processes of this machine."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 
-# ---- One block of tasks in this process; failures are recorded
+# ---- One block of tasks in this process
 
 
 def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
-    """Return one block in this process; what fails is recorded."""
+    """Run a block in this process; an exception is recorded as the error of its tasks."""
     started = time.perf_counter()
     try:
         rows = list(work.run(block))
@@ -47,19 +47,19 @@ def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
 
 
 def failed_by_circumstance(block: Sequence[Task], why: str, seconds: float = 0.0) -> list[Ended]:
-    """Return a block that something other than its tasks ended."""
+    """Return the tasks of a block that failed for a reason outside them."""
     return [Ended(task, None, why, seconds / len(block), passing=True) for task in block]
 
 
-# ---- Blocks of tasks shared out among processes of this machine
+# ---- Blocks of tasks in several processes
 
 if sys.platform != "win32":
     from multiprocessing.context import ForkServerContext, ForkServerProcess
 
 
-START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "spawn"
-CHECK_INTERVAL = 0.5  # s between looks whether all processes live
-MOST_DEATHS_PER_BLOCK = 2  # processes that may die over one block, before it is given up
+START_METHOD = "FLIGHTID_START_METHOD"  # environment variable: "fork" (the default) or "spawn"
+CHECK_INTERVAL = 0.5  # s between checks for processes that have died
+MOST_DEATHS_PER_BLOCK = 2  # processes that may die during one block before it is recorded as failed
 THREADS = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -68,43 +68,42 @@ THREADS = (
     "VECLIB_MAXIMUM_THREADS",
 )
 _PARENT_DIES = 1  # PR_SET_PDEATHSIG of Linux
-# a pool starts the successor of a dead process from a thread of its own
-_STARTING = threading.Lock()
+_STARTING = threading.Lock()  # pools replace dead processes from threads of their own
 
 
 def can_fork() -> bool:
-    """Return whether worker processes may be forks of this one.
+    """Return whether worker processes are forked; otherwise they are spawned.
 
-    True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one.
-    There, and where the environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker
-    processes are started afresh. Results are the same bytes.
+    Processes are forked on Linux, unless the environment variable ``FLIGHTID_START_METHOD`` is
+    ``spawn``. Windows has no ``os.fork``, and system libraries of macOS fail after one. Results do
+    not depend on the start method.
 
     Raises
     ------
     FlightidError : the variable has another value, or asks for forks on a system without them.
     """
-    able = sys.platform.startswith("linux") and hasattr(os, "fork")
-    wanted = os.environ.get(START_METHOD, "")
-    if wanted not in ("", "fork", "spawn"):
+    system_forks = sys.platform.startswith("linux") and hasattr(os, "fork")
+    method = os.environ.get(START_METHOD, "")
+    if method not in ("", "fork", "spawn"):
         raise FlightidError(
-            f"{wanted!r} is no start method",
+            f"{method!r} is no start method",
             where=START_METHOD,
             remedy="set it to fork or spawn, or unset it",
         )
-    if wanted == "fork" and not able:
+    if method == "fork" and not system_forks:
         raise FlightidError(
             "this system cannot fork", where=START_METHOD, remedy="set it to spawn, or unset it"
         )
-    return able and wanted != "spawn"
+    return system_forks and method != "spawn"
 
 
 class _Spawned(SpawnProcess):
-    """A newly started process that imports the work's module; used where fork is not available."""
+    """A new process that imports the work's module; used if processes are not forked."""
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
-        with _held_back():
-            return _started(SpawnProcess._Popen, process_obj)
+        with _ctrl_c_blocked():
+            return _start(SpawnProcess._Popen, process_obj)
 
 
 class _Spawning(SpawnContext):
@@ -118,15 +117,15 @@ if sys.platform != "win32":
 
         @staticmethod
         def _Popen(process_obj: BaseProcess) -> Any:
-            return _started(ForkServerProcess._Popen, process_obj)
+            return _start(ForkServerProcess._Popen, process_obj)
 
     class _Forking(ForkServerContext):
         Process = _Forked
 
 
-def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> Any:
-    """Start a process that does not import the caller's own script again, which need not be guarded
-    against that.
+def _start(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> Any:
+    """Start a process that does not import the caller's script, which may have no guard
+    ``if __name__ == "__main__"``.
     """
     with _STARTING:
         main = sys.modules["__main__"]
@@ -146,37 +145,36 @@ def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> A
 def run_in_processes(
     work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None
 ) -> Generator[list[Ended], None, None]:
-    """Run blocks as ``run_blocks`` does, by ``jobs`` processes, which are ended at once if the
-    caller stops, fails or is interrupted.
+    """Run blocks as ``run_blocks`` does, in ``jobs`` processes.
 
-    A process that dies takes no study with it: its block is given to another, once.
+    The processes end at once if the caller stops, fails or is interrupted. If a process dies, its
+    block is run once more by another.
     """
     context = _context(type(work).__module__)
     pools: list[ProcessPool] = []
     idle: list[ProcessPool] = []
-    waiting: dict[Future[list[Ended]], _GivenBlock] = {}
+    running: dict[Future[list[Ended]], _RunningBlock] = {}
 
-    def another() -> ProcessPool:
-        # Pools of one process: processes of a pool share locks, and a dying one could block them.
+    def new_pool() -> ProcessPool:
+        # Each pool has one process. Processes of a pool share locks, which a dying one could block.
         pools.append(
-            ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=context)
+            ProcessPool(max_workers=1, initializer=_initialize, initargs=(work,), context=context)
         )
         return pools[-1]
 
-    def give(at: int, life: int) -> None:
+    def schedule(index: int, attempt: int, pool: ProcessPool) -> None:
+        future = pool.schedule(_run, args=(list(blocks[index]),), timeout=longest)
+        running[future] = _RunningBlock(index, attempt, pool)
+
+    def give(index: int, attempt: int) -> None:
         while idle:
             pool = idle.pop()
-            with contextlib.suppress(RuntimeError):  # died while idle
-                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = (
-                    _GivenBlock(at, life, pool)
-                )
+            with contextlib.suppress(RuntimeError):  # raised if the process died while idle
+                schedule(index, attempt, pool)
                 return
             _end(pools, pool)
-        pool = another()
         try:
-            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(
-                at, life, pool
-            )
+            schedule(index, attempt, new_pool())
         except BrokenProcessPool:
             raise FlightidError(
                 "no process can be started",
@@ -186,47 +184,50 @@ def run_in_processes(
 
     given = 0
     try:
-        while given < len(blocks) or waiting:
-            while given < len(blocks) and len(waiting) < jobs:
+        while given < len(blocks) or running:
+            while given < len(blocks) and len(running) < jobs:
                 give(given, 1)
                 given += 1
-            done = wait(waiting, timeout=CHECK_INTERVAL, return_when=FIRST_COMPLETED).done
-            for future in done | {each for each, to in waiting.items() if not to.pool.active}:
-                to = waiting.pop(future)
+            done = wait(running, timeout=CHECK_INTERVAL, return_when=FIRST_COMPLETED).done
+            dead = {future for future, block in running.items() if not block.pool.active}
+            for future in done | dead:
+                block = running.pop(future)
                 try:
                     ended = _result(future)
-                    idle.append(to.pool)
+                    idle.append(block.pool)
                 except TimeoutError:
-                    _end(pools, to.pool)
+                    _end(pools, block.pool)
+                    reason = f"ended after {longest:g} s, the time that it was given"
                     ended = failed_by_circumstance(
-                        blocks[to.at],
-                        f"ended after {longest:g} s, the time that it was given",
-                        float(longest or 0.0),
+                        blocks[block.number], reason, float(longest or 0.0)
                     )
                 except BrokenProcessPool as error:
-                    _end(pools, to.pool)
-                    if to.life < MOST_DEATHS_PER_BLOCK:
-                        give(to.at, to.life + 1)
+                    _end(pools, block.pool)
+                    if block.attempt < MOST_DEATHS_PER_BLOCK:
+                        give(block.number, block.attempt + 1)
                         continue
-                    ended = failed_by_circumstance(
-                        blocks[to.at], f"{to.life} processes died over it{error}"
-                    )
+                    reason = f"{block.attempt} processes died over it{error}"
+                    ended = failed_by_circumstance(blocks[block.number], reason)
                 yield ended
     finally:
         _end(pools, *pools)
 
 
-class _GivenBlock(NamedTuple):
-    """A block, which of its lives it is, and who has it."""
+class _RunningBlock(NamedTuple):
+    """A block that a process runs: its number, the number of the attempt, and the pool."""
 
-    at: int
-    life: int
+    number: int
+    attempt: int
     pool: ProcessPool
 
 
 def _result(future: Future[list[Ended]]) -> list[Ended]:
-    """Return the results of a block. Raises TimeoutError, and BrokenProcessPool if its process
-    died.
+    """Return the results of a block.
+
+    Raises
+    ------
+    TimeoutError : the block took too long.
+    BrokenProcessPool : its process died.
     """
     try:
         if not wait([future], timeout=CHECK_INTERVAL).done:
@@ -239,7 +240,7 @@ def _result(future: Future[list[Ended]]) -> list[Ended]:
 
 
 def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
-    """End the processes of some pools at once, whatever they do."""
+    """End the processes of the pools ``ending`` at once, and remove these from ``pools``."""
     for pool in ending:
         pool.stop()
     for pool in ending:
@@ -250,60 +251,61 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
 def _context(module: str) -> BaseContext:
     """Return the start method: fork from a server that has loaded ``module``, or spawn.
 
-    The server and its processes ignore Ctrl-C, which a terminal sends to all processes; only the
-    main process handles it.
+    A terminal sends Ctrl-C to all processes. Only the main process handles it; the server and its
+    processes ignore it.
     """
     if sys.platform == "win32" or not can_fork():
         return _Spawning()
     from multiprocessing import forkserver
 
     multiprocessing.get_context("forkserver").set_forkserver_preload(["numpy", module])
-    with _held_back():
+    with _ctrl_c_blocked():
         forkserver.ensure_running()
     return _Forking()
 
 
 @contextlib.contextmanager
-def _held_back() -> Iterator[None]:
-    """Context manager that delays Ctrl-C; processes started inside ignore it. Not on Windows."""
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Delay Ctrl-C; processes that are started inside ignore it. Without effect on Windows."""
     if sys.platform == "win32":
         yield
         return
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
-_given: Work | None = None  # in a worker: its current work
+_work: Work | None = None  # the work of a worker process
 
 
-def _begin(work: Work) -> None:
-    global _given
+def _initialize(work: Work) -> None:
+    """Prepare a worker process: signals, one thread of linear algebra, and its work."""
+    global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # at once, also out of a long call of native code
-    if sys.platform.startswith("linux"):  # elsewhere a worker ends after its block
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # also ends a long call of native code at once
+    if sys.platform.startswith("linux"):  # on other systems a worker ends after its block
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
-    threadpool_limits(1)  # of what is loaded; what is loaded later reads the environment
+    threadpool_limits(1)  # for loaded libraries; those loaded later read the environment
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    _given = work
+    _work = work
 
 
 def _run(block: Sequence[Task]) -> list[Ended]:
-    assert _given is not None
-    return run_block(_given, block)
+    assert _work is not None
+    return run_block(_work, block)
 
 
-# ---- Who runs blocks of tasks: this process, or several of this machine
+# ---- Blocks of tasks in this process or in several
 
 LEAST_WORK_FOR_POOL = 2.0  # s of remaining work above which further processes are started
 
 
 def available_cores() -> int:
-    """Processors that this process may use, which a batch system may have made fewer than the
-    machine has.
+    """Return the number of processors that this process may use; a batch system may have limited
+    it.
     """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -313,24 +315,30 @@ def available_cores() -> int:
 def run_blocks(
     work: Work, blocks: Sequence[Sequence[Task]], jobs: int = 1, longest: float | None = None
 ) -> Iterator[list[Ended]]:
-    """Each block's tasks as they end, in whatever order. Nothing in a row depends on ``jobs``.
+    """Run blocks and yield the results of each block when it ends, in any order.
 
-    ``longest`` : s of wall time that a block may take; then it is ended, and its tasks have that as
-    their error. What is ``quick`` begins here, and goes to processes if enough is left for them.
+    Rows do not depend on ``jobs``. Quick work begins in this process; further processes are started
+    if enough work remains.
+
+    Parameters
+    ----------
+    work : the work.
+    blocks : blocks of tasks.
+    jobs : number of processes.
+    longest : time limit of a block, s of wall time; a block that exceeds it is ended, which is the
+        error of its tasks.
     """
     if jobs > 1:
-        can_fork()  # refuses a start method that there is not, whether or not one is needed
-    at = 0
+        can_fork()  # refuses an unknown start method even if no process is started
+    done = 0
     if longest is None:
-        while at < len(blocks) and (
-            jobs < 2 or len(blocks) - at < 2 or getattr(work, "quick", False)
-        ):
+        quick = getattr(work, "quick", False)
+        while done < len(blocks) and (jobs < 2 or len(blocks) - done < 2 or quick):
             started = time.perf_counter()
-            yield run_block(work, blocks[at])
-            at += 1
-            if jobs > 1 and (time.perf_counter() - started) * (
-                len(blocks) - at
-            ) > LEAST_WORK_FOR_POOL * jobs / (jobs - 1.0):
+            yield run_block(work, blocks[done])
+            done += 1
+            remaining_time = (time.perf_counter() - started) * (len(blocks) - done)
+            if jobs > 1 and remaining_time > LEAST_WORK_FOR_POOL * jobs / (jobs - 1.0):
                 break
-    if at < len(blocks):
-        yield from run_in_processes(work, blocks[at:], jobs, longest)
+    if done < len(blocks):
+        yield from run_in_processes(work, blocks[done:], jobs, longest)

@@ -1,4 +1,4 @@
-"""A study of N tasks: missing tasks, their execution, and the table of all rows."""
+"""Study of N tasks: run those that have no row yet and return the table of all rows."""
 
 from __future__ import annotations
 
@@ -32,19 +32,27 @@ if TYPE_CHECKING:
     from scenarios.tasks.work import Shards
 
 
-# ---- A study of N tasks: request, missing tasks, table of all rows
+# ---- Study of N tasks
 
-Tell = Callable[[str, float], None]
+Tell = Callable[[str, float], None]  # shows progress: a sentence, and the share done
+SHORTEST_TIME = 1e-9  # s, keeps a rate finite
 
 
 @dataclass(frozen=True)
 class TaskRequest:
-    """Request of a study: number of tasks, root seed, and execution.
+    """Request of a study.
 
-    ``jobs``: processes. ``folder``: of the rows (None: in memory only). ``resume``: continue with
-    the rows of that folder. ``cluster``: address of a Dask scheduler. ``longest``: time limit of a
-    block, s. ``unit``: name of a task, plural. ``elsewhere``: place where the work itself stores
-    finished tasks.
+    Attributes
+    ----------
+    count : number of tasks.
+    root : seed from which the seeds of the tasks follow.
+    jobs : number of processes.
+    folder : folder of the rows; None stores them in memory only.
+    resume : continue with the rows of the folder.
+    cluster : address of a Dask scheduler.
+    longest : time limit of a block, s.
+    unit : name of the tasks in sentences, plural.
+    elsewhere : folder in which the work itself stores finished tasks.
     """
 
     count: int
@@ -59,9 +67,7 @@ class TaskRequest:
 
 
 class Blocks(Sequence[Sequence[Task]]):
-    """Blocks of the tasks that are missing, made when they are requested: a study of a million
-    takes no room for its tasks.
-    """
+    """Blocks of tasks from their numbers; tasks are made on request, which saves memory."""
 
     def __init__(self, root: int, numbers: Sequence[np.ndarray]) -> None:
         self._root, self._numbers = root, numbers
@@ -79,215 +85,216 @@ class Blocks(Sequence[Sequence[Task]]):
         return [Task(int(number), seed_of(self._root, int(number))) for number in self._numbers[at]]
 
 
-def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: None) -> RowTable:
-    """Run the missing tasks and return the table of all; after Ctrl-C, of finished ones.
+def run_study(work: Work, request: TaskRequest, tell: Tell = lambda stage, share: None) -> RowTable:
+    """Run the tasks without a row and return the table of all tasks; after Ctrl-C, of those that
+    have ended.
 
     Raises
     ------
-    FlightidError : the folder holds another study, or none to resume, cannot be written, or another
-        process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
+    FlightidError : the folder holds another study, or none to resume; or it cannot be written; or
+        another process writes into it.
+    KeyboardInterrupt : Ctrl-C before any task had ended.
     """
-    if asked.folder is None:
-        if asked.resume:
-            raise FlightidError(
-                "there is no folder to go on with",
-                where="--resume",
-                remedy="name the folder with --out",
-            )
-        pieces: list[Columns] = []
-        try:
-            _run(
-                work,
-                asked,
-                np.arange(asked.count),
-                lambda ended: pieces.append(columns_of(work, ended)),
-                tell,
-            )
-        except FlightidError as error:
-            raise _cut_short(error, sum(len(piece["number"]) for piece in pieces), asked) from None
-        return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
+    if request.folder is None:
+        return _run_in_memory(work, request, tell)
     from scenarios.tasks.work import Shards, locked, manifest_of, missing
 
-    folder, wanted = asked.folder, manifest_of(work, asked.root, asked.count)
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder, manifest = request.folder, manifest_of(work, request.root, request.count)
+    new_folders = [path for path in (folder, *folder.parents) if not path.exists()]
     shards: Shards | None = None
     try:
         with ExitStack() as stack:
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(folder))
-            _agree(wanted, asked, folder)
+            _check_manifest(manifest, request, folder)
             shards = Shards(folder, work)
-            left = missing(shards.read(asked.count), asked.count)
+            numbers = missing(shards.read(request.count), request.count)
             try:
                 with shards:
-                    _run(work, asked, left, shards.add, tell)
+                    _run(work, request, numbers, shards.add, tell)
             except (FlightidError, KeyboardInterrupt) as error:
-                kept = len(shards.read(asked.count)["number"])
-                if not kept and not asked.resume:
-                    stack.close()  # the lock's file is closed first: Windows removes no open file
-                    _take_away(folder, made)
-                raise (
-                    _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error
-                ) from None
-            columns = shards.read(asked.count)
+                stored = len(shards.read(request.count)["number"])
+                if not stored and not request.resume:
+                    stack.close()  # closes the file of the lock; Windows removes no open file
+                    _remove_study(folder, new_folders)
+                if isinstance(error, FlightidError):
+                    raise _with_stored_results(error, stored, request) from None
+                raise error from None
+            columns = shards.read(request.count)
             shards.compact()
     except OSError as error:
-        kept = 0 if shards is None else len(shards.read(asked.count)["number"])
+        stored = 0 if shards is None else len(shards.read(request.count)["number"])
         what = (
-            f"cannot be written ({error.strerror or error}); {kept} of {asked.count} {asked.unit} "
-            "are kept"
+            f"cannot be written ({error.strerror or error}); {stored} of {request.count} "
+            f"{request.unit} are kept"
         )
         raise FlightidError(
             what, where=str(folder), remedy="make room or mend it, then go on with --resume"
         ) from None
-    return table_of(work, columns, asked.count)
+    return table_of(work, columns, request.count)
+
+
+def _run_in_memory(work: Work, request: TaskRequest, tell: Tell) -> RowTable:
+    """Run all tasks without storing their rows in a folder."""
+    if request.resume:
+        raise FlightidError(
+            "there is no folder to go on with",
+            where="--resume",
+            remedy="name the folder with --out",
+        )
+    pieces: list[Columns] = []
+
+    def keep(ended: list[Ended]) -> None:
+        pieces.append(columns_of(work, ended))
+
+    try:
+        _run(work, request, np.arange(request.count), keep, tell)
+    except FlightidError as error:
+        ended = sum(len(piece["number"]) for piece in pieces)
+        raise _with_stored_results(error, ended, request) from None
+    columns = in_order(joined(all_columns(work), pieces), request.count)
+    return table_of(work, columns, request.count)
 
 
 def _run(
     work: Work,
-    asked: TaskRequest,
+    request: TaskRequest,
     numbers: np.ndarray,
     keep: Callable[[list[Ended]], None],
     tell: Tell,
 ) -> None:
-    """Run the tasks of ``numbers``; Ctrl-C ends it. Progress is the share of these tasks."""
-    grouped = (
-        np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1)
-        if len(numbers)
-        else []
-    )
-    before = asked.count - len(numbers)
-    done, since = 0, time.monotonic()
-    tell(_stage(before, asked, 0.0), 0.0)
-    blocks = Blocks(asked.root, grouped)
+    """Run the tasks ``numbers`` until they have ended or Ctrl-C; progress is the share of them."""
+    block_numbers: list[np.ndarray] = []
+    if len(numbers):
+        block_numbers = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1)
+    blocks = Blocks(request.root, block_numbers)
+    before = request.count - len(numbers)
+    done, started = 0, time.monotonic()
+    tell(_stage(before, request, 0.0), 0.0)
 
     def say(words: str) -> None:
-        tell(f"{_stage(before + done, asked, 0.0)}; {words}", done / len(numbers))
+        tell(f"{_stage(before + done, request, 0.0)}; {words}", done / len(numbers))
 
-    found = _by_cluster(work, blocks, asked, say) if asked.cluster else _here(work, blocks, asked)
+    results = _run_on_cluster if request.cluster else _run_on_this_machine
+    running = results(work, blocks, request, say)
     try:
-        for ended in found:
-            keep([_taken(work, each) for each in ended])
+        for ended in running:
+            keep([_to_store(work, result) for result in ended])
             done += len(ended)
-            tell(
-                _stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)),
-                done / len(numbers),
-            )
+            rate = done / max(time.monotonic() - started, SHORTEST_TIME)
+            tell(_stage(before + done, request, rate), done / len(numbers))
     except KeyboardInterrupt:
         if before + done == 0:
-            raise KeyboardInterrupt(f"none of {asked.count} {asked.unit} had ended") from None
+            raise KeyboardInterrupt(f"none of {request.count} {request.unit} had ended") from None
     finally:
-        found.close()
+        running.close()
 
 
-def _taken(work: Work, ended: Ended) -> Ended:
-    """Return the part of an ended task that is kept."""
+def _to_store(work: Work, ended: Ended) -> Ended:
+    """Return an ended task with the row to store."""
     take: Callable[[Row], Row] | None = getattr(work, "taken", None)
     return ended if take is None or ended.row is None else replace(ended, row=take(ended.row))
 
 
-def _here(work: Work, blocks: Blocks, asked: TaskRequest) -> Generator[list[Ended], None, None]:
-    yield from run_blocks(work, blocks, asked.jobs, asked.longest)
+def _run_on_this_machine(
+    work: Work, blocks: Blocks, request: TaskRequest, say: Callable[[str], None]
+) -> Generator[list[Ended], None, None]:
+    yield from run_blocks(work, blocks, request.jobs, request.longest)
 
 
-def _by_cluster(
-    work: Work, blocks: Blocks, asked: TaskRequest, say: Callable[[str], None]
+def _run_on_cluster(
+    work: Work, blocks: Blocks, request: TaskRequest, say: Callable[[str], None]
 ) -> Generator[list[Ended], None, None]:
     from scenarios.tasks.cluster import run_on_cluster
 
-    assert asked.cluster is not None
-    yield from run_on_cluster(work, blocks, asked.cluster, asked.longest, say)
+    assert request.cluster is not None
+    yield from run_on_cluster(work, blocks, request.cluster, request.longest, say)
 
 
-def _cut_short(error: FlightidError, ended: int, asked: TaskRequest) -> FlightidError:
-    """Return the error that stopped the tasks, with the results that are kept."""
+def _with_stored_results(error: FlightidError, ended: int, request: TaskRequest) -> FlightidError:
+    """Return the error that stopped the tasks, with a sentence on the results that are stored."""
     if not ended:
         return error
-    if asked.elsewhere is not None:
-        remedy = (
-            f"{error.remedy}, then give the same command again"
-            if error.remedy
-            else "give the same command again"
-        )
-        what = f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.elsewhere}"
-        return FlightidError(what, where=error.where, remedy=remedy)
-    if asked.folder is None:
-        what = (
-            f"{error.what}; the {ended} of {asked.count} {asked.unit} that had ended are lost, "
-            "since no --out was given"
-        )
+    number = f"{ended} of {request.count} {request.unit}"
+    if request.elsewhere is not None:
+        what = f"{error.what}; {number} are kept in {request.elsewhere}"
+        remedy = "give the same command again"
+    elif request.folder is not None:
+        what = f"{error.what}; {number} are kept in {request.folder}"
+        remedy = "go on with --resume"
+    else:
+        what = f"{error.what}; the {number} that had ended are lost, since no --out was given"
         return FlightidError(what, where=error.where, remedy=error.remedy)
-    remedy = f"{error.remedy}, then go on with --resume" if error.remedy else "go on with --resume"
-    return FlightidError(
-        f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.folder}",
-        where=error.where,
-        remedy=remedy,
-    )
+    if error.remedy:
+        remedy = f"{error.remedy}, then {remedy}"
+    return FlightidError(what, where=error.where, remedy=remedy)
 
 
-def _take_away(folder: Path, made: Sequence[Path]) -> None:
-    """Leave no trace of a study that could not begin: its manifest and lock, and the folders
-    ``made`` for it, innermost first.
-    """
+def _remove_study(folder: Path, new_folders: Sequence[Path]) -> None:
+    """Remove manifest, lock and new folders (innermost first) of a study that could not begin."""
     from scenarios.tasks.work import LOCK, MANIFEST
 
     with suppress(OSError):
         (folder / MANIFEST).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
-        for each in made:
-            each.rmdir()
+        for path in new_folders:
+            path.rmdir()
 
 
-def _agree(wanted: Mapping[str, Any], asked: TaskRequest, folder: Path) -> None:
-    """Write the manifest of the request, or compare it with the existing one."""
+def _check_manifest(manifest: Mapping[str, Any], request: TaskRequest, folder: Path) -> None:
+    """Write the manifest of the request, or compare it with the one in the folder."""
     from scenarios.tasks.work import read_manifest, refuse_another, write_manifest
 
-    kept = read_manifest(folder)
-    if kept is None:
-        if asked.resume:
+    stored = read_manifest(folder)
+    if stored is None:
+        if request.resume:
             raise FlightidError(
                 "there is no study to go on with",
                 where=str(folder),
                 remedy="leave --resume out, or name the folder of one",
             )
-        write_manifest(folder, wanted)
+        write_manifest(folder, manifest)
         return
-    if not asked.resume:
+    if not request.resume:
         raise FlightidError(
             "a study is kept here",
             where=str(folder),
             remedy="go on with it by --resume, or name another folder",
         )
-    refuse_another(kept, wanted, folder)
-    if asked.count > kept["count"]:
-        write_manifest(folder, wanted)
+    refuse_another(stored, manifest, folder)
+    if request.count > stored["count"]:
+        write_manifest(folder, manifest)
 
 
-def _stage(done: int, asked: TaskRequest, rate: float) -> str:
-    """``"120 of 1000 runs, 14 a second"``, slow ones by the minute or hour."""
-    words = f"{done} of {asked.count} {asked.unit}"
-    for per, seconds in (("second", 1.0), ("minute", 60.0), ("hour", 3600.0)):
+def _stage(done: int, request: TaskRequest, rate: float) -> str:
+    """Return ``"120 of 1000 runs, 14 a second"``; a low ``rate`` (1/s) is shown per hour."""
+    words = f"{done} of {request.count} {request.unit}"
+    for unit, seconds in (("second", 1.0), ("minute", 60.0), ("hour", 3600.0)):
         if rate * seconds >= 1.0:
-            return f"{words}, {rate * seconds:.3g} a {per}"
+            return f"{words}, {rate * seconds:.3g} a {unit}"
     return words
 
 
-# ---- Execution options, common to all commands with repeated work
+# ---- Options of all commands with repeated work
 
-FOLDER = "runs"  # in the folder of a study: its rows and their manifest
+FOLDER = "runs"  # subfolder of a study with its rows and their manifest
 
 
-MOST_JOBS = 1024
-MOST_TASKS = 10_000_000  # tasks of one study; their rows take some 100 MB
+MOST_JOBS = 1024  # processes
+MOST_TASKS = 10_000_000  # tasks of one study; their rows take about 100 MB
 
 
 @dataclass(frozen=True)
 class Execution:
-    """Execution of repeated work.
+    """Options on the execution of repeated work.
 
-    ``jobs``: processes, None for one per core. ``out``: folder of the study, with its rows.
-    ``resume``: continue with these rows. ``cluster``: address of a Dask scheduler. ``limit``: time
-    limit of one task, s.
+    Attributes
+    ----------
+    jobs : number of processes; None for one per core.
+    out : folder of the study, with its rows.
+    resume : continue with these rows.
+    cluster : address of a Dask scheduler.
+    limit : time limit of one task, s.
     """
 
     jobs: int | None = 1
@@ -297,8 +304,18 @@ class Execution:
     limit: float | None = None
 
     def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
-        """Return a study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what
-        cannot be.
+        """Return the request of a study.
+
+        Parameters
+        ----------
+        count : number of tasks.
+        root : seed from which the seeds of the tasks follow.
+        block : number of tasks in a block.
+        unit : name of the tasks in sentences, plural.
+
+        Raises
+        ------
+        FlightidError : an option has an impossible value.
         """
         if self.jobs is not None and self.jobs < 1:
             raise FlightidError(
@@ -345,8 +362,8 @@ class Execution:
 
 
 def stopped(ended: int, asked: int, unit: str, out: Path | None) -> KeyboardInterrupt:
-    """Return the KeyboardInterrupt with which Ctrl-C ends a study: the results that are kept, and
-    how to go on.
+    """Return the KeyboardInterrupt that ends a study after Ctrl-C. Its text names the results and
+    the command that continues.
     """
     if out is None:
         return KeyboardInterrupt(

@@ -1,4 +1,4 @@
-"""Repeated work: numbered tasks with seeds, their rows, and the folder that keeps the rows."""
+"""Repeated work: numbered tasks with seeds, their rows, and the folder that stores the rows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-# ---- What repeated work is
+# ---- Tasks and work
 
 Cell = float | int | bool | str | None
 Row = Mapping[str, Cell]
@@ -32,7 +32,7 @@ SEED_BITS = 53  # bits of a seed, exact in JSON, Parquet and spreadsheets
 
 @dataclass(frozen=True)
 class Task:
-    """One of N independent tasks: its number, from 0, and the seed of everything random in it."""
+    """One of N independent tasks: its number, from 0, and the seed of its random numbers."""
 
     number: int
     seed: int
@@ -40,11 +40,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Ended:
-    """A task that has ended: its row, or in its place what went wrong, in one line; ``seconds`` of
-    wall time, with its block's shared alike.
+    """A task that has ended, with its row or an error.
 
-    ``passing`` : a circumstance is to blame, as a process that died or too short a time; where the
-    study is resumed, it is computed again.
+    Attributes
+    ----------
+    task : the task.
+    row : its row; None after an error.
+    error : the error in one line; empty with a row.
+    seconds : wall time, s; the time of a block is divided equally among its tasks.
+    passing : whether the error does not come from the task itself, as a process that died or a
+        time limit. Such a task is computed again if the study is resumed.
     """
 
     task: Task
@@ -55,19 +60,23 @@ class Ended:
 
 
 class Work(Protocol):
-    """A study of independent tasks. It is pickled for each worker, so it must not hold open files
-    or functions.
+    """A study of independent tasks.
+
+    It is pickled for each worker, so it must not have open files or functions as attributes.
 
     Attributes
     ----------
     columns : type of each column of a row: ``"float"``, ``"int"``, ``"bool"``, ``"text"``, or
         ``"time"`` for a duration (s), which need not be reproducible. Cells may be None.
     block : number of neighbouring tasks that are computed as one batch. Blocks begin at multiples
-        of it, so that rows do not depend on the number of tasks or on where they run.
+        of this number, so rows do not depend on the number of tasks or on where they run.
 
-    Optional: ``quick`` True if a block takes less time than starting a process; ``taken(row)``,
-    called in the main process with each row, returns the row to store; ``unready()``, called first
-    by a worker of a cluster, returns a reason why it cannot do the work and the remedy, or None.
+    Three attributes are optional:
+
+    - ``quick`` : True if a block takes less time than starting a process.
+    - ``taken(row)`` : called in the main process with each row; returns the row to store.
+    - ``unready()`` : called first by a worker of a cluster; returns None, or the reason why the
+      worker cannot do the work, with the remedy.
     """
 
     @property
@@ -82,32 +91,32 @@ class Work(Protocol):
     def block(self) -> int: ...
 
     def identity(self) -> Mapping[str, Any]:
-        """Everything on which the rows depend but number and seed, as JSON: work is resumed only if
-        it is equal.
+        """Return all data on which rows depend, except number and seed, as JSON content. A study is
+        resumed only if they are equal.
         """
         ...
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """Return the rows of a block of neighbouring tasks, in their order; text in place of a row
-        says in one line why there is none.
+        """Return the rows of a block of neighbouring tasks, in their order.
 
-        What it raises is recorded as the error of all of them; KeyboardInterrupt alone passes.
+        A failed task has its error, in one line, in place of a row. An exception is recorded as the
+        error of all tasks of the block, except KeyboardInterrupt.
         """
         ...
 
 
 def seed_of(root: int, number: int) -> int:
-    """Return the seed of a task: that of child ``number`` of ``numpy.random.SeedSequence(root)``,
-    as `SeedSequence.spawn` gives it.
+    """Return the seed of a task, from child ``number`` of ``numpy.random.SeedSequence(root)``.
 
-    Studies of different roots share no task, and a study with more tasks has the same first ones.
+    Studies with different roots have no task in common. A study with more tasks begins with the
+    same tasks.
     """
     child = np.random.SeedSequence(root, spawn_key=(number,))
     return int(child.generate_state(1, np.uint64)[0]) >> (64 - SEED_BITS)
 
 
 def tasks_of(root: int, numbers: range) -> tuple[Task, ...]:
-    """Tasks of a study by their numbers."""
+    """Return the tasks of a study with these numbers."""
     return tuple(Task(number, seed_of(root, number)) for number in numbers)
 
 
@@ -117,7 +126,7 @@ Columns = dict[str, np.ndarray]
 
 KINDS: Mapping[str, type] = {"float": float, "time": float, "int": int, "bool": bool, "text": str}
 FLOATS = ("float", "time")
-# of every work
+# Columns of every table, with their types.
 OWN: Mapping[str, str] = {
     "number": "int",
     "seed": "int",
@@ -125,17 +134,20 @@ OWN: Mapping[str, str] = {
     "passing": "bool",
     "seconds": "time",
 }
-SHOWN = ("number", "seed", "error")  # first columns of a table
+SHOWN = ("number", "seed", "error")  # first columns of a `RowTable`
 
 
 @dataclass(frozen=True, eq=False)
 class RowTable:
-    """Rows of the tasks that have ended, in the order of their numbers.
+    """Rows of the N tasks that have ended, in the order of their numbers.
 
-    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty if
-    there is a row); cells of tasks without a row are None, NaN in columns of floats. ``asked`` :
-    how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and the
-    work's columns of type ``time``, which no two runs have in common.
+    Attributes
+    ----------
+    columns : arrays ``(N,)`` by name, first ``number``, ``seed`` and ``error`` (empty if the task
+        has a row). A task without a row has the cells None, or NaN in columns of floats.
+    asked : number of requested tasks.
+    times : arrays ``(N,)`` by name, s: ``seconds`` of wall time and the work's columns of type
+        ``time``. They differ from run to run.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -157,9 +169,11 @@ class RowTable:
 
 
 def all_columns(work: Work) -> dict[str, str]:
-    """Return the names and types of what is kept of a task: its own and those of the work.
+    """Return name and type of all stored columns: ``OWN`` and those of the work.
 
-    Raises ValueError if the work names a column as one of ours, or a type that there is not.
+    Raises
+    ------
+    ValueError : a column of the work has a name of ``OWN`` or an unknown type.
     """
     for name, kind in work.columns.items():
         if name in OWN or kind not in KINDS:
@@ -168,17 +182,19 @@ def all_columns(work: Work) -> dict[str, str]:
 
 
 def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
-    """Return the ended tasks as columns ``(k,)``: floats with NaN for no number, else objects with
-    None.
+    """Return the ended tasks as columns ``(k,)``.
 
-    A row that has not the work's columns, or a cell of another type, is an error of its task.
+    An empty cell is NaN in columns of floats, else None. A task whose row has other columns or
+    types than the work declares gets an error.
     """
     kinds = all_columns(work)
     cells: dict[str, list[object]] = {name: [] for name in kinds}
-    for each in ended:
-        wrong = _wrong(work, each)
-        row = None if wrong else each.row
-        own = (each.task.number, each.task.seed, wrong or each.error, each.passing, each.seconds)
+    for result in ended:
+        task = result.task
+        row_error = _row_error(work, result)
+        row = None if row_error else result.row
+        error = row_error or result.error
+        own = (task.number, task.seed, error, result.passing, result.seconds)
         for name, cell in zip(OWN, own, strict=True):
             cells[name].append(cell)
         for name in work.columns:
@@ -187,7 +203,7 @@ def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
 
 
 def array_of(cells: Iterable[object], kind: str) -> np.ndarray:
-    """Return one column: floats as floats, all else as objects of Python's own types."""
+    """Return a column: an array of floats, or of Python objects for other types."""
     if kind in FLOATS:
         return np.array([np.nan if cell is None else cell for cell in cells], dtype=float)
     column = [None if cell is None else KINDS[kind](cell) for cell in cells]
@@ -197,24 +213,27 @@ def array_of(cells: Iterable[object], kind: str) -> np.ndarray:
 
 
 def joined(kinds: Mapping[str, str], pieces: Sequence[Columns]) -> Columns:
-    """Return the columns one after another; of none, empty ones."""
+    """Return the concatenated columns; empty columns without any piece."""
     if not pieces:
         return {name: array_of((), kind) for name, kind in kinds.items()}
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in kinds}
 
 
 def in_order(columns: Columns, count: int) -> Columns:
-    """Return one row of each of the first ``count`` tasks; later results replace interruptions."""
+    """Return one row for each of the first ``count`` tasks, in the order of their numbers.
+
+    Of several results of a task, one without a ``passing`` error is taken.
+    """
     numbers = columns["number"].astype(np.int64)
     order = np.lexsort((columns["passing"].astype(bool), numbers))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = numbers[order][1:] != numbers[order][:-1]
-    kept = order[first & (numbers[order] < count)]
-    return {name: column[kept] for name, column in columns.items()}
+    is_first = np.ones(len(order), dtype=bool)
+    is_first[1:] = numbers[order][1:] != numbers[order][:-1]
+    chosen = order[is_first & (numbers[order] < count)]
+    return {name: column[chosen] for name, column in columns.items()}
 
 
 def table_of(work: Work, columns: Columns, asked: int) -> RowTable:
-    """Return the table of rows that are in order."""
+    """Return the table of sorted columns; ``asked`` is the number of requested tasks."""
     times = {name: columns[name] for name, kind in all_columns(work).items() if kind == "time"}
     shown = [name for name in (*SHOWN, *work.columns) if name not in times]
     return RowTable(
@@ -227,41 +246,44 @@ def table_of(work: Work, columns: Columns, asked: int) -> RowTable:
     )
 
 
-def _wrong(work: Work, each: Ended) -> str:
-    if each.row is None:
+_NUMBER = int | float | np.floating | np.integer
+_CELL_TYPES: Mapping[str, Any] = {
+    "float": _NUMBER,
+    "time": _NUMBER,
+    "int": int | np.integer,
+    "bool": bool | np.bool_,
+    "text": str,
+}
+
+
+def _row_error(work: Work, ended: Ended) -> str:
+    """Return the error of a row that differs from the work's declaration; empty if it agrees."""
+    if ended.row is None:
         return ""
-    if set(each.row) != set(work.columns):
-        return f"its row has the columns {', '.join(sorted(each.row))} and not those declared"
+    if set(ended.row) != set(work.columns):
+        return f"its row has the columns {', '.join(sorted(ended.row))} and not those declared"
     for name, kind in work.columns.items():
-        cell = each.row[name]
-        if cell is None or (
-            kind in FLOATS and isinstance(cell, int | float | np.floating | np.integer)
-        ):
-            continue
-        if not isinstance(
-            cell,
-            {
-                "int": int | np.integer,
-                "bool": bool | np.bool_,
-                "text": str,
-                "float": float,
-                "time": float,
-            }[kind],
-        ):
+        cell = ended.row[name]
+        if cell is not None and not isinstance(cell, _CELL_TYPES[kind]):
             return f"column {name} has {cell!r} and no {kind}"
     return ""
 
 
-# ---- The study to which a folder of rows belongs
+# ---- The manifest: the study to which a folder of rows belongs
 
 MANIFEST = "manifest.json"
 SCHEMA = "flightid/tasks/1"
-# versions on which the last digits hang
-DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")
+DECIDING = (
+    "flightid",
+    "numpy",
+    "scipy",
+    "filterpy",
+    "control",
+)  # their versions change last digits
 
 
 def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
-    """Return the manifest of a study: everything that its rows depend on, and their number."""
+    """Return the manifest of a study: all data on which its rows depend, and their number."""
     identity = json.loads(json_text(dict(work.identity()), "the identity of the work"))
     return {
         "schema": SCHEMA,
@@ -276,8 +298,11 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder; None if there is none. Raises FlightidError if it
-    cannot be read.
+    """Return the manifest of a folder; None if there is none.
+
+    Raises
+    ------
+    FlightidError : the manifest cannot be read.
     """
     path = folder / MANIFEST
     if not os.path.lexists(path):
@@ -293,7 +318,7 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
-    """Write it whole or not at all, and down to the disk."""
+    """Write the manifest completely or not at all, and flush it to disk."""
     write_json(folder / MANIFEST, content)
     flush_folder(folder)
 
@@ -309,21 +334,22 @@ def flush_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Path) -> None:
-    """Raise FlightidError with the first difference if stored rows belong to another request."""
-    versions_kept, versions_asked = kept.get("versions", {}), asked["versions"]
+def refuse_another(stored: Mapping[str, Any], requested: Mapping[str, Any], folder: Path) -> None:
+    """Raise FlightidError with the first difference of two manifests, stored and requested."""
+    stored_versions, requested_versions = stored.get("versions", {}), requested["versions"]
     pairs = [
-        (key, kept.get(key), asked[key]) for key in ("name", "root", "identity", "columns", "block")
+        (key, stored.get(key), requested[key])
+        for key in ("name", "root", "identity", "columns", "block")
     ]
     pairs += [
-        (f"version of {name}", versions_kept.get(name), versions_asked.get(name))
+        (f"version of {name}", stored_versions.get(name), requested_versions.get(name))
         for name in DECIDING
     ]
     for key, old, new in pairs:
-        found = _difference("seed" if key == "root" else key, old, new)
-        if found:
+        difference = _difference("seed" if key == "root" else key, old, new)
+        if difference:
             raise FlightidError(
-                f"what is kept here is another study: {found}",
+                f"what is kept here is another study: {difference}",
                 where=str(folder),
                 remedy="ask for the same, or name another folder",
             )
@@ -331,48 +357,42 @@ def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Pa
 
 def _difference(place: str, old: Any, new: Any) -> str:
     """Return the first difference of two JSON values in words; empty if they are equal."""
+    parts: list[tuple[str, Any, Any]] = []
     if isinstance(old, dict) and isinstance(new, dict):
-        for key in sorted({*old, *new}):
-            found = _difference(
-                f"{place}.{key}".removeprefix("identity."), old.get(key), new.get(key)
-            )
-            if found:
-                return found
-        return ""
-    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return next(
-            (
-                found
-                for at, (a, b) in enumerate(zip(old, new, strict=True))
-                if (found := _difference(f"{place}[{at}]", a, b))
-            ),
-            "",
-        )
-    return (
-        ""
-        if type(old) is type(new) and old == new
-        else f"{place} was {_shown(old)} and now is {_shown(new)}"
-    )
+        parts = [
+            (f"{place}.{key}".removeprefix("identity."), old.get(key), new.get(key))
+            for key in sorted({*old, *new})
+        ]
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        parts = [(f"{place}[{i}]", *pair) for i, pair in enumerate(zip(old, new, strict=True))]
+    elif type(old) is not type(new) or old != new:
+        return f"{place} was {_shown(old)} and now is {_shown(new)}"
+    return next((text for part in parts if (text := _difference(*part))), "")
+
+
+LONGEST_VALUE = 79  # characters of a value in a message
 
 
 def _shown(value: Any) -> str:
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) < 80 else f"{text[:77]}..."
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 2]}..."
 
 
-# ---- Rows kept in a folder as they come
+# ---- Rows stored in a folder while tasks end
 
-# s between shards, at most lost in a power cut
-SHARD_INTERVAL = 5.0
-MOST_SHARD_ROWS = 50_000
-MOST_SHARDS = 16  # number of shards above which they are merged at the end
+SHARD_INTERVAL = 5.0  # s between shards; a power cut loses at most the rows of this time
+MOST_SHARD_ROWS = 50_000  # rows of a shard
+MOST_SHARDS = 16  # number of shards from which they are merged at the end
 LOCK = ".lock"
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process a folder; the lock ends with its process, however that ends. Raises
-    FlightidError if another has it.
+    """Lock a folder for this process; the lock also ends with the process.
+
+    Raises
+    ------
+    FlightidError : another process has locked the folder.
     """
     with open(folder / LOCK, "ab") as handle:
         try:
@@ -386,12 +406,15 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock an open file for this process until it is closed. Raises OSError if another process
-    has locked it.
+    """Lock an open file for this process until it is closed.
+
+    Raises
+    ------
+    OSError : another process has locked the file.
     """
     try:
         import fcntl
-    except ImportError:  # Windows, whose lock is of a range of bytes, here the first
+    except ImportError:  # Windows locks a range of bytes: the first byte
         import msvcrt
 
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
@@ -400,9 +423,10 @@ def _lock(descriptor: int) -> None:
 
 
 class Shards:
-    """The rows of one study in its folder, locked by this process.
+    """Rows of one study in Parquet files (shards) of its folder, which this process has locked.
 
-    Half-written files are removed; unreadable ones are listed in ``damaged`` and recomputed.
+    Incomplete files are removed. Unreadable files are listed in ``damaged``; their tasks are
+    computed again.
     """
 
     def __init__(self, folder: Path, work: Work) -> None:
@@ -421,13 +445,18 @@ class Shards:
             self.flush()
 
     def add(self, ended: Sequence[Ended]) -> None:
-        """Keep what has ended, written by and by. Raises OSError, as where the disk is full."""
+        """Store results in memory, and write them from time to time.
+
+        Raises
+        ------
+        OSError : the rows cannot be written, as if the disk is full.
+        """
         self._buffer += ended
         if time.monotonic() - self._since > SHARD_INTERVAL or len(self._buffer) >= MOST_SHARD_ROWS:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is not yet written."""
+        """Write the results that are still in memory."""
         if self._buffer:
             self._write(columns_of(self.work, self._buffer))
             self._buffer = []
@@ -435,28 +464,28 @@ class Shards:
 
     def read(self, count: int) -> Columns:
         """Return all rows of the first ``count`` tasks, in order and each once."""
-        return in_order(
-            joined(all_columns(self.work), [columns for _, columns in self._readable()]), count
-        )
+        shards = [columns for _, columns in self._readable()]
+        return in_order(joined(all_columns(self.work), shards), count)
 
     def compact(self) -> None:
-        """Make many shards one; wherever it is cut short, no row is lost and none counts twice."""
-        found = self._readable()
-        if len(found) < MOST_SHARDS:
+        """Merge many shards into one. If this is interrupted, no row is lost or counted twice."""
+        shards = self._readable()
+        if len(shards) < MOST_SHARDS:
             return
-        columns = joined(all_columns(self.work), [columns for _, columns in found])
+        columns = joined(all_columns(self.work), [columns for _, columns in shards])
         self._write(in_order(columns, int(columns["number"].max()) + 1))
-        for path, _ in found:
+        for path, _ in shards:
             path.unlink()
 
     def _paths(self) -> list[Path]:
         return sorted(self.folder.glob("rows-*.parquet"))
 
     def _readable(self) -> list[tuple[Path, Columns]]:
+        """Return path and columns of all readable shards; rename the others."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        found = []
+        shards = []
         for path in self._paths():
             try:
                 table = pq.read_table(
@@ -468,16 +497,12 @@ class Shards:
                 path.replace(path.with_suffix(".damaged"))
                 self.damaged.append(f"{path.name} ({' '.join(str(error).split())[:120]})")
                 continue
-            found.append(
-                (
-                    path,
-                    {
-                        name: _read(table.column(name), kind)
-                        for name, kind in all_columns(self.work).items()
-                    },
-                )
-            )
-        return found
+            columns = {
+                name: _read_column(table.column(name), kind)
+                for name, kind in all_columns(self.work).items()
+            }
+            shards.append((path, columns))
+        return shards
 
     def _write(self, columns: Columns) -> None:
         import pyarrow as pa
@@ -488,10 +513,10 @@ class Shards:
             name: columns[name] if kind in FLOATS else columns[name].tolist()
             for name, kind in kinds.items()
         }
-        text = io.BytesIO()
+        content = io.BytesIO()
         pq.write_table(
             pa.table(cells, schema=self._schema()),
-            text,
+            content,
             compression="zstd",
             write_page_checksum=True,
         )
@@ -502,7 +527,7 @@ class Shards:
         part = path.with_name(f".{path.name}.part")
         try:
             with open(part, "wb") as handle:
-                handle.write(text.getbuffer())
+                handle.write(content.getbuffer())
                 handle.flush()
                 os.fsync(handle.fileno())
             os.replace(part, path)
@@ -525,16 +550,14 @@ class Shards:
         )
 
 
-def _read(column: pa.ChunkedArray, kind: str) -> np.ndarray:
-    return (
-        np.array(column.to_numpy(), dtype=float)
-        if kind in FLOATS
-        else array_of(column.to_pylist(), kind)
-    )
+def _read_column(column: pa.ChunkedArray, kind: str) -> np.ndarray:
+    if kind in FLOATS:
+        return np.array(column.to_numpy(), dtype=float)
+    return array_of(column.to_pylist(), kind)
 
 
 def missing(columns: Columns, count: int) -> np.ndarray:
-    """Return the numbers below ``count`` that have no row yet, or that a circumstance ended."""
+    """Return the numbers of the tasks to run: without a result, or with a ``passing`` error."""
     done = np.zeros(count, dtype=bool)
     done[columns["number"].astype(np.int64)[~columns["passing"].astype(bool)]] = True
     return np.flatnonzero(~done)

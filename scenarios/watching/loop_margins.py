@@ -47,21 +47,29 @@ from scenarios.responses.reading import Names
 from scenarios.watching.rows import StreamSignals
 from sim.errors import DeclarationError, RecordError
 
-LOWEST_FREQUENCY = 0.2  # Hz
-HIGHEST_FREQUENCY = 10.0  # Hz
-STARTING_TIME = 2.0  # s of rows that determine the rate
-# least distance of a crossing from the band's end, in ln(omega), for a margin to be shown
-CROSSING_DISTANCE = 0.1
-# longest interpolated gap, share of the shortest period
-LARGEST_BRIDGED_GAP = 0.1
+LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.2, 10.0  # Hz, usual band
+STARTING_TIME = 2.0  # s of rows from which the rate is determined
+FEWEST_STARTING_ROWS = 4
+FEWEST_FREQUENCIES = 3  # usable frequencies from which margins are computed
+WINDOW_PERIODS = 2.5  # periods of the lowest frequency in the longest window, as in `response`
+CROSSING_DISTANCE = 0.1  # least distance of a crossing from the ends of the band, in ln(omega)
+LARGEST_BRIDGED_GAP = 0.1  # longest interpolated gap, share of the shortest period
+ROUNDING = 1e-9  # s, rounding errors of times
 SCHEMA = "flightid/margins/1"
 MAIN, HISTORY = "margins.json", "history.csv"
 
 
 @dataclass(frozen=True)
 class LoopNames:
-    """The signals of a loop: ``command`` after the sum, ``returned`` into it with ``sign``, and
-    the ``excitation`` that is added; None if it is not recorded."""
+    """The signals of a loop.
+
+    Attributes
+    ----------
+    sign : sign with which the sum takes the returned signal, ``"minus"`` or ``"plus"``.
+    command : signal after the sum.
+    returned : signal that returns into the sum.
+    excitation : signal that is added in the sum; None if it is not recorded.
+    """
 
     sign: str
     command: str
@@ -70,24 +78,21 @@ class LoopNames:
 
     @property
     def signals(self) -> StreamSignals:
-        """Channels to read from a stream; units of columns stay as they are."""
+        """Channels to read from a stream, in the units of its columns."""
         inputs = (self.command, *([self.excitation] if self.excitation else []))
         units = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
         return StreamSignals(inputs, (self.returned,), {TIME: "s", **units})
 
     @property
     def name(self) -> str:
-        """``"returned/command"``."""
+        """Name of the broken-loop response: ``"returned/command"``."""
         return f"{self.returned}/{self.command}"
 
 
 def loop_names(
     sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
 ) -> LoopNames:
-    """Return the names of a loop's signals.
-
-    Raises DeclarationError if they are no single loop.
-    """
+    """Return the names of a loop's signals; raise DeclarationError for signals of several loops."""
     references = (excitation,) if excitation else ()
     refuse_loop(sign, Names(tuple(inputs), tuple(outputs), references))
     return LoopNames(sign, inputs[0], outputs[0], excitation)
@@ -95,8 +100,14 @@ def loop_names(
 
 @dataclass(frozen=True, eq=False)
 class MarginPoint:
-    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None if no
-    frequency is."""
+    """Margins after a second of the stream.
+
+    Attributes
+    ----------
+    time : time, s.
+    margins : the margins; None without a usable band.
+    band : usable band, rad/s, or None.
+    """
 
     time: float
     margins: StabilityMargins | None
@@ -109,13 +120,18 @@ class MarginSession:
 
     Attributes
     ----------
-    band : Hz, as requested.
-    stream, step : the recursive transforms and sample interval (s), once the rate is known.
+    names : signals of the loop.
+    name : name of the stream.
+    band : requested band, Hz; None for the usual one.
+    stream, step : the recursive transforms and the sampling interval (s), once the rate is known.
     waiting : rows ``(1 + S, N)`` of an incomplete second.
     last : the last row.
+    rows : number of rows.
     gaps : number of gaps that were too long to interpolate.
     points : margins, one per second.
-    moments : sums of products of one, excitation, command and returned signal.
+    responses : the last estimate of the response.
+    begun : time of the first row, s.
+    moments : sums of products ``(4, 4)`` of the number 1, excitation, command and returned signal.
     """
 
     names: LoopNames
@@ -134,36 +150,45 @@ class MarginSession:
 
 
 def take(session: MarginSession, rows: np.ndarray) -> list[MarginPoint]:
-    """Take rows ``(1 + S, N)``: time, command, excitation if there is one, returned; the margins
-    of the seconds that are over, whatever pieces the rows came in."""
+    """Process new rows and return the margins after each second that is complete.
+
+    Results do not depend on the pieces in which rows arrive.
+
+    Parameters
+    ----------
+    session : the state.
+    rows : rows ``(1 + S, N)``: time, command, excitation if there is one, returned signal.
+    """
     if not rows.shape[1]:
         return []
     if session.begun is None:
         session.begun = float(rows[0, 0])
-    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + 1e-9))) + 1
-    out = []
+    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + ROUNDING))) + 1
+    points = []
     for part in np.split(rows, cuts, axis=1):
         if session.waiting:
-            before = session.waiting[-1][0, -1] - session.begun + 1e-9
-            if np.floor(part[0, 0] - session.begun + 1e-9) > np.floor(before):
-                out += finish_second(session)
+            before = session.waiting[-1][0, -1] - session.begun + ROUNDING
+            if np.floor(part[0, 0] - session.begun + ROUNDING) > np.floor(before):
+                points += finish_second(session)
         session.waiting.append(part)
-    return out
+    return points
 
 
 def finish_second(session: MarginSession) -> list[MarginPoint]:
-    """Take the rows that wait into the transforms; the margins after them, none while the rate is
-    not known yet."""
+    """Process the waiting rows and return the margins after them; an empty list if the rate is not
+    known yet.
+    """
     if not session.waiting:
         return []
     block = np.concatenate(session.waiting, axis=1)
     if session.stream is None:
-        if block[0, -1] - block[0, 0] < STARTING_TIME or block.shape[1] < 4:
+        duration = block[0, -1] - block[0, 0]
+        if duration < STARTING_TIME or block.shape[1] < FEWEST_STARTING_ROWS:
             return []
         _begin(session, block)
     session.waiting = []
     assert session.stream is not None
-    for samples, lost in _even(session, block):
+    for samples, lost in _even_samples(session, block):
         if lost:
             session.gaps += 1
             interrupt(session.stream, lost)
@@ -179,30 +204,26 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
 
 
 def _begin(session: MarginSession, block: np.ndarray) -> None:
-    """Open the transforms, with the rate that the first rows have."""
+    """Start the recursive transforms, with the rate of the first rows."""
     session.step = float(np.median(np.diff(block[0])))
     low, high = session.band or (
         LOWEST_FREQUENCY,
         min(HIGHEST_FREQUENCY, 1.0 / (FEWEST_SAMPLES_PER_PERIOD * session.step)),
     )
     if not (0.0 < low < high and math.isfinite(high)):
-        what, remedy = (
-            f"{low:g} to {high:g} Hz is no band",
-            "give LOW HIGH in Hz, above 0",
-        )
-        raise DeclarationError(what, where="--band", remedy=remedy)
-    # The longest window holds two and a half periods of the lowest frequency, as in `response`.
-    lengths = window_lengths([2.0 * 2.5 / low], low)
+        what = f"{low:g} to {high:g} Hz is no band"
+        raise DeclarationError(what, where="--band", remedy="give LOW HIGH in Hz, above 0")
+    lengths = window_lengths([2.0 * WINDOW_PERIODS / low], low)
     session.stream = online_responses(
         session.step, frequencies(low, high), lengths, joint=session.names.excitation is not None
     )
 
 
-def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, int]]:
-    """Samples at even steps, each stretch with the number of those that were lost before it.
+def _even_samples(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, int]]:
+    """Return stretches of evenly sampled signals, each with the number of samples lost before it.
 
-    Rows: returned, command, excitation. What is missing is joined by lines where it is shorter than
-    a tenth of a period of the highest frequency.
+    The rows of a stretch are returned signal, command and excitation. Gaps up to
+    ``LARGEST_BRIDGED_GAP`` are interpolated.
     """
     assert session.stream is not None
     kept = block[:, np.all(np.isfinite(block), axis=0)]
@@ -218,40 +239,40 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
     longest = max(
         2, int(LARGEST_BRIDGED_GAP / (float(session.stream.frequency[-1]) * session.step)) + 1
     )
+    # The first row of a later block is the last row of the block before.
     first = 0 if session.stream.samples == 0 else 1
-    out, at, lost = [], first, 0
-    for cut in [*(np.flatnonzero(steps > longest) + 1).tolist(), time.size]:
-        stretch = slice(at, cut)
-        if cut > at:
-            places = np.concatenate([[0], np.cumsum(steps[at : cut - 1])])
-            before = steps[at - 1] if at and not lost else 1
-            grid = np.arange(1 - before if at else 0, places[-1] + 1)
-            known, rows = places, values[:, stretch]
-            if before > 1:
-                known = np.concatenate([[-before], places])
-                rows = values[:, at - 1 : cut]
-            out.append((np.array([np.interp(grid, known, row) for row in rows]), lost))
-        at, lost = cut, int(steps[cut - 1]) - 1 if cut < time.size else 0
-    return out
+    stretches, lost = [], 0
+    for end in [*(np.flatnonzero(steps > longest) + 1).tolist(), time.size]:
+        if end > first:
+            places = np.concatenate([[0], np.cumsum(steps[first : end - 1])])
+            step_before = steps[first - 1] if first and not lost else 1
+            grid = np.arange(1 - step_before if first else 0, places[-1] + 1)
+            rows = values[:, first:end]
+            if step_before > 1:
+                places = np.concatenate([[-step_before], places])
+                rows = values[:, first - 1 : end]
+            stretches.append((np.array([np.interp(grid, places, row) for row in rows]), lost))
+        first, lost = end, int(steps[end - 1]) - 1 if end < time.size else 0
+    return stretches
 
 
 def _target(session: MarginSession) -> ResponseTarget | None:
-    """The broken-loop response along its usable band; None if that has less than three points.
+    """Return the broken-loop response in its usable band; None if this has too few frequencies.
 
-    A stream has few windows of a frequency at first. Deviations are widened to Student's
-    distribution, and besides its coherence a frequency needs a random error of at most 20 %
-    (Tischler and Remple, chapter 9): two windows are coherent whatever they hold.
+    At first, a stream has few windows. So sigmas are widened to Student's distribution. A usable
+    frequency needs not only its coherence but also a random error of at most 20 % (Tischler and
+    Remple, chapter 9): two windows are always coherent.
     """
     from scipy.stats import t
 
     responses = session.responses
     if responses is None:
         return None
-    wide = t.ppf(0.5 * (1.0 + CONFIDENCE), responses.degrees) / NORMAL_HALF_WIDTH
-    responses = replace(responses, std=responses.std * wide[:, None, :])
-    good = responses.usable[0, 0] & (responses.random_error[0, 0] <= RANDOM_ERROR)
-    usable = longest_run(good, np.log(responses.frequency))
-    if np.count_nonzero(usable) < 3:
+    widening = t.ppf(0.5 * (1.0 + CONFIDENCE), responses.degrees) / NORMAL_HALF_WIDTH
+    responses = replace(responses, std=responses.std * widening[:, None, :])
+    precise = responses.usable[0, 0] & (responses.random_error[0, 0] <= RANDOM_ERROR)
+    usable = longest_run(precise, np.log(responses.frequency))
+    if np.count_nonzero(usable) < FEWEST_FREQUENCIES:
         return None
     target = target_of(replace(responses, usable=usable[None, None]), (0, 0), session.names.name)
     return target if session.names.sign == MINUS else turned(target)
@@ -264,33 +285,34 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     band = float(target.omega[0]), float(target.omega[-1])
     margins = _inside(stability_margins(target), *band)
     if margins.gain_increase is None and margins.phase is None:
-        # No crossing in the band yet; the least distance lies beyond it.
+        # Without a crossing in the band, the least distance from -1 is outside it.
         margins = replace(margins, distance=None)
     return MarginPoint(time, margins, band)
 
 
 def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMargins:
-    """Return the margins whose crossings lie well inside the usable band.
+    """Return the margins whose crossings are well inside the usable band.
 
-    At an end of the band points lie on one side of the crossing alone, and the outermost are those
-    that the excitation has only just reached: their errors are larger than their deviations.
+    Near an end of the band, the response is known on one side of the crossing only. The excitation
+    has just reached the outermost frequencies: their errors are larger than their sigmas.
     """
-    inside = math.exp(CROSSING_DISTANCE)
+    distance = math.exp(CROSSING_DISTANCE)
 
-    def kept(margin: Margin) -> bool:
-        return low * inside <= margin.frequency.value <= high / inside
+    def is_inside(margin: Margin) -> bool:
+        return low * distance <= margin.frequency.value <= high / distance
 
-    left = [each for each in (*margins.gains, *margins.phases) if not kept(each)]
     notes = tuple(
-        f"a {each.kind} margin near {each.frequency.value:.3g} rad/s lies at an end of the usable "
-        "band and is left out"
-        for each in left
+        f"a {margin.kind} margin near {margin.frequency.value:.3g} rad/s lies at an end of the "
+        "usable band and is left out"
+        for margin in (*margins.gains, *margins.phases)
+        if not is_inside(margin)
     )
+    delay, least_distance = margins.delay, margins.distance
     return StabilityMargins(
-        tuple(each for each in margins.gains if kept(each)),
-        tuple(each for each in margins.phases if kept(each)),
-        margins.delay if margins.delay is not None and kept(margins.delay) else None,
-        margins.distance if margins.distance is not None and kept(margins.distance) else None,
+        tuple(margin for margin in margins.gains if is_inside(margin)),
+        tuple(margin for margin in margins.phases if is_inside(margin)),
+        delay if delay is not None and is_inside(delay) else None,
+        least_distance if least_distance is not None and is_inside(least_distance) else None,
         (*margins.notes, *notes),
     )
 
@@ -301,28 +323,19 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
     target = _target(session)
     if last is None or last.margins is None or target is None:
         return None
-    cautions = (
-        ()
-        if session.names.excitation
-        else (
+    contradicted, names = _contradicted(session), session.names
+    cautions: tuple[str, ...] = ()
+    if not names.excitation:
+        cautions = (
             "margins from the direct estimate: what noise and turbulence bring back through the "
             "loop biases them; stream the excitation and name it with --excitation",
         )
-    )
-    other, names = _contradicted(session), session.names
-    if other and names.excitation is not None:
+    if contradicted and names.excitation is not None:
         cautions = (sign_caution(names.excitation, names.command, names.returned, names.sign),)
+    curve = loop_curve(target)
+    # A stream has a single part, so there are no maneuvers to compare.
     return LoopMargins(
-        session.names.name,
-        session.names.sign,
-        loop_curve(target),
-        last.margins,
-        (),
-        (),
-        (),
-        (),
-        cautions,
-        other,
+        names.name, names.sign, curve, last.margins, (), (), (), (), cautions, contradicted
     )
 
 
@@ -353,29 +366,32 @@ def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
 
 
 def history_csv(session: MarginSession) -> str:
-    """A line for each second: ``time``, the usable band, and of each margin its value, the ends of
-    its 95 % interval and its frequency; empty if it is not determined."""
-    head = ["time", "band_low", "band_high"]
-    head += [f"{name}{part}" for name in WORDS for part in ("", "_low", "_high", "_frequency")]
-    lines = [",".join(head)]
+    """Return the history as CSV, a line for each second.
+
+    The columns are ``time``, the usable band, and for each margin its value, the limits of its
+    95 % interval and its frequency. Cells of an undetermined margin are empty.
+    """
+    suffixes = ("", "_low", "_high", "_frequency")
+    header = ["time", "band_low", "band_high"]
+    header += [f"{name}{suffix}" for name in WORDS for suffix in suffixes]
+    lines = [",".join(header)]
     for point in session.points:
-        known = dict(shown(point))
+        margins = dict(shown(point))
         cells = [f"{point.time:.10g}"]
         cells += [f"{end:.6g}" for end in point.band] if point.band else ["", ""]
         for name in WORDS:
-            if name not in known:
-                cells += [""] * 4
+            if name not in margins:
+                cells += [""] * len(suffixes)
                 continue
-            one = known[name]
-            cells += [
-                f"{value:.6g}" for value in (one.size.value, one.low, one.high, one.frequency.value)
-            ]
+            margin = margins[name]
+            values = (margin.size.value, margin.low, margin.high, margin.frequency.value)
+            cells += [f"{value:.6g}" for value in values]
         lines.append(",".join(cells))
     return "\n".join(lines) + "\n"
 
 
 def margin_content(session: MarginSession) -> dict[str, Any]:
-    """Return the content of ``margins.json`` without the stream's."""
+    """Return the content of ``margins.json``, without the entries on the stream."""
     loop = margins_of(session)
     stream = session.stream
     warnings = list(loop.cautions) if loop else ["no frequency is usable: no margin is determined"]
@@ -402,7 +418,7 @@ def margin_content(session: MarginSession) -> dict[str, Any]:
 
 
 def refuse_short(session: MarginSession) -> None:
-    """Raise RecordError if the rate was never known."""
+    """Raise RecordError if the stream was too short to determine its rate."""
     if session.stream is None:
         what = f"less than {STARTING_TIME:g} s of rows that can be used"
         raise RecordError(what, where=session.name, remedy="stream a longer maneuver")

@@ -1,8 +1,8 @@
-"""The web page of `watch`: a ring buffer of events, a local HTTP server, and the functions that
-turn rows and estimates into events.
+"""The web page of `watch`: a buffer of events, a local HTTP server, and the functions that make
+events from rows and estimates.
 
-The server refuses requests whose Host header is not its own. Otherwise a page of another site,
-whose name resolves to 127.0.0.1 (DNS rebinding), could read the data.
+The server refuses requests with another Host header than its own. Without this check, the page of
+another site could read the data if its name resolved to 127.0.0.1 (DNS rebinding).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from sim.errors import DeclarationError
 
 # ---- Events of a watch
 
-KEPT_ROWS = 6000  # rows kept, two and a half minutes at 40 Hz
-KEPT_ESTIMATES = 2000  # estimates kept, half an hour at one a second
-KEPT_EVENTS = 1200  # two minutes of ten events a second
+KEPT_ROWS = 6000  # rows in the buffer: 2.5 minutes at 40 Hz
+KEPT_ESTIMATES = 2000  # estimates in the buffer: half an hour at one a second
+KEPT_EVENTS = 1200  # events in the buffer: two minutes at ten a second
 
 
 class Event(NamedTuple):
@@ -48,30 +48,27 @@ class Event(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Events for one reader.
-
-    ``complete``: they are all events in the buffer, not only the new ones; ``last``: number of the
-    last event; ``over``: no more events will follow.
-    """
+    """Events for one reader."""
 
     events: list[Event]
-    last: int
-    complete: bool
-    over: bool
+    last: int  # number of the last event
+    complete: bool  # these are all events in the buffer, not only the new ones
+    over: bool  # no more events will follow
 
 
 class Feed:
     """Buffer of the events of a watch, for any number of readers in their own threads.
 
-    Memory is bounded for any length of the stream: the buffer keeps the last ``KEPT_EVENTS``
-    events, the last ``KEPT_ROWS`` rows, estimates thinned to every second one when there are too
-    many, and the last event of every other name.
+    Memory is bounded for any length of the stream. The buffer has the last ``KEPT_EVENTS`` events,
+    the last ``KEPT_ROWS`` rows, up to ``KEPT_ESTIMATES`` estimates, and the last event of every
+    other name. If there are too many estimates, every second one is removed.
     """
 
     def __init__(
         self, rows: int = KEPT_ROWS, estimates: int = KEPT_ESTIMATES, events: int = KEPT_EVENTS
     ) -> None:
-        self.token = secrets.token_hex(4)  # another watch on the same port numbers its events anew
+        # Event numbers begin at 1 in every watch; the token tells watches on one port apart.
+        self.token = secrets.token_hex(4)
         self._changed = threading.Condition()
         self._ring: deque[tuple[int, Event]] = deque(maxlen=events)
         self._rows: deque[tuple[int, Event]] = deque()
@@ -82,7 +79,7 @@ class Feed:
         self.closed = False
 
     def put(self, name: str, data: str, rows: int = 0) -> None:
-        """Add an event and wake the readers; ``rows``: rows of the stream in an event of rows."""
+        """Add an event and wake the readers; ``rows`` is the number of rows in an event of rows."""
         with self._changed:
             event = Event(name, data)
             self._count += 1
@@ -110,37 +107,44 @@ class Feed:
             self._stride *= 2
 
     def close(self) -> None:
-        """Tell all readers that no more events follow, and release them."""
+        """Tell all readers that no more events follow, and wake them."""
         self.put("bye", "{}")
         with self._changed:
             self.closed = True
             self._changed.notify_all()
 
     def since(self, last: int | None, timeout: float) -> Batch:
-        """Return the events after number ``last``, after waiting up to ``timeout`` (s) for one; all
-        events in the buffer if ``last`` is None or no longer there.
+        """Return the events after number ``last``; wait up to ``timeout`` (s) for one.
+
+        If ``last`` is None or no longer in the buffer, return all events in the buffer.
         """
         with self._changed:
-            if last is None or last > self._count or (self._ring and last < self._ring[0][0] - 1):
-                return Batch(self._whole(), self._count, True, self.closed)
+            if last is None or last > self._count or self._is_lost(last):
+                return Batch(self._all_events(), self._count, True, self.closed)
             if last == self._count and not self.closed:
                 self._changed.wait(timeout)
-            if self._ring and last < self._ring[0][0] - 1:
-                return Batch(self._whole(), self._count, True, self.closed)
-            missed = self._count - last
-            events = [self._ring[at][1] for at in range(len(self._ring) - missed, len(self._ring))]
+            if self._is_lost(last):
+                return Batch(self._all_events(), self._count, True, self.closed)
+            first_new = len(self._ring) - (self._count - last)
+            events = [self._ring[i][1] for i in range(first_new, len(self._ring))]
             return Batch(events, self._count, False, self.closed)
 
-    def _whole(self) -> list[Event]:
+    def _is_lost(self, last: int) -> bool:
+        """Return whether the event after number ``last`` has left the buffer."""
+        return bool(self._ring) and last < self._ring[0][0] - 1
+
+    def _all_events(self) -> list[Event]:
         """Return all events in the buffer in the order that a page needs: constants, rows,
         estimates, status.
         """
-        first = [self._latest[name] for name in ("about",) if name in self._latest]
+        constants = [self._latest["about"]] if "about" in self._latest else []
         estimates = list(self._estimates)
         if "estimates" in self._latest and self._latest["estimates"] not in estimates[-1:]:
             estimates.append(self._latest["estimates"])
-        last = [event for name, event in self._latest.items() if name not in ("about", "estimates")]
-        return [*first, *(event for _, event in self._rows), *estimates, *last]
+        others = [
+            event for name, event in self._latest.items() if name not in ("about", "estimates")
+        ]
+        return [*constants, *(event for _, event in self._rows), *estimates, *others]
 
     @property
     def kept(self) -> tuple[int, int, int]:
@@ -149,19 +153,22 @@ class Feed:
             return len(self._ring), self._kept_rows, len(self._estimates)
 
 
-# ---- The page's server
+# ---- Server of the page
 
 ADDRESS = "127.0.0.1"
 USUAL_PORT = 8040
 MOST_READERS = 12  # simultaneous readers; a browser opens up to six connections
+READER_THREAD = "page-reader"  # name of the threads that serve readers
 HEARTBEAT_INTERVAL = 1.0  # s between keep-alive messages
 RECONNECT_DELAY = 500  # ms after which a browser reconnects
 READER_TIMEOUT = 10.0  # s after which an inactive reader is dropped
+LAST_EVENTS_TIMEOUT = 0.3  # s for which the end waits for a reader to receive the last events
+LONGEST_NUMBER = 15  # digits of an event number that a reader may send
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_GUARDS = {
+_SECURITY_HEADERS = {
     "Content-Security-Policy": _POLICY,
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
@@ -179,9 +186,9 @@ class PageServer(ThreadingHTTPServer):
     request_queue_size = 32
 
     def __init__(self, feed: Feed, port: int | None = None) -> None:
-        """Listen on ``port``; by default on the usual port if it is free, else on any.
+        """Listen on ``port``; None takes the usual port or, if that is taken, any free one.
 
-        Raises DeclarationError if ``port`` is taken.
+        Raise DeclarationError if ``port`` is taken.
         """
         self.feed, self.readers = feed, 0
         self.lock = threading.Lock()
@@ -217,9 +224,9 @@ class PageServer(ThreadingHTTPServer):
         self.shutdown()
         self.server_close()
         self._thread.join(1.0)
-        # A short while for the last words; a reader that takes none is dropped.
-        for thread in [each for each in threading.enumerate() if each.name == "page-reader"]:
-            thread.join(0.3)
+        for thread in threading.enumerate():
+            if thread.name == READER_THREAD:
+                thread.join(LAST_EVENTS_TIMEOUT)
         self.drop_readers()
 
     def drop_readers(self) -> None:
@@ -233,10 +240,8 @@ class PageServer(ThreadingHTTPServer):
                 continue
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Process a request as the base class does; the connection is registered while it is
-        open.
-        """
-        threading.current_thread().name = "page-reader"
+        """Process a request as the base class does; its connection is registered meanwhile."""
+        threading.current_thread().name = READER_THREAD
         with self.lock:
             self._open.add(request)
         try:
@@ -269,13 +274,13 @@ class RequestHandler(BaseHTTPRequestHandler):
         if url.path == "/":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page().encode())
         elif url.path == "/events":
-            self._events(
-                self.headers.get("Last-Event-ID") or "".join(parse_qs(url.query).get("last", [""]))
-            )
+            query_id = "".join(parse_qs(url.query).get("last", [""]))
+            self._send_events(self.headers.get("Last-Event-ID") or query_id)
         else:
             self._plain(HTTPStatus.NOT_FOUND, "there is nothing here\n")
 
-    def _events(self, last_id: str) -> None:
+    def _send_events(self, last_id: str) -> None:
+        """Send events until the watch ends; ``last_id`` identifies the last received event."""
         with self.server.lock:
             self.server.readers += 1
             full = self.server.readers > MOST_READERS
@@ -291,10 +296,11 @@ class RequestHandler(BaseHTTPRequestHandler):
                 self.server.readers -= 1
 
     def _stream(self, last: int | None) -> None:
+        """Send the events after number ``last`` as server-sent events; None: all events."""
         feed = self.server.feed
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", "text/event-stream")
-        for name, value in _GUARDS.items():
+        for name, value in _SECURITY_HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(f"retry: {RECONNECT_DELAY}\n\n".encode())
@@ -303,8 +309,8 @@ class RequestHandler(BaseHTTPRequestHandler):
             lines = ["event: anew\ndata: {}\n\n"] if batch.complete else []
             lines += [f"event: {event.name}\ndata: {event.data}\n\n" for event in batch.events]
             # Only the last event has a number, so that an interrupted batch is sent again in full.
-            end = f"id: {feed.token}-{batch.last}\nevent: beat\ndata: {{}}\n\n"
-            self.wfile.write(("".join(lines) + end).encode())
+            heartbeat = f"id: {feed.token}-{batch.last}\nevent: beat\ndata: {{}}\n\n"
+            self.wfile.write(("".join(lines) + heartbeat).encode())
             last = batch.last
             if batch.over:
                 return
@@ -316,7 +322,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
-        for name, value in _GUARDS.items():
+        for name, value in _SECURITY_HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
@@ -327,34 +333,37 @@ class RequestHandler(BaseHTTPRequestHandler):
 
 def page() -> str:
     """Return the page as one HTML text."""
-    here = files("scenarios.watching")
+    package = files("scenarios.watching")
     text, style, script = (
-        here.joinpath(name).read_text(encoding="utf-8")
+        package.joinpath(name).read_text(encoding="utf-8")
         for name in ("page.html", "page.css", "page.js")
     )
     return text.replace("/* page.css */", style).replace("/* page.js */", script)
 
 
 def _number_of(last_id: str, token: str) -> int | None:
-    """Return the number of the last event that a reader has received from this watch, else None."""
-    of, _, number = last_id.partition("-")
-    return int(number) if of == token and number.isdecimal() and len(number) < 16 else None
+    """Return the number of the last event that a reader has received; None if the identifier is of
+    another watch or wrong.
+    """
+    watch, _, number = last_id.partition("-")
+    valid = watch == token and number.isdecimal() and len(number) <= LONGEST_NUMBER
+    return int(number) if valid else None
 
 
-# ---- What the events hold: rows, estimates and status
+# ---- Content of the events: rows, estimates and status
 
+# Output -> factor from its unit to that of the page.
 FACTOR = {name: math.degrees(1.0) if UNITS[name] in DEGREES else 1.0 for name in OUTPUTS}
 
 
 def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None, start: str) -> str:
-    """Constants of the page: names and units of the signals, the delays (ms), the reference
-    study.
+    """Return the constants of the page: names of stream, reference and vehicle (``start``), units
+    of the signals, and delays of the bank of filters (s).
     """
     strips = [{"name": "stick", "word": "stick", "unit": "" if stick_unit == "1" else stick_unit}]
-    strips += [
-        {"name": each, "word": CHANNELS[each], "unit": DEGREES.get(UNITS[each], UNITS[each])}
-        for each in OUTPUTS
-    ]
+    for output in OUTPUTS:
+        unit = DEGREES.get(UNITS[output], UNITS[output])
+        strips.append({"name": output, "word": CHANNELS[output], "unit": unit})
     return _line(
         {
             "name": name,
@@ -367,32 +376,32 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
 
 
 def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
-    """Return the times, inputs, and for each channel the measured and the predicted values."""
+    """Return the times, the stick, and measured and predicted values of each output.
+
+    ``offsets`` are the values of the outputs at trim.
+    """
     table = np.array([step.row for step in steps]).T
-    expected = np.array([_expected(step) for step in steps]).T
-    out: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
-    for at, name in enumerate(OUTPUTS):
-        out[name] = _rounded(FACTOR[name] * table[2 + at])
-        out[f"{name}_expected"] = _rounded(FACTOR[name] * (expected[at] + offsets.get(name, 0.0)))
-    return _line(out)
+    predicted = np.array([_predicted(step) for step in steps]).T
+    content: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
+    for i, name in enumerate(OUTPUTS):
+        values = predicted[i] + offsets.get(name, 0.0)
+        content[name] = _rounded(FACTOR[name] * table[2 + i])
+        content[f"{name}_expected"] = _rounded(FACTOR[name] * values)
+    return _line(content)
 
 
 def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray, kind: str) -> str:
-    """Estimates as in the terminal's table, and the probability of each delay; ``kind`` names the
-    estimator.
+    """Return the estimates at a time (s), and the probability of each delay (``weights``).
+
+    ``kind`` is the estimator in words.
     """
-    return _line(
-        {
-            "t": round(time, 6),
-            "kind": kind,
-            "items": [_item(each) for each in items],
-            "weights": _rounded(weights, 6),
-        }
-    )
+    contents = [_item_content(item) for item in items]
+    weight_numbers = _rounded(weights, 6)
+    return _line({"t": round(time, 6), "kind": kind, "items": contents, "weights": weight_numbers})
 
 
 def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
-    """Status of the stream; ``state`` is waiting, collecting, running or ended."""
+    """Return the status of the stream; ``state`` is waiting, collecting, running or ended."""
     return _line(
         {
             "state": state,
@@ -402,38 +411,40 @@ def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
     )
 
 
-def _item(each: CrossValidation) -> dict[str, Any]:
-    text = (
-        HANGING
-        if each.hanging
-        else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
-    )
-    out: dict[str, Any] = {
-        "name": each.name,
-        "word": WORDS.get(each.name, each.name),
-        "unit": "" if each.unit == "1" else each.unit,
-        "told": text,
+def _item_content(item: CrossValidation) -> dict[str, Any]:
+    """Return a parameter with its estimate, its reference value, and their difference."""
+    content: dict[str, Any] = {
+        "name": item.name,
+        "word": WORDS.get(item.name, item.name),
+        "unit": "" if item.unit == "1" else item.unit,
+        "told": HANGING if item.hanging else _estimate_text(item.value, item.std),
     }
-    out |= {} if each.hanging else {"value": _number(each.value), "std": _number(each.std)}
-    if each.reference is not None:
-        value, std = each.reference
-        out |= {
+    if not item.hanging:
+        content |= {"value": _number(item.value), "std": _number(item.std)}
+    if item.reference is not None:
+        value, std = item.reference
+        content |= {
             "reference": _number(value),
             "reference_std": _number(std),
-            "reference_told": f"{number_text(value, std)} ± {number_text(std, std)}",
+            "reference_told": _estimate_text(value, std),
         }
-        out |= {} if each.z is None else {"off": round(each.z, 2), "outside": each.beyond}
-    return out
+        if item.z is not None:
+            content |= {"off": round(item.z, 2), "outside": item.beyond}
+    return content
 
 
-def _expected(step: WatchStep) -> np.ndarray:
-    """Predicted outputs, of the relinearised bank if there is one."""
+def _estimate_text(value: float, std: float) -> str:
+    return f"{number_text(value, std)} ± {number_text(std, std)}"
+
+
+def _predicted(step: WatchStep) -> np.ndarray:
+    """Return the predicted outputs, of the relinearised bank if there is one."""
     state = step.state if step.refined is None else step.refined.state
     return state.expected
 
 
 def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    """Return the numbers with enough significant digits for a page; None for missing ones."""
+    """Return numbers with ``digits`` significant digits; None for those that are not finite."""
     return [
         float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
     ]
@@ -447,27 +458,27 @@ def _line(content: Mapping[str, Any]) -> str:
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 
-# ---- Feeds the page while a stream is watched
+# ---- Events of a stream while it is watched
 
 ROW_EVENT_INTERVAL = 0.1  # s between two events of rows
-STATE_EVENT_INTERVAL = 1.0  # s between two of how the stream stands
-RATE_AVERAGING_TIME = 5.0  # s over which the rate is taken
-KINDS = {
+MOST_EVENT_ROWS = 1000  # rows after which an event is made at once
+STATE_EVENT_INTERVAL = 1.0  # s between two events of the status
+RATE_AVERAGING_TIME = 5.0  # s, averaging time of the rate of rows
+KINDS = {  # whether an estimate is of the relinearised bank -> the estimator in words
     True: "refined on line, delay between the grid points",
     False: "the most likely filter, deviations with what other starts led to",
 }
 
 
 class Follow:
-    """Callable that puts the steps of a watch into a feed; called without steps when no row
-    came.
-    """
+    """Puts the steps of a watch into a feed; also called without steps while no row arrives."""
 
     def __init__(self, watch: Watch, feed: Feed) -> None:
         self._watch, self._feed = watch, feed
-        self._waiting: list[WatchStep] = []
-        self._second, self._sent, self._stood = -np.inf, 0.0, 0.0
-        self._counted: deque[tuple[float, int]] = deque()
+        self._waiting: list[WatchStep] = []  # steps that were not sent yet
+        self._second = -np.inf  # second of the last estimate
+        self._rows_time = self._status_time = 0.0  # of the last event of rows and of the status
+        self._row_counts: deque[tuple[float, int]] = deque()  # time, number of rows until then
         self._introduced = False
 
     def __call__(self, steps: Sequence[WatchStep]) -> None:
@@ -476,40 +487,44 @@ class Follow:
         if session is not None and session.bank is not None and not self._introduced:
             self._introduced = True
             reference = self._watch.reference
-            named = (
+            constants = about(
                 self._watch.name,
                 session.stick_unit,
                 session.bank.delays,
                 None if reference is None else reference.name,
                 session.vehicle.name,
             )
-            self._feed.put("about", about(*named))
+            self._feed.put("about", constants)
         self._waiting += steps
-        if session is not None and (
-            now - self._sent >= ROW_EVENT_INTERVAL or len(self._waiting) >= 1000
-        ):
-            self._rows(session)
-            self._sent = now
-        if now - self._stood >= STATE_EVENT_INTERVAL or (steps and not self._counted):
-            self._stood = now
-            self._stand(session, now)
+        due = now - self._rows_time >= ROW_EVENT_INTERVAL or len(self._waiting) >= MOST_EVENT_ROWS
+        if session is not None and due:
+            self._put_rows(session)
+            self._rows_time = now
+        first_rows = steps and not self._row_counts
+        if now - self._status_time >= STATE_EVENT_INTERVAL or first_rows:
+            self._status_time = now
+            self._put_status(session, now)
 
-    def end(self, session: Session, end: WatchOutcome) -> None:
+    def end(self, session: Session, outcome: WatchOutcome) -> None:
         """Put the last estimate and the reason of the end into the feed."""
-        self._rows(session)
-        kind = "refined over all rows" if end.refinement is not None else KINDS[end.refined]
+        self._put_rows(session)
+        kind = KINDS[outcome.refined]
+        if outcome.refinement is not None:
+            kind = "refined over all rows"
         assert session.state is not None
-        self._feed.put("final", estimates(session.state.time, end.standings, end.weights, kind))
-        self._stand(session, time.monotonic(), f"{self._watch.reason}; {kind}")
+        last = estimates(session.state.time, outcome.standings, outcome.weights, kind)
+        self._feed.put("final", last)
+        self._put_status(session, time.monotonic(), f"{self._watch.reason}; {kind}")
 
-    def _rows(self, session: Session) -> None:
+    def _put_rows(self, session: Session) -> None:
+        """Put the waiting rows and the estimate at the end of each second into the feed."""
         steps, self._waiting = self._waiting, []
         if not steps:
             return
         self._feed.put("rows", rows(steps, session.offsets), rows=len(steps))
         seconds = [int(np.floor(step.row[0])) for step in steps]
-        for step, second, after in zip(steps, seconds, [*seconds[1:], None], strict=True):
-            if second > self._second and second != after:
+        for step, second, next_second in zip(steps, seconds, [*seconds[1:], None], strict=True):
+            if second > self._second and second != next_second:
                 self._second = second
                 result = so_far(session, step)
                 items = comparisons(
@@ -520,41 +535,39 @@ class Follow:
                     estimates(step.state.time, items, result.weights, KINDS[result.refined]),
                 )
 
-    def _stand(self, session: Session | None, now: float, ended: str = "") -> None:
-        rows = 0 if session is None or session.state is None else session.state.rows_seen
-        self._counted.append((now, rows))
-        while len(self._counted) > 2 and now - self._counted[0][0] > RATE_AVERAGING_TIME:
-            self._counted.popleft()
-        first_time, before = self._counted[0]
-        passed = now - first_time
-        rate = (rows - before) / passed if passed > 0 else 0.0
+    def _put_status(self, session: Session | None, now: float, ended: str = "") -> None:
+        """Put the status into the feed; ``ended`` is a sentence on the end of the stream."""
+        bank_state = None if session is None else session.state
+        count = 0 if bank_state is None else bank_state.rows_seen
+        self._row_counts.append((now, count))
+        while len(self._row_counts) > 2 and now - self._row_counts[0][0] > RATE_AVERAGING_TIME:
+            self._row_counts.popleft()
+        first_time, first_count = self._row_counts[0]
+        duration = now - first_time
         numbers = {
-            "rows": rows,
+            "rows": count,
             "left_out": self._watch.left_out,
             "spikes": 0 if session is None else session.spikes,
-            "rate": rate,
-        }
-        numbers |= {
+            "rate": (count - first_count) / duration if duration > 0 else 0.0,
             "silent": now - self._watch.heard,
-            "t": np.nan if session is None or session.state is None else session.state.time,
+            "t": np.nan if bank_state is None else bank_state.time,
         }
-        state = (
-            "ended"
-            if ended
-            else "waiting"
-            if session is None
-            else "running"
-            if session.bank is not None
-            else "collecting"
-        )
-        self._feed.put("status", status(state, ended, numbers))
+        self._feed.put("status", status(_state_of(session, ended), ended, numbers))
+
+
+def _state_of(session: Session | None, ended: str) -> str:
+    """Return the state of a stream for the page."""
+    if ended:
+        return "ended"
+    if session is None:
+        return "waiting"
+    return "running" if session.bank is not None else "collecting"
 
 
 @contextmanager
 def served(watch: Watch, port: int | None) -> Iterator[Follow]:
-    """Context manager that serves the page and gives a function that feeds it.
-
-    Raises DeclarationError if the port is taken.
+    """Serve the page of a watch and yield the function that feeds it; raise DeclarationError if the
+    port is taken.
     """
     with served_feed(port) as feed:
         yield Follow(watch, feed)
@@ -562,7 +575,7 @@ def served(watch: Watch, port: int | None) -> Iterator[Follow]:
 
 @contextmanager
 def served_feed(port: int | None) -> Iterator[Feed]:
-    """Context manager that gives a feed whose page is served."""
+    """Serve a page; yield its feed."""
     feed = Feed()
     server = PageServer(feed, port)
     server.start()

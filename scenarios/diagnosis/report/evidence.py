@@ -1,5 +1,5 @@
-"""Residuals of a diagnosis in words: colour, frequencies, times and correlates by channel; evidence
-for an effect where they are not noise.
+"""Residuals of a diagnosis in words: for each channel their autocorrelation, frequencies, largest
+window and correlated signal; and the evidence for effects if the residuals are not noise.
 """
 
 from __future__ import annotations
@@ -24,39 +24,49 @@ if TYPE_CHECKING:
 
 LARGE_RESIDUAL_WINDOW = 2.0  # s, window of a large residual: about one short period
 LARGEST_RESIDUAL_SHIFT = 0.5  # s, largest lag of a correlation
-WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
-CORRELATE_SIGMAS = (
-    4.0  # sigmas of chance correlation (Bartlett); the best of a few dozen signals is reported
-)
+SMALLEST_CORRELATION = 0.25  # a smaller one explains less than a sixteenth of the power
+# Sigmas of the correlation of independent series (Bartlett). A correlation must exceed them,
+# because the largest of a few dozen signals is reported.
+CORRELATION_SIGMAS = 4.0
+SIMILAR_SIGNIFICANCE = 0.9  # of the largest significance; above it, a simpler signal is preferred
+POWER_SHARE = 0.8  # share of the power below the reported frequency
+FEWEST_FREQUENCIES = 5  # of a spectrum that can be described
+FEWEST_LAGS = 10  # of an autocorrelation
 
 
 @dataclass(frozen=True)
-class Company:
-    """Signal that a residual correlates with most.
+class Correlate:
+    """The signal with which a residual correlates most.
 
-    ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first
-    input. ``later``: lag of the residual, s.
+    Attributes
+    ----------
+    name : an input or output.
+    form : ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first input.
+    correlation : correlation coefficient.
+    lag : lag of the residual behind the signal, s.
     """
 
     name: str
     form: str
     correlation: float
-    later: float
+    lag: float
 
 
 @dataclass(frozen=True)
-class Leftover:
+class ChannelResidual:
     """Residual of one channel over all fitted records.
 
     Attributes
     ----------
-    rms : in the channel's unit.
-    correlation : of neighbouring samples.
+    channel, unit : name and unit of the channel.
+    rms : root mean square, in the channel's unit.
+    correlation : correlation of neighbouring samples.
     peak : frequency of the largest power density, Hz.
     below : frequency below which 80 % of the power lies, Hz.
-    record, begin, end : record (from 0) and time (s) of the window with the largest mean square.
-    times : root mean square in this window over ``rms``.
-    company : correlated signal, or None.
+    record : record (from 0) of the window with the largest mean square.
+    begin, end : limits of this window, s.
+    window_ratio : root mean square in this window over ``rms``.
+    correlate : correlated signal, or None.
     """
 
     channel: str
@@ -68,17 +78,17 @@ class Leftover:
     record: int
     begin: float
     end: float
-    times: float
-    company: Company | None
+    window_ratio: float
+    correlate: Correlate | None
 
 
-def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
-    """Describe the residuals of one channel after the fit; None if fewer than 20 samples of it
-    were used.
+def channel_residual(fitted: Sequence[FittedRecord], channel: str) -> ChannelResidual | None:
+    """Describe the residual of one channel; None if no record has enough fitted samples of it.
 
-    It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and
-    products with the first input, shifted by up to half a second either way. What chance does to a
-    correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
+    The residual is correlated with inputs and simulated outputs, which have no noise, with their
+    rates and squares, and with their products with the first input. Lags go up to half a second
+    either way. Bartlett's formula gives the variance of the correlation of independent coloured
+    series: the sum of the products of their autocorrelations.
     """
     parts = [
         residual_part(item, channel)
@@ -95,49 +105,50 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     rms = float(np.sqrt(power / count))
     neighbours = sum(float(part.residual[1:] @ part.residual[:-1]) for part in parts) / power
     peak, below = _frequencies(parts)
-    where, begin, end, times = _when(parts, rms)
-    number = next(n for n, item in enumerate(fitted) if item is where)
-    return Leftover(
+    item, begin, end, window_ratio = _largest_window(parts, rms)
+    return ChannelResidual(
         channel,
-        where.record[channel].unit,
+        item.record[channel].unit,
         rms,
         neighbours,
         peak,
         below,
-        number,
+        next(number for number, other in enumerate(fitted) if other is item),
         begin,
         end,
-        times,
-        _company(parts),
+        window_ratio,
+        _correlate(parts),
     )
 
 
 def _frequencies(parts: Sequence[ResidualPart]) -> tuple[float, float]:
-    """Return the frequency of the largest power and that below which four fifths lie, Hz; Hann
-    window, mean over records, three neighbours smoothed.
+    """Return the frequency of the largest power density and the frequency below which
+    ``POWER_SHARE`` of the power lies, Hz.
+
+    The spectrum has a Hann window; it is averaged over records. The peak is searched in the mean of
+    three neighbouring frequencies.
     """
     highest = min(0.5 / part.interval for part in parts)
     lowest = max(1.0 / (part.interval * len(part.residual)) for part in parts)
     hertz = np.arange(lowest, highest, lowest)
-    if len(hertz) < 5:
+    if len(hertz) < FEWEST_FREQUENCIES:
         return lowest, highest
-    total = np.zeros(len(hertz))
+    density = np.zeros(len(hertz))
     for part in parts:
-        found = np.abs(np.fft.rfft(part.residual * np.hanning(len(part.residual)))) ** 2
-        total += (
-            np.interp(hertz, np.fft.rfftfreq(len(part.residual), part.interval), found)
-            * part.interval
-        )
-    smooth = np.convolve(np.pad(total, 1, mode="edge"), np.ones(3) / 3.0, mode="valid")
-    share = np.cumsum(total) / total.sum()
-    return float(hertz[np.argmax(smooth)]), float(
-        hertz[min(int(np.searchsorted(share, 0.8)), len(hertz) - 1)]
-    )
+        count = len(part.residual)
+        square = np.abs(np.fft.rfft(part.residual * np.hanning(count))) ** 2
+        density += np.interp(hertz, np.fft.rfftfreq(count, part.interval), square) * part.interval
+    smooth = np.convolve(np.pad(density, 1, mode="edge"), np.ones(3) / 3.0, mode="valid")
+    share = np.cumsum(density) / density.sum()
+    below = min(int(np.searchsorted(share, POWER_SHARE)), len(hertz) - 1)
+    return float(hertz[np.argmax(smooth)]), float(hertz[below])
 
 
-def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, float, float, float]:
-    """Record, begin, end and size of the window with the largest mean square; half of it at least
-    must be measured.
+def _largest_window(
+    parts: Sequence[ResidualPart], rms: float
+) -> tuple[FittedRecord, float, float, float]:
+    """Return the window with the largest mean square: record, begin (s), end (s), and root mean
+    square over ``rms``. At least half of the window must be measured.
     """
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
@@ -148,50 +159,48 @@ def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, floa
             for x in (part.residual**2, part.used.astype(float))
         )
         mean = np.where(counts >= 0.5 * size, squares / np.maximum(counts, 1.0), -1.0)
-        at = int(np.argmax(mean))
-        if mean[at] > best[3]:
-            best = (part.item, float(time[at]), float(time[at + size - 1]), float(mean[at]))
+        first = int(np.argmax(mean))
+        if mean[first] > best[3]:
+            last = first + size - 1
+            best = (part.item, float(time[first]), float(time[last]), float(mean[first]))
     return (*best[:3], float(np.sqrt(max(best[3], 0.0))) / rms)
 
 
-def _company(parts: Sequence[ResidualPart]) -> Company | None:
-    """Return the most certain correlation with a signal, where one is worth a word."""
-    found: list[tuple[float, Company]] = []
+def _correlate(parts: Sequence[ResidualPart]) -> Correlate | None:
+    """Return the signal with the most significant correlation, None if none is significant."""
+    interval = max(part.interval for part in parts)
+    largest = int(LARGEST_RESIDUAL_SHIFT / interval)
+    lags = interval * np.arange(-largest, largest + 1)
+    power = sum(float(part.residual @ part.residual) for part in parts)
+    correlates: list[tuple[float, Correlate]] = []  # significance, signal
     for name, form in _signals(parts):
-        series = [_signal(part, name, form) for part in parts]
-        sizes = [float(s @ s) for s in series]
-        if min(sizes) <= 0.0:
+        signals = [_signal(part, name, form) for part in parts]
+        pairs = list(zip(parts, signals, strict=True))
+        powers = [float(signal @ signal) for signal in signals]
+        if min(powers) <= 0.0:
             continue
-        interval = max(part.interval for part in parts)
-        shifts = np.arange(
-            -int(LARGEST_RESIDUAL_SHIFT / interval), int(LARGEST_RESIDUAL_SHIFT / interval) + 1
-        )
-        scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
-        r = (
-            sum(
-                _correlations(part, s, shifts * interval)
-                for part, s in zip(parts, series, strict=True)
-            )
-            / scale
-        )
-        chance = (
-            np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True)))
-            / scale
-        )
-        at = int(np.argmax(np.abs(r)))
-        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > CORRELATE_SIGMAS * chance:
-            found.append(
-                (
-                    abs(r[at]) / chance,
-                    Company(name, form, float(r[at]), float(shifts[at] * interval)),
-                )
-            )
-    # Of nearly equal correlations, the simplest: signal, then rate, then square.
-    best = max((sure for sure, _ in found), default=0.0)
-    return next((company for sure, company in found if sure >= 0.9 * best), None)
+        scale = np.sqrt(sum(powers) * power)
+        correlations = sum(_correlations(part, signal, lags) for part, signal in pairs) / scale
+        sigma = np.sqrt(sum(_variance(part.residual, signal) for part, signal in pairs)) / scale
+        at = int(np.argmax(np.abs(correlations)))
+        size = abs(correlations[at])
+        if size > SMALLEST_CORRELATION and size > CORRELATION_SIGMAS * sigma:
+            correlate = Correlate(name, form, float(correlations[at]), float(lags[at]))
+            correlates.append((size / sigma, correlate))
+    # Simple forms come first: signal, rate, square, product.
+    best = max((significance for significance, _ in correlates), default=0.0)
+    return next(
+        (
+            correlate
+            for significance, correlate in correlates
+            if significance >= SIMILAR_SIGNIFICANCE * best
+        ),
+        None,
+    )
 
 
 def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
+    """Return name and form of each signal that all records have."""
     shared = [
         set(part.item.record.input_names)
         | set(part.item.channels) & set(part.item.record.output_names)
@@ -201,7 +210,7 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
     names = [
         name
         for name in (*first.record.input_names, *first.channels)
-        if all(name in each for each in shared)
+        if all(name in signals for signals in shared)
     ]
     products = [
         (name, "product") for name in names if first.record.input_names[:1] not in ((), (name,))
@@ -210,7 +219,7 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
 
 
 def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
-    """Return a form of an input or fitted output (see `Company`), minus its mean."""
+    """Return a form of an input or simulated output (see `Correlate`), minus its mean."""
     item = part.item
     if name in item.record.input_names:
         values = item.record[name].values
@@ -236,65 +245,72 @@ def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
     return np.where(part.used, values - values[part.used].mean(), 0.0)
 
 
-def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """Sum of products of the residual with the signal ``later`` seconds before it."""
-    n = len(signal)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    every = np.fft.irfft(
-        np.fft.rfft(part.residual, size) * np.conj(np.fft.rfft(signal, size)), size
-    )
-    return np.asarray(every[np.round(later / part.interval).astype(int) % size])
+def _correlations(part: ResidualPart, signal: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Return the sum of products of the residual and the signal for each lag (s) of the residual
+    behind the signal.
+    """
+    size = 1 << int(np.ceil(np.log2(2 * len(signal))))  # no lag wraps around
+    product = np.fft.rfft(part.residual, size) * np.conj(np.fft.rfft(signal, size))
+    sums = np.fft.irfft(product, size)
+    return np.asarray(sums[np.round(lags / part.interval).astype(int) % size])
 
 
-def _chance(a: np.ndarray, b: np.ndarray) -> float:
+def _variance(a: np.ndarray, b: np.ndarray) -> float:
     """Return the variance of the sum of products of two independent series (Bartlett, 1946)."""
-    lags = max(10, len(a) // 5)
+    lags = max(FEWEST_LAGS, len(a) // 5)
     return len(a) * max(
         float(
             2.0 * np.sum(autocovariance(a, lags) * autocovariance(b, lags))
             - autocovariance(a, 0)[0] * autocovariance(b, 0)[0]
         ),
-        1e-300,
+        SMALLEST_VARIANCE,
     )
 
 
-FEW_PARAMETERS = 2  # parameters that are compared between records
-FORMS = {
+SMALLEST_VARIANCE = 1e-300  # keeps a quotient finite
+ROUNDING = 1e-9  # s, lag that is rounding
+LARGEST_STD = 1e30  # stands for an infinite standard deviation
+MOST_COMPARED_PARAMETERS = 2  # parameters of an effect that are printed for each record
+MOST_FAILED_TESTS = 2  # failed tests that are named one by one
+MOST_DECIMALS, USUAL_DECIMALS = 6, 3  # decimals of a value; without a known sigma
+FORMS = {  # form of a correlated signal in words
     "itself": "{}",
     "rate": "the rate of {}",
     "square": "the square of {}",
     "product": "the product of {} and the {control}",
 }
-# combined sigmas between the joint value and the mean of the records
-DISAGREEING_SIGMAS = 2.0
-LARGEST_SHOWN = 1e30
-LARGEST_EVEN_PEAK = 1.6  # multiple of the rms below which no window is reported
+DISAGREEING_SIGMAS = 2.0  # scatter of the records' values, in sigmas, above which they disagree
+SMALLEST_WINDOW_RATIO = 1.6  # multiple of the rms from which a window is reported
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """Return sentences on the spread of the evidence for an effect, and on its values from each
-    record; empty if the residual is noise.
+    """Return sentences on z of Vuong's test for an effect and on its values from each record; empty
+    if the residual is noise.
     """
     if claim.spread is None:
         return []
-    sentence = (
-        f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
-        "second"
-        if math.isfinite(claim.spread)
-        else ""
-    )
-    values, apart = by_record_text(claim.by_record), apart_text(claim)
-    each = f"from each of {len(claim.by_record)} records: {values}" if values else ""
-    return [part for part in (sentence, f"{each}, but {apart}" if each and apart else each) if part]
-
-
-def apart_text(claim: Claim) -> str:
-    """Return where values of the records differ by more than their sigmas; empty if they agree."""
     sentences = []
-    for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
-        each = [found[name] for found in claim.by_record]
-        values = np.array([q.value for q in each])
-        sigmas = np.minimum([q.std for q in each], LARGEST_SHOWN)
+    if math.isfinite(claim.spread):
+        sentences.append(
+            f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
+            "second"
+        )
+    values, disagreement = by_record_text(claim.by_record), disagreement_text(claim)
+    if values:
+        sentence = f"from each of {len(claim.by_record)} records: {values}"
+        sentences.append(f"{sentence}, but {disagreement}" if disagreement else sentence)
+    return sentences
+
+
+def disagreement_text(claim: Claim) -> str:
+    """Return the parameters whose values from single records disagree; empty if all agree."""
+    if len(claim.by_record) < 2:
+        return ""
+    sentences = []
+    for name in claim.by_record[0]:
+        quantities = [parameters[name] for parameters in claim.by_record]
+        values = np.array([quantity.value for quantity in quantities])
+        sigmas = np.minimum([quantity.std for quantity in quantities], LARGEST_STD)
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
@@ -304,27 +320,32 @@ def apart_text(claim: Claim) -> str:
 
 
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
-    """Return the values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a
-    curve, whose numbers trade off.
+    """Return the values from each record with their unit: ``"0.058, 0.063, 0.060 s"``.
+
+    Effects with more than two parameters, as curves, give an empty text: their parameters are
+    correlated.
     """
     names = list(by_record[0]) if by_record else []
-    if not 0 < len(names) <= FEW_PARAMETERS:
+    if not 0 < len(names) <= MOST_COMPARED_PARAMETERS:
         return ""
     sentences = []
     for name in names:
-        shown = [displayed(each[name], name) for each in by_record if name in each]
-        known = [std for _, std, _ in shown if 0.0 < std < math.inf]
-        digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
-        unit = shown[0][2] if shown[0][2] not in ("", "1") else ""
-        values = ", ".join(f"{value:.{min(digits, 6)}f}" for value, _, _ in shown)
-        sentences.append(
-            f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
-        )
+        rows = [displayed(parameters[name], name) for parameters in by_record if name in parameters]
+        stds = [std for _, std, _ in rows if 0.0 < std < math.inf]
+        decimals = max(0, -math.floor(math.log10(min(stds)))) if stds else USUAL_DECIMALS
+        decimals = min(decimals, MOST_DECIMALS)
+        unit = rows[0][2] if rows[0][2] != "1" else ""
+        sentence = ", ".join(f"{value:.{decimals}f}" for value, _, _ in rows)
+        if len(names) > 1 or not unit:
+            sentence = f"{name} {sentence}"
+        if unit:
+            sentence += f" {unit}"
+        sentences.append(sentence)
     return "; ".join(sentences)
 
 
 def overflow_sentence(count: int) -> str:
-    """One line on the computations that were left out."""
+    """Return a sentence on the ``count`` computations that overflowed and were skipped."""
     several = f"{count} computations" if count > 1 else "one computation"
     return (
         f"{several} of the search left the range of numbers: what they would have shown is left "
@@ -333,93 +354,88 @@ def overflow_sentence(count: int) -> str:
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """Return the warnings, with a description of each channel's residual instead of failed tests.
+    """Return the warnings of a diagnosis. Sentences on the residuals follow if they are not white.
 
-    Without an accepted effect, the residuals are those of the declared model.
+    Many failed tests of whiteness are summed up in one sentence. Without an accepted effect, the
+    residuals are those of the declared model.
     """
     d = tracing.diagnosis
+    overflows = [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if nothing_stands(d):
-        sentences = [
-            *(caution.sentence for caution in d.warnings if caution.test is None),
-            *([overflow_sentence(tracing.overflows)] if tracing.overflows else []),
-        ]
+        sentences = [caution.sentence for caution in d.warnings if caution.test is None]
         declared = [replace(item, after=item.before) for item in d.fitted]
-        open_channels = _channels([test for test in d.tests_before if not test.passed])
+        channels = _channels([test for test in d.tests_before if not test.passed])
+        residuals = _residual_sentences(tracing, declared, channels)
         return [
             *sentences,
-            *(
-                f"with the declared model, {line}"
-                for line in _left(tracing, declared, open_channels)
-            ),
+            *overflows,
+            *(f"with the declared model, {sentence}" for sentence in residuals),
         ]
-    cautions = [caution for caution in d.warnings if caution.test is not None]
-    failed = [caution.test for caution in cautions if caution.test is not None]
-    lines = cautions if len(failed) > FEW_PARAMETERS else []
-    sentences = [caution.sentence for caution in d.warnings if caution not in lines]
-    sentences += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
-    if failed:
-        share = (
-            [
-                f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in "
-                f"{', '.join(_channels(failed))}"
-            ]
-            if lines
-            else []
+    failed = [caution.test for caution in d.warnings if caution.test is not None]
+    channels = _channels(failed)
+    summed_up = len(failed) > MOST_FAILED_TESTS
+    sentences = [
+        caution.sentence for caution in d.warnings if caution.test is None or not summed_up
+    ]
+    sentences += overflows
+    if summed_up:
+        sentences.append(
+            f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in "
+            f"{', '.join(channels)}"
         )
-        return [*sentences, *share, *_left(tracing, d.fitted, _channels(failed))]
-    return sentences
+    return [*sentences, *_residual_sentences(tracing, d.fitted, channels)]
 
 
 def _channels(tests: Sequence[ResidualTest]) -> list[str]:
     return list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
 
 
-def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[str]) -> list[str]:
-    found = [left_over(fitted, channel) for channel in channels]
-    return [leftover_sentence(item, tracing) for item in found if item is not None]
+def _residual_sentences(
+    tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[str]
+) -> list[str]:
+    residuals = [channel_residual(fitted, channel) for channel in channels]
+    return [residual_sentence(residual, tracing) for residual in residuals if residual is not None]
 
 
-def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
-    """Return a sentence on the residual of one channel: size, colour, frequency, time, and
-    correlated signals.
+def residual_sentence(residual: ChannelResidual, tracing: Tracing) -> str:
+    """Return a sentence on the residual of one channel: size, autocorrelation, frequencies, largest
+    window, and correlated signal.
     """
-    factor, unit = shown_in(left.unit, left.channel)
+    factor, unit = shown_in(residual.unit, residual.channel)
     parts = [
-        f"left in the {_spoken(left.channel, tracing)}: rms {factor * left.rms:.3g}{spaced(unit)}, "
-        f"neighbouring samples correlated by {left.correlation:.2f}",
-        f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
+        f"left in the {_spoken(residual.channel, tracing)}: "
+        f"rms {factor * residual.rms:.3g}{spaced(unit)}, "
+        f"neighbouring samples correlated by {residual.correlation:.2f}",
+        f"most power near {residual.peak:.2g} Hz, four fifths of it below {residual.below:.2g} Hz",
     ]
-    if left.times > LARGEST_EVEN_PEAK:
-        record = tracing.diagnosis.fitted[left.record].record.name
+    if residual.window_ratio > SMALLEST_WINDOW_RATIO:
+        record = tracing.diagnosis.fitted[residual.record].record.name
         parts.append(
-            f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} "
-            "times its rms"
+            f"largest in {record} from {residual.begin:.1f} to {residual.end:.1f} s, "
+            f"{residual.window_ratio:.1f} times its rms"
         )
     else:
         parts.append("about alike everywhere")
-    if left.company is None:
-        return "; ".join(
-            [*parts, "goes with no input and no channel, nor their rates, squares and products"]
-        )
-    company = left.company
+    correlate = residual.correlate
+    if correlate is None:
+        parts.append("goes with no input and no channel, nor their rates, squares and products")
+        return "; ".join(parts)
     control = next(iter(tracing.records[0].input_names), "input")
-    what = FORMS[company.form].format(f"the {_spoken(company.name, tracing)}", control=control)
-    later = (
-        f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}"
-        if abs(company.later) > 1e-9
-        else ""
+    signal = FORMS[correlate.form].format(
+        f"the {_spoken(correlate.name, tracing)}", control=control
     )
-    return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
+    numbers = f"correlation {correlate.correlation:+.2f}"
+    if abs(correlate.lag) > ROUNDING:
+        side = "later" if correlate.lag > 0 else "earlier"
+        numbers += f", {abs(correlate.lag):.2g} s {side}"
+    return "; ".join([*parts, f"goes with {signal} ({numbers})"])
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:
-    """``" (run-to-run scatter 0.8)"`` after a derivative, empty if it is not known."""
+    """Return ``" (run-to-run scatter 0.8)"`` for a derivative; empty if it is not known."""
     return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
 
 
 def _spoken(name: str, tracing: Tracing) -> str:
+    """Return a channel in words; a user's own model keeps its names."""
     return CHANNELS.get(name, name.replace("_", " ")) if is_of_aircraft(tracing.model) else name
-
-
-def _unit(quantity: Quantity) -> str:
-    return quantity.unit if quantity.unit != "1" else ""

@@ -1,5 +1,5 @@
-"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, its figures with their
-captions, and the page.
+"""The study folder of a diagnosis: ``diagnosis.json``, predictions, residuals, evidence, figures
+with captions, and the page.
 """
 
 from __future__ import annotations
@@ -78,11 +78,15 @@ if TYPE_CHECKING:
 
 
 def pictured(tracing: Tracing) -> Pictured:
-    """Return the part of a diagnosis that figures show, its runaway numbers bounded."""
+    """Return the part of a diagnosis that figures show; diverged predictions are bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(
-        Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after))
-        for p in d.predictions
+        replace(
+            prediction,
+            before=bounded_series(prediction.before),
+            after=bounded_series(prediction.after),
+        )
+        for prediction in d.predictions
     )
     claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     standing = NamedEffects(
@@ -91,7 +95,8 @@ def pictured(tracing: Tracing) -> Pictured:
         tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
         d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
     )
-    shown = (
+    return Pictured(
+        d.fitted,
         predictions,
         d.candidates,
         d.before,
@@ -100,8 +105,8 @@ def pictured(tracing: Tracing) -> Pictured:
         standing,
         kind_of_predicted(d),
         _replicated(tracing),
+        SIMULATED_DATA if tracing.simulated else MEASURED_DATA,
     )
-    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
@@ -114,13 +119,13 @@ def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
 
 
 def bounded_series(values: np.ndarray) -> np.ndarray:
-    """Return finite numbers; those of a diverged simulation are limited."""
+    """Return the values of a simulation, limited to +-``LARGEST``; NaN becomes ``LARGEST``."""
     return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
 
 
-# ---- Which figures a diagnosis gets
+# ---- The figures of a diagnosis
 
-# File stem and caption, in the order of the report; further records get a number after the stem.
+# File stem -> caption, in the order of the report; the stems of further records have a number.
 CAPTIONS = {
     "replication": (
         "Parameters of the effects from each record alone, and from all fitted records together"
@@ -139,7 +144,7 @@ CAPTIONS = {
         "the residuals with the inputs"
     ),
 }
-DECLARED_CAPTIONS = {
+DECLARED_CAPTIONS = {  # captions if the figures show the declared model alone
     **CAPTIONS,
     "held_out": (
         "Outputs of data that were not fitted, recorded and predicted by the declared model, with "
@@ -147,95 +152,80 @@ DECLARED_CAPTIONS = {
     ),
     "residuals": "Residuals of the fitted data with the declared model",
     "derivatives": "Derivatives of the declared model",
-}  # without an accepted effect
+}
 
 
 def draw_diagnosis(
     shown: Pictured, folder: Path, formats: Formats = USUAL, *, declared: bool = False
 ) -> tuple[Drawn, ...]:
-    """Draw all figures, into ``folder`` in every format and for the page, in the order of the
-    report; ``declared``: they show the declared model alone.
+    """Write all figures into ``folder`` and return them for the page, in the order of the report.
+
+    ``declared`` : the figures show the declared model alone.
     """
     from scenarios.plots.drawing import draw_for_page
 
     drawn = draw_for_page(figures_of(shown), folder, formats)
-    plots = {each.stem: each.plot for each in drawn}
-    named = captioned({each.stem: each.svg for each in drawn}, declared=declared)
-    return tuple(replace(each, plot=plots[each.stem]) for each in named)
+    plots = {figure.stem: figure.plot for figure in drawn}
+    ordered = captioned({figure.stem: figure.svg for figure in drawn}, declared=declared)
+    return tuple(replace(figure, plot=plots[figure.stem]) for figure in ordered)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
-    """Return file stems and drawing functions of all figures."""
+    """Return file stem and drawing function of each figure."""
     from scenarios.plots.residuals import figure_held_out, figure_residuals, figure_spectra
-    from scenarios.plots.tracing import figure_derivatives, figure_evidence
+    from scenarios.plots.tracing import figure_derivatives, figure_evidence, figure_replication
 
     kind, noise = pictured.kind, pictured.noise
-    out: list[tuple[str, Callable[[], Figure]]] = []
+    drawings: dict[str, Callable[[], Figure]] = {}
     for number, prediction in enumerate(pictured.predictions):
         title = f"{prediction.record.name} ({kind}): {pictured.data} and predicted"
-        out.append(
-            (
-                numbered("held_out", number),
-                partial(figure_held_out, prediction, noise, title, pictured.data),
-            )
+        drawings[numbered("held_out", number)] = partial(
+            figure_held_out, prediction, noise, title, pictured.data
         )
     for number, fitted in enumerate(pictured.fitted):
         name = fitted.record.name
-        out.append(
-            (
-                numbered("residuals", number),
-                partial(figure_residuals, fitted, noise, f"{name}: residuals"),
-            )
+        drawings[numbered("residuals", number)] = partial(
+            figure_residuals, fitted, noise, f"{name}: residuals"
         )
-        out.append(
-            (
-                numbered("spectra", number),
-                partial(figure_spectra, fitted, noise, f"{name}: spectra of the residuals"),
-            )
+        drawings[numbered("spectra", number)] = partial(
+            figure_spectra, fitted, noise, f"{name}: spectra of the residuals"
         )
     if pictured.candidates:
-        out.append(
-            (
-                "evidence",
-                partial(figure_evidence, pictured.candidates, pictured.standing, "Evidence"),
-            )
+        drawings["evidence"] = partial(
+            figure_evidence, pictured.candidates, pictured.standing, "Evidence"
         )
     if pictured.before and pictured.after:
-        out.append(
-            (
-                "derivatives",
-                partial(figure_derivatives, pictured.before, pictured.after, "Derivatives"),
-            )
+        drawings["derivatives"] = partial(
+            figure_derivatives, pictured.before, pictured.after, "Derivatives"
         )
     if pictured.replicated:
-        from scenarios.plots.tracing import figure_replication
-
-        out.append(
-            (
-                "replication",
-                partial(figure_replication, pictured.replicated, "Parameters by record"),
-            )
+        drawings["replication"] = partial(
+            figure_replication, pictured.replicated, "Parameters by record"
         )
-    return out
+    return list(drawings.items())
 
 
 def numbered(stem: str, number: int) -> str:
-    """``residuals``, ``residuals_2``, ... for the records 0, 1, ..."""
+    """Return the file stem of record ``number``: ``residuals`` for 0, ``residuals_2`` for 1."""
     return stem if number == 0 else f"{stem}_{number + 1}"
 
 
-def captioned(found: Mapping[str, str], *, declared: bool = False) -> tuple[Drawn, ...]:
-    """Figures by stem in the order of the report, with their captions; ``declared``: they show the
-    declared model alone.
+def captioned(drawn: Mapping[str, str], *, declared: bool = False) -> tuple[Drawn, ...]:
+    """Return figures with their captions in the order of the report.
+
+    Parameters
+    ----------
+    drawn : SVG text of each figure by file stem.
+    declared : the figures show the declared model alone.
     """
-    out = []
+    ordered = []
     for stem, caption in (DECLARED_CAPTIONS if declared else CAPTIONS).items():
         names = sorted(
-            (name for name in found if re.fullmatch(rf"{stem}(_\d+)?", name)),
+            (name for name in drawn if re.fullmatch(rf"{stem}(_\d+)?", name)),
             key=lambda name: (len(name), name),
         )
-        out += [Drawn(name, found[name], caption) for name in names]
-    return tuple(out)
+        ordered += [Drawn(name, drawn[name], caption) for name in names]
+    return tuple(ordered)
 
 
 TONES = {
@@ -245,7 +235,7 @@ TONES = {
     Verdict.AMBIGUOUS: "fair",
     Verdict.UNEXPLAINED: "open",
 }
-PRINTED_CANDIDATES = 10  # printed candidates
+PRINTED_CANDIDATES = 10  # rows of the table of candidates on paper
 CANDIDATES_NOTE = (
     "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
@@ -266,10 +256,18 @@ GUARD_NOTE = (
 def diagnosis_page(
     tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
 ) -> Page:
-    """Return the page of a diagnosis with the figures ``drawn``."""
+    """Return the page of a diagnosis.
+
+    Parameters
+    ----------
+    tracing : the diagnosis.
+    warnings : all warnings; those on the files are shown at the top, the others in a section.
+    drawn : the figures.
+    created : time stamp.
+    """
     d = tracing.diagnosis
-    pictures = {each.name: each for each in figures(drawn)}
-    replication = pictures.pop("figure-replication", None)
+    page_figures = {figure.name: figure for figure in figures(drawn)}
+    replication = page_figures.pop("figure-replication", None)
     further = Bullets(tuple(warning for warning in warnings if warning not in tracing.doubts))
     return Page(
         title=f"{tracing.vehicle.name}: what the {tracing.vehicle.model} model lacks",
@@ -280,7 +278,7 @@ def diagnosis_page(
         summary=(f"{_capital(text.headline(tracing))}.",),
         warnings=tuple(f"{doubt}." for doubt in tracing.doubts),
         sections=(
-            *section("Figures", *pictures.values()),
+            *section("Figures", *page_figures.values()),
             *_effects(tracing),
             *section("Warnings", further),
             *_replication(d, replication),
@@ -301,101 +299,98 @@ def _effects(tracing: Tracing) -> tuple[Section, ...]:
         Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
     ]
     advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
-    cards = tuple(_effect(claim, tracing) for claim in tracing.diagnosis.effects)
+    cards = tuple(_effect_card(claim, tracing) for claim in tracing.diagnosis.effects)
     return section("Effects", *advice, parts=cards) if cards or advice else ()
 
 
-def _effect(claim: Claim, tracing: Tracing) -> Section:
+def _effect_card(claim: Claim, tracing: Tracing) -> Section:
     wording = text.wording_of(tracing)
     blocks: list[Block] = [Prose(f"{_capital(text.effect_heading(claim, wording))}.")]
-    probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
-    blocks += [Prose(f"{probability}.")] if probability else []
-    blocks += [Prose(parameters, "value")] if parameters else []
+    if probability := probability_sentence(claim):
+        blocks.append(Prose(f"{probability}."))
+    if parameters := parameter_text(claim, wording):
+        blocks.append(Prose(parameters, "value"))
     blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
-    blocks += (
-        [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")]
-        if claim.alternatives
-        else []
-    )
-    explanation = claim.explanation or tracing.explanations.get(claim.name, "")
-    blocks += [Fold("What this effect is", (explanation,))] if explanation else []
+    if claim.alternatives:
+        blocks.append(Prose(f"These data fit as well: {', '.join(claim.alternatives)}."))
+    if explanation := claim.explanation or tracing.explanations.get(claim.name, ""):
+        blocks.append(Fold("What this effect is", (explanation,)))
     return Section(claim.name, tuple(blocks), card="claim" if claim.claimed else "hint")
 
 
 def _replication(d: Diagnosis, figure: PageFigure | None) -> tuple[Section, ...]:
-    told = [
+    sentences = [
         Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:")
         for claim in d.effects
         if evidence_sentences(claim)
     ]
-    return section("Replication", *told, figure, Prose(REPLICATION_NOTE, "note")) if told else ()
+    if not sentences:
+        return ()
+    return section("Replication", *sentences, figure, Prose(REPLICATION_NOTE, "note"))
 
 
 def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
-    some = tracing.kinematics
-    if some is None:
+    kinematics = tracing.kinematics
+    if kinematics is None:
         return ()
-    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
-    limits = tuple(some.result.cannot_tell) if some.result is not None else ()
-    records = (
-        Prose(
+    lines = kinematics_lines(kinematics, tracing.diagnosis.effects, text.wording_of(tracing))
+    blocks: list[Block] = [Prose(f"{_capital(line)}.") for line in lines]
+    if kinematics.records:
+        note = (
             "This check has no aerodynamic model. It uses records of the diagnosis, so agreement "
-            "supports the diagnosis and is not independent of it.",
-            "note",
+            "supports the diagnosis and is not independent of it."
         )
-        if some.records
-        else None
-    )
-    fold = Fold("What these channels cannot show", limits) if limits else None
-    return section(
-        "Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold
-    )
+        blocks.append(Prose(note, "note"))
+    if kinematics.result is not None and kinematics.result.cannot_tell:
+        limits = tuple(kinematics.result.cannot_tell)
+        blocks.append(Fold("What these channels cannot show", limits))
+    return section("Kinematics alone", *blocks)
 
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    after = (
-        "No effect is named as the cause, so there is nothing to compare with the declared model."
-    )
-    if not nothing_stands(d):
-        after = (
-            "No effect is needed: the declared model is the only one."
-            if declared_alone(d)
-            else "Before: the declared model; after: with the effects."
+    if nothing_stands(d):
+        note = (
+            "No effect is named as the cause, so there is nothing to compare with the declared "
+            "model."
         )
-    note = after
-    random = tables.simulation_note(d)
-    note += f" {_capital(random)}." if random else ""
-    told = (
+    elif declared_alone(d):
+        note = "No effect is needed: the declared model is the only one."
+    else:
+        note = "Before: the declared model; after: with the effects."
+    if simulation_note := tables.simulation_note(d):
+        note += f" {_capital(simulation_note)}."
+    explanation = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
         f"initial states and biases were fitted there. {note}"
     )
     table = tables.errors_table(d, "Simulation error", channel_units(tracing.model))
-    return section("Simulation error", table, Prose(told, "note"))
+    return section("Simulation error", table, Prose(explanation, "note"))
 
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
     sigmas, title = tables.sigma_note(d), tables.moved_title(d)
-    brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
+    # "HEADING (NOTE)" or "HEADING: NOTE"
+    heading, _, heading_note = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = levels_table(tracing, "Levels of flying qualities")
-    heading, assumed, rest = levels_title(tracing).partition(" (")
-    note = (
-        Prose(f"{_capital(rest.removesuffix(')'))}.", "note") if assumed and levels.rows else None
-    )
-    parts = section(_capital(heading), levels, note)
-    alike = Prose(
+    levels_heading, _, assumption = levels_title(tracing).partition(" (")
+    levels_note = None
+    if assumption and levels.rows:
+        levels_note = Prose(f"{_capital(assumption.removesuffix(')'))}.", "note")
+    parts = section(_capital(levels_heading), levels, levels_note)
+    members_note = Prose(
         "These data cannot tell them apart. * differs from the first by more than two sigmas of "
         "both together.",
         "note",
     )
-    for each in tables.member_tables(d, "Derivatives by member"):
-        members = [column.heading for column in each.columns[1:]]
-        parts += section(f"Under {' or '.join(members)}", alike, each)
+    for table in tables.member_tables(d, "Derivatives by member"):
+        members = [column.heading for column in table.columns[1:]]
+        parts += section(f"Under {' or '.join(members)}", members_note, table)
     return section(
-        _capital(brief),
-        Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
+        _capital(heading),
+        Prose(f"{_capital(heading_note.removesuffix(')'))}.", "note") if heading_note else None,
         tables.derivatives_table(d, "Derivatives"),
         tables.derived_table(d, "Derived quantities"),
         Prose(
@@ -411,10 +406,10 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
     effort = Prose(f"{_capital(effort_sentence(tracing.effort, d))}.", "note")
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
-    guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
+    has_catch_all = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
     caption = "Every candidate, the best of each round first"
     table = tables.candidates_table(d, caption, len(d.candidates), PRINTED_CANDIDATES)
-    note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
+    note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if has_catch_all else CANDIDATES_NOTE, "note")
     columns = (
         Column("model"),
         Column("test"),
@@ -423,8 +418,8 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
         Column("result"),
     )
     rows = tuple(
-        (when, test.name, test.channel, p_value(test.p_value), test.sentence)
-        for when, tests in _tests(d)
+        (model, test.name, test.channel, p_value(test.p_value), test.sentence)
+        for model, tests in _tests(d)
         for test in tests
     )
     parts = section("Every candidate", table, note) if d.candidates else ()
@@ -437,12 +432,14 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
+    """Return the residual tests of each model, after its name."""
     if declared_alone(d):
         return [(DECLARED, tuple(d.tests_before))]
     return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
 
 
 def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
+    """Return use, name and hash of each file."""
     kind = kind_of_predicted(tracing.diagnosis)
     files = [("fitted", file) for file in tracing.inputs.records] + [
         (kind, file) for file in tracing.inputs.validation
@@ -454,7 +451,7 @@ def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
 
 
 def _command(tracing: Tracing) -> list[str]:
-    """Return the command line of this diagnosis, as far as the result tells."""
+    """Return the command line of this diagnosis with its files; other options are unknown."""
     inputs = tracing.inputs
     own = tracing.vehicle.own_file
     command = [
@@ -465,19 +462,19 @@ def _command(tracing: Tracing) -> list[str]:
         own.name if own is not None else tracing.vehicle.model,
     ]
     command += ["--vehicle", inputs.vehicle.name]
-    return command + (
-        ["--validate", *(file.name for file in inputs.validation)] if inputs.validation else []
-    )
+    if inputs.validation:
+        command += ["--validate", *(file.name for file in inputs.validation)]
+    return command
 
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-MAIN = "diagnosis.json"
+MAIN = "diagnosis.json"  # written last
 
 
-def _as_it_is(page: Page) -> Page:
+def _unchanged(page: Page) -> Page:
     return page
 
 
@@ -486,16 +483,15 @@ def write_diagnosis(
     folder: str | Path,
     *,
     figures: Formats = USUAL,
-    dressed: Callable[[Page], Page] = _as_it_is,
+    dressed: Callable[[Page], Page] = _unchanged,
 ) -> Path:
-    """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
+    """Write all files of a diagnosis into ``folder``, or none after an error; return the folder.
 
-    Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...),
-    ``residuals.csv`` (likewise), ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in
-    the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
-    ``dressed`` adds to the page what else is known.
+    The files are ``validate_prediction.csv`` and ``residuals.csv`` (``..._2.csv`` and so on for
+    further records), ``evidence.csv``, ``decides.csv`` for an ambiguous diagnosis, the figures in
+    the formats ``figures``, ``report.html``, ``report.json`` and ``diagnosis.json``.
+    ``dressed`` adds content of the caller to the page.
     """
-
     d, created = tracing.diagnosis, now()
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
@@ -520,12 +516,13 @@ def write_diagnosis(
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """One row for each row of the record, missing samples included: ``time``, ``before_CHANNEL``,
-    ``after_CHANNEL``, SI (nz in g).
+    """Write ``time``, ``before_CHANNEL`` and ``after_CHANNEL`` in SI units (nz in g).
+
+    Each sample of the record has a row, missing samples included.
     """
     header = [
         "time",
-        *(f"{when}_{name}" for when in ("before", "after") for name in prediction.channels),
+        *(f"{model}_{name}" for model in ("before", "after") for name in prediction.channels),
     ]
     rows = np.concatenate(
         [
@@ -538,10 +535,11 @@ def write_prediction(path: Path, prediction: Prediction) -> None:
 
 
 def write_residuals(path: Path, fitted: FittedRecord) -> None:
-    """Residuals of a fitted record, measured minus simulated: ``time``, then ``before_CHANNEL
-    after_CHANNEL used_CHANNEL``.
+    """Write the residuals of a fitted record, measured minus simulated.
 
-    Cells of a missing sample are empty; ``used`` is 0 where a sample is missing or was set aside.
+    The columns are ``time`` and, for each channel, ``before_CHANNEL``, ``after_CHANNEL`` and
+    ``used_CHANNEL``. Cells of a missing sample are empty. ``used`` is 0 for a sample that is
+    missing or was excluded from the fit.
     """
     header, columns = ["time"], [[repr(value) for value in fitted.record.time.tolist()]]
     for row, name in enumerate(fitted.channels):
@@ -552,8 +550,10 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
         for residual in (fitted.before[row], fitted.after[row]):
             columns.append(
                 [
-                    repr(value) if there else ""
-                    for value, there in zip(bounded_series(residual).tolist(), valid, strict=True)
+                    repr(value) if measured else ""
+                    for value, measured in zip(
+                        bounded_series(residual).tolist(), valid, strict=True
+                    )
                 ]
             )
         columns.append(["1" if used else "0" for used in (fitted.used[row] & valid).tolist()])
@@ -561,28 +561,28 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
 
 
 def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
-    """Every candidate of every round, one row each; parameters of those that were fitted."""
+    """Write one row for each candidate of each round; fitted candidates have parameters."""
     header = ["round", "within", "name", "gain", "weight", "fitted", "collinear_with", "parameters"]
-    rows = []
-    for c in candidates:
-        parameters = "; ".join(_cell(name, q) for name, q in c.parameters.items())
-        numbers = [repr(bounded(c.gain)), repr(bounded(c.weight)), str(int(c.fitted))]
-        rows.append(
-            [
-                str(c.round),
-                " ".join(c.within),
-                c.name,
-                *numbers,
-                " ".join(c.collinear_with),
-                parameters,
-            ]
-        )
+    rows = [
+        [
+            str(candidate.round),
+            " ".join(candidate.within),
+            candidate.name,
+            repr(bounded(candidate.gain)),
+            repr(bounded(candidate.weight)),
+            str(int(candidate.fitted)),
+            " ".join(candidate.collinear_with),
+            "; ".join(_cell(name, value) for name, value in candidate.parameters.items()),
+        ]
+        for candidate in candidates
+    ]
     _write(path, header, rows)
 
 
-def _cell(name: str, q: Quantity) -> str:
-    text = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
-    return f"{name} = {text}"
+def _cell(name: str, quantity: Quantity) -> str:
+    if not determined(quantity.value, quantity.std):
+        return f"{name} = {UNDETERMINED}"
+    return f"{name} = {quantity.value:.6g} +- {quantity.std:.2g} {quantity.unit}"
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

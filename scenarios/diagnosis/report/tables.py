@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ident.compatibility.kinematics import ARMS
 from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import SensorFinding
@@ -18,7 +20,6 @@ from scenarios.diagnosis.kinematics import (
     BIAS,
     PARAMETERS,
     Kinematics,
-    _finite,
     agreements,
     unnamed,
 )
@@ -52,139 +53,151 @@ from scenarios.report.summary import changes, level_text, levels_content, levels
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
 
-MOVED_SIGMAS = 2.0  # sigmas
+MOVED_SIGMAS = 2.0  # joint sigmas above which a change is marked
 SIMULATION_NOTE = (
     "a simulation cannot follow random gusts: one-step prediction is the measure in turbulence"
 )
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
-Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
-SHOWN_CANDIDATES = 6  # candidates of a round
-SHOWN_ROWS = 15  # candidates of all rounds
+SMALLEST_CHANGE = 0.05  # joint sigmas below which a change is shown as a dash
+Change = tuple[str, Quantity, Quantity]  # name of a quantity, its estimates before and after
+MOST_CANDIDATES_A_ROUND = 6  # rows for one round in the short table
+MOST_ROWS = 15  # rows of the short table
+MOST_PARAMETERS = 3  # parameters of a candidate that are printed
+MOST_COLLINEAR = 3  # collinear candidates that are named
+SMALLEST_STD = 1e-300  # written in place of a standard deviation of zero
 
 
 def few_candidates(d: Diagnosis) -> int:
-    """Return how many candidates of each round are shown where only the best are."""
+    """Return the number of candidates of each round in the short table."""
     rounds = len({(candidate.round, candidate.within) for candidate in d.candidates})
-    return max(1, min(SHOWN_CANDIDATES, SHOWN_ROWS // max(rounds, 1)))
+    return max(1, min(MOST_CANDIDATES_A_ROUND, MOST_ROWS // max(rounds, 1)))
 
 
 def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None = None) -> Table:
     """Return the best candidates of each round, by gain, with the best form of each effect.
 
-    ``count``: candidates of a round. ``printed``: number of rows on paper.
+    Parameters
+    ----------
+    d : the diagnosis.
+    caption : caption of the table.
+    count : number of candidates of each round.
+    printed : number of rows on paper; None for all.
     """
-    some: list[Candidate] = []
-    nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
-    for node in nodes:
-        group = [
-            candidate for candidate in d.candidates if (candidate.round, candidate.within) == node
+    shown: list[Candidate] = []
+    rounds = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
+    for key in rounds:
+        of_round = [
+            candidate for candidate in d.candidates if (candidate.round, candidate.within) == key
         ]
-        ranked = sorted(group, key=lambda c: (-c.gain, c.name))
+        ranked = sorted(of_round, key=lambda candidate: (-candidate.gain, candidate.name))
         best = {candidate.name: candidate for candidate in reversed(ranked)}
-        some += [candidate for candidate in ranked if best[candidate.name] is candidate][:count]
-    shown = table(
+        shown += [candidate for candidate in ranked if best[candidate.name] is candidate][:count]
+    candidates = table(
         caption,
-        (Column("round", PURE, left=True), [Number(c.round, digits=0) for c in some]),
-        (Column("candidate"), [" + ".join((*c.within, c.name)) for c in some]),
-        (Column("gain", PURE), [formatted(c.gain, ".1f") for c in some]),
-        (Column("log odds", PURE), [formatted(c.weight, ".1f") for c in some]),
-        (Column("parameters"), [candidate_parameters(c) for c in some]),
-        (Column("remarks"), [candidate_remarks(c) for c in some]),
+        (Column("round", PURE, left=True), [Number(row.round, digits=0) for row in shown]),
+        (Column("candidate"), [" + ".join((*row.within, row.name)) for row in shown]),
+        (Column("gain", PURE), [formatted(row.gain, ".1f") for row in shown]),
+        (Column("log odds", PURE), [formatted(row.weight, ".1f") for row in shown]),
+        (Column("parameters"), [candidate_parameters(row) for row in shown]),
+        (Column("remarks"), [candidate_remarks(row) for row in shown]),
     )
-    return replace(shown, printed=printed)
+    return replace(candidates, printed=printed)
 
 
-def candidate_parameters(c: Candidate) -> str:
+def candidate_parameters(candidate: Candidate) -> str:
     """Return the first parameters of a candidate with their values."""
-    values = [
-        f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()
-    ]
-    return ", ".join([*values[:3], *(["..."] if len(values) > 3 else [])])
+    parameters = candidate.parameters.items()
+    texts = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in parameters]
+    if len(texts) > MOST_PARAMETERS:
+        texts[MOST_PARAMETERS:] = ["..."]
+    return ", ".join(texts)
 
 
-def candidate_remarks(c: Candidate) -> str:
-    """Return whether a candidate was fitted, and which others have a similar signature."""
-    remarks = [] if c.fitted else ["linearised"]
-    # another form of it is no alternative
-    others = [name for name in c.collinear_with if name != c.name]
-    return "; ".join(remarks + ([f"like {', '.join(others[:3])}"] if others else []))
+def candidate_remarks(candidate: Candidate) -> str:
+    """Return whether a candidate was fitted, and which other effects have a similar signature."""
+    remarks = [] if candidate.fitted else ["linearised"]
+    others = [name for name in candidate.collinear_with if name != candidate.name]
+    if others:
+        remarks.append(f"like {', '.join(others[:MOST_COLLINEAR])}")
+    return "; ".join(remarks)
 
 
 def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_UNITS) -> Table:
-    """Return a table with the error of each channel before and after, the residual of the fit where
-    it is not the noise, and the noise; angles and their rates in degrees.
+    """Return a table with the error of each channel before and after, and the noise.
+
+    If the residual of the fit is more than noise, it has a column. Angles and angular rates are in
+    degrees.
     """
     names = list(d.error_before.rmse)
-    shown = {name: shown_in(units.get(name, ""), name) for name in names}
-    levels = [residual_levels(d)] if is_coloured(d) else []
+    display_units = {name: shown_in(units.get(name, ""), name) for name in names}
+    residuals = [residual_levels(d)] if is_coloured(d) else []
 
     def cells(values: Mapping[str, float]) -> list[Cell]:
-        return [level_cell(shown[name].factor * values.get(name, math.nan)) for name in names]
+        return [
+            level_cell(display_units[name].factor * values.get(name, math.nan)) for name in names
+        ]
 
-    whole = table(
+    errors = table(
         caption,
         (Column("channel", printed="error"), names),
         (Column("before", BY_ROW), cells(d.error_before.rmse)),
         (Column("after", BY_ROW), cells(d.error_after.rmse)),
         *(
             (Column(heading, BY_ROW), cells(values))
-            for heading, values in zip(noise_headings(d), (*levels, d.noise_floor), strict=True)
+            for heading, values in zip(noise_headings(d), (*residuals, d.noise_floor), strict=True)
         ),
-        units=[shown[name].unit for name in names],
+        units=[display_units[name].unit for name in names],
     )
-    return shown_table(d, whole)
+    return shown_table(d, errors)
 
 
 def derivatives_table(d: Diagnosis, caption: str) -> Table:
-    """Return the derivatives before and after, their run-to-run scatter where any is known, and the
-    move in sigmas of both (marked beyond two).
+    """Return a table of the derivatives before and after, with their change in joint sigmas.
+
+    The scatter between records has a column if it is known.
     """
-    pairs = [(name, old, d.after[name]) for name, old in d.before.items() if name in d.after]
-    return shown_table(d, _moves(caption, "derivative", pairs, d.scatter))
+    changes = [(name, old, d.after[name]) for name, old in d.before.items() if name in d.after]
+    return shown_table(d, _changes_table(caption, "derivative", changes, d.scatter))
 
 
 def derived_table(d: Diagnosis, caption: str) -> Table:
-    """Return a table of the quantities that follow from the derivatives; a frequency in rad/s and
-    once more in Hz.
+    """Return a table of the quantities that follow from the derivatives.
+
+    A frequency has a row in rad/s and a row in Hz.
     """
     before, after = derived_of(d)
-    pairs: list[Move] = []
+    changes: list[Change] = []
     for name in (name for name in before if name in after):
         old, new, words = before[name], after[name], name.replace("_", " ")
-        pairs.append((words, old, new))
+        changes.append((words, old, new))
         if is_frequency(name, old.unit):
-            pairs.append((words, _hertz(old), _hertz(new)))
-    return shown_table(d, _moves(caption, "derived", pairs, {}))
+            changes.append((words, _hertz(old), _hertz(new)))
+    return shown_table(d, _changes_table(caption, "derived", changes, {}))
 
 
-def _moves(
-    caption: str, heading: str, pairs: Sequence[Move], scatter: Mapping[str, float]
+def _changes_table(
+    caption: str, heading: str, changes: Sequence[Change], scatter: Mapping[str, float]
 ) -> Table:
+    before = [brief_estimate(old.value, old.std) for _, old, _ in changes]
+    after = [brief_estimate(new.value, new.std) for _, _, new in changes]
+    run_to_run = None
+    if scatter:
+        cells = [formatted(scatter.get(name), ".2g") for name, _, _ in changes]
+        run_to_run = (Column("run-to-run", BY_ROW), cells)
     return table(
         caption,
-        (Column("name", printed=heading), [name for name, _, _ in pairs]),
-        (
-            Column("before", BY_ROW, together=True),
-            [brief_estimate(old.value, old.std) for _, old, _ in pairs],
-        ),
-        (
-            Column("after", BY_ROW, together=True),
-            [brief_estimate(new.value, new.std) for _, _, new in pairs],
-        ),
-        (
-            Column("run-to-run", BY_ROW),
-            [formatted(scatter.get(name), ".2g") for name, _, _ in pairs],
-        )
-        if scatter
-        else None,
-        (Column("moved by", PURE), [move_cell(moved(old, new)) for _, old, new in pairs]),
-        units=[old.unit for _, old, _ in pairs],
+        (Column("name", printed=heading), [name for name, _, _ in changes]),
+        (Column("before", BY_ROW, together=True), before),
+        (Column("after", BY_ROW, together=True), after),
+        run_to_run,
+        (Column("moved by", PURE), [move_cell(moved(old, new)) for _, old, new in changes]),
+        units=[old.unit for _, old, _ in changes],
     )
 
 
 def move_cell(sigmas: float) -> Cell:
-    """Return a move in sigmas, marked beyond two; a dash if there is none."""
-    if abs(sigmas) < 0.05:
+    """Return a change in joint sigmas, with a star above ``MOVED_SIGMAS``."""
+    if abs(sigmas) < SMALLEST_CHANGE:
         return MISSING
     mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
     return Number(sigmas, unit=SIGMAS, shown=f"{sigmas:+.1f} sigma{mark}")
@@ -193,51 +206,56 @@ def move_cell(sigmas: float) -> Cell:
 def member_tables(d: Diagnosis, caption: str) -> list[Table]:
     """Return, for each effect with alternatives, a table of the derivatives under each of them.
 
-    A star marks a value that is more than two of both sigmas from that under the first.
+    A star marks a value that differs from that under the first effect by more than
+    ``MOVED_SIGMAS``.
     """
     if nothing_stands(d):
         return []
-    out = []
+    tables = []
     for claim in d.effects:
         members = claim.derivatives_under
         if len(members) < 2:
             continue
         first = next(iter(members.values()))
-        names = [name for name in d.after if any(name in each for each in members.values())]
+        names = [name for name in d.after if any(name in values for values in members.values())]
         columns = [
             (
                 Column(member, BY_ROW, together=True),
-                [_member(each.get(name), first.get(name)) for name in names],
+                [_member_cell(values.get(name), first.get(name)) for name in names],
             )
-            for member, each in members.items()
+            for member, values in members.items()
         ]
         units = [d.after[name].unit for name in names]
-        out.append(
+        tables.append(
             table(caption, (Column("name", printed="derivative"), names), *columns, units=units)
         )
-    return [each for each in out if each.rows]
+    return [each for each in tables if each.rows]
 
 
-def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
+def _member_cell(quantity: Quantity | None, first: Quantity | None) -> Cell:
     if quantity is None:
         return MISSING
-    apart = first is not None and abs(quantity.value - first.value) > MOVED_SIGMAS * math.hypot(
-        quantity.std, first.std
-    )
-    return brief_estimate(quantity.value, quantity.std, "*" if apart else "")
+    mark = ""
+    if first is not None:
+        joint_sigma = math.hypot(quantity.std, first.std)
+        if abs(quantity.value - first.value) > MOVED_SIGMAS * joint_sigma:
+            mark = "*"
+    return brief_estimate(quantity.value, quantity.std, mark)
 
 
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
-    """Return derived quantities before and after, including a delay of the model."""
-    pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
-    before, after = (
-        {**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs
-    )
+    """Return derived quantities before and after, with the delay of the model if it has one."""
+    before, after = dict(d.derived_before), dict(d.derived_after)
+    if "delay" in d.before:
+        before["delay"] = d.before["delay"]
+    if "delay" in d.after:
+        after["delay"] = d.after["delay"]
     return before, after
 
 
-def _hertz(q: Quantity) -> Quantity:
-    return Quantity(q.value / (2.0 * math.pi), q.std / (2.0 * math.pi), "Hz")
+def _hertz(frequency: Quantity) -> Quantity:
+    """Return a frequency in rad/s as one in Hz."""
+    return Quantity(frequency.value / (2.0 * math.pi), frequency.std / (2.0 * math.pi), "Hz")
 
 
 def sigma_note(d: Diagnosis) -> str:
@@ -246,9 +264,9 @@ def sigma_note(d: Diagnosis) -> str:
 
 
 def simulation_note(d: Diagnosis) -> str:
-    """Return a note on simulation errors if turbulence is claimed, which no simulation follows."""
-    random = any(claim.claimed and claim.one_step_gains for claim in d.effects)
-    return SIMULATION_NOTE if random else ""
+    """Return a note on simulation errors if turbulence is claimed; else an empty string."""
+    turbulence = any(claim.claimed and claim.one_step_gains for claim in d.effects)
+    return SIMULATION_NOTE if turbulence else ""
 
 
 def moved_title(d: Diagnosis) -> str:
@@ -260,29 +278,28 @@ def moved_title(d: Diagnosis) -> str:
         )
     if declared_alone(d):
         return "derivatives of the declared model"
-    any_moved = any(
+    if not any(
         abs(moved(d.before[name], d.after[name])) > MOVED_SIGMAS
         for name in d.before
         if name in d.after
-    )
+    ):
+        return "derivatives"
     return (
         "derivatives (* moved by more than two of their joint sigmas, the root of the sum of both "
         "squared)"
-        if any_moved
-        else "derivatives"
     )
 
 
 def moved(old: Quantity, new: Quantity) -> float:
-    """Return the change in standard deviations of both together; zero if neither is known."""
-    spread = math.hypot(old.std, new.std)
-    return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
+    """Return the change in joint sigmas; 0 if the joint sigma is zero or infinite."""
+    joint_sigma = math.hypot(old.std, new.std)
+    if joint_sigma <= 0.0 or not math.isfinite(joint_sigma):
+        return 0.0
+    return (new.value - old.value) / joint_sigma
 
 
 def short(value: float) -> str:
-    """Three digits, zeros among them, no exponent below ten millions; a dash if there is no
-    number.
-    """
+    """Return a number with three digits, without exponent below 1e7; a dash if not finite."""
     if not math.isfinite(value):
         return "-"
     if abs(value) < 999.5:
@@ -291,7 +308,7 @@ def short(value: float) -> str:
 
 
 def level_cell(value: float) -> Cell:
-    """Return a root mean square with three digits; a dash if there is no number."""
+    """Return a root mean square with three digits; a dash if it is not finite."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
 
 
@@ -299,38 +316,42 @@ Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Return levels of the declared model and of the one with the effects; empty without modes."""
+    """Return the levels of the declared model and of the model with the effects; each is empty if
+    its modes are unknown.
+    """
     d = tracing.diagnosis
     before, after = (
-        mode_levels(some, tracing.flown) if some is not None else ()
-        for some in (d.modes_before, d.modes_after)
+        mode_levels(modes, tracing.flown) if modes is not None else ()
+        for modes in (d.modes_before, d.modes_after)
     )
     return before, after
 
 
 def levels_title(tracing: Tracing) -> str:
-    """Return the standard, class and category."""
+    """Return the standard of flying qualities, with aircraft class and flight phase category."""
     return levels_heading(tracing.flown)
 
 
 def levels_table(tracing: Tracing, caption: str) -> Table:
-    """Mode, level before and after, and the limit that the last of these models misses."""
-    before, after = levels_of(tracing)
-    old, new = ({level.mode: level for level in levels} for levels in (before, after))
-    last = old if nothing_stands(tracing.diagnosis) else new
-    modes = list({**old, **new})
+    """Return a table of the level of each mode before and after.
 
-    def levels(some: Mapping[str, ModeLevel]) -> list[Cell]:
-        return [level_text(some[mode]) if mode in some else MISSING for mode in modes]
+    The remark is the limit that the accepted model misses.
+    """
+    before, after = ({level.mode: level for level in levels} for levels in levels_of(tracing))
+    accepted = before if nothing_stands(tracing.diagnosis) else after
+    modes = list({**before, **after})
 
-    whole = table(
+    def cells(levels: Mapping[str, ModeLevel]) -> list[Cell]:
+        return [level_text(levels[mode]) if mode in levels else MISSING for mode in modes]
+
+    levels = table(
         caption,
         (Column("mode"), modes),
-        (Column("before"), levels(old)),
-        (Column("after"), levels(new)),
-        (Column("remarks"), [_missed(last.get(mode)) for mode in modes]),
+        (Column("before"), cells(before)),
+        (Column("after"), cells(after)),
+        (Column("remarks"), [_missed_limit(accepted.get(mode)) for mode in modes]),
     )
-    return shown_table(tracing.diagnosis, whole)
+    return shown_table(tracing.diagnosis, levels)
 
 
 def level_changes(tracing: Tracing) -> list[str]:
@@ -353,7 +374,7 @@ def levels_both(tracing: Tracing) -> dict[str, Any]:
     }
 
 
-def _missed(level: ModeLevel | None) -> str:
+def _missed_limit(level: ModeLevel | None) -> str:
     return limit_text(level) if level is not None else ""
 
 
@@ -363,34 +384,31 @@ FREE = "the fits of a diagnosis leave a bias of each channel free"
 def kinematics_lines(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> list[str]:
-    """Return all of it in sentences, one a line."""
+    """Return the sentences on the kinematic check: comparison with the claims, other faults,
+    checked records, and notes.
+    """
     if kinematics.result is None:
         return [kinematics.why]
-    lines = [each.sentence for each in agreements(kinematics, claims)]
+    lines = [agreement.sentence for agreement in agreements(kinematics, claims)]
     lines += [
         f"kinematics alone give {finding_sentence(finding, wording)}; "
         f"{FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
         for finding in unnamed(kinematics, claims)
     ]
-    lines = lines or ["kinematics alone find no sensor fault"]
-    # The declared equations say as much themselves.
-    return [
-        *lines,
-        kinematics.source,
-        *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL),
-    ]
+    if not lines:
+        lines = ["kinematics alone find no sensor fault"]
+    # The declared equations already assume level wings, so this note is left out.
+    notes = [f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL]
+    return [*lines, kinematics.source, *notes]
 
 
 def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
-    """One finding: name, value and sigma, and what that is in the words of its effect and group."""
+    """Return name, value and sigma of a finding, and its effect in words."""
     quantity = Quantity(finding.value, finding.std, finding.unit)
     if wording.traits(finding.name).sentences:
-        words = group_sentence(
-            Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording
-        )
-        return f"{finding.name} {with_sigma(quantity)}, {words}"
-    # What is no effect of the library, a bias or the place of all accelerometers together, has the
-    # words of a check.
+        claim = Claim(finding.name, {_parameter(finding): quantity}, finding.group)
+        return f"{finding.name} {with_sigma(quantity)}, {group_sentence(claim, wording)}"
+    # Some faults, as a bias or the position of the accelerometer package, are not library effects.
     from scenarios.compatibility.report import fault_text, fit_as_well
 
     group = f" ({fit_as_well(finding.group)})" if finding.group else ""
@@ -405,14 +423,17 @@ def _parameter(finding: SensorFinding) -> str:
 def kinematics_content(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> dict[str, Any]:
-    """Return the entry ``compatibility`` of a study; numbers that are not finite are left out."""
+    """Return the entry ``compatibility`` of ``diagnosis.json``.
+
+    Findings with numbers that are not finite are left out.
+    """
     lines = kinematics_lines(kinematics, claims, wording)
     if kinematics.result is None:
         return {"records": list(kinematics.records), "checked": False, "sentences": lines}
     findings = [
         finding
         for finding in kinematics.result.findings
-        if finding.stands and _finite(finding.value, finding.std, finding.gain)
+        if finding.stands and np.all(np.isfinite([finding.value, finding.std, finding.gain]))
     ]
     return {
         "records": list(kinematics.records),
@@ -433,12 +454,12 @@ def kinematics_content(
         ],
         "agreement": [
             {
-                "effect": each.effect,
-                "says": each.says,
-                "sentence": each.sentence,
-                **({"found": _number(each.found)} if each.found else {}),
+                "effect": agreement.effect,
+                "says": agreement.says,
+                "sentence": agreement.sentence,
+                **({"found": _number(agreement.found)} if agreement.found else {}),
             }
-            for each in agreements(kinematics, claims)
+            for agreement in agreements(kinematics, claims)
         ],
         "cannot_tell": list(kinematics.result.cannot_tell),
         "notes": list(kinematics.result.notes),
@@ -447,4 +468,4 @@ def kinematics_content(
 
 
 def _number(quantity: Quantity) -> dict[str, Any]:
-    return {"value": quantity.value, "std": max(quantity.std, 1e-300), "unit": quantity.unit}
+    return {"value": quantity.value, "std": max(quantity.std, SMALLEST_STD), "unit": quantity.unit}

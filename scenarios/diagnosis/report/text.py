@@ -1,6 +1,6 @@
-"""A diagnosis in words and small tables, for the terminal and for the report.
+"""Text of a diagnosis for the terminal and the report, and the content of ``diagnosis.json``.
 
-The content of ``diagnosis.json``: finite numbers only, every standard deviation above zero.
+All numbers in ``diagnosis.json`` are finite, and all standard deviations are above zero.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
-    """Return the text for a terminal of this width: a summary, then everything."""
+    """Return the text for a terminal of ``width`` characters: the summary, then the details."""
     return "\n".join(
         [
             *summary_lines(diagnosis_summary(tracing, details), width),
@@ -89,12 +89,10 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     sentences = [
         f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters
     ]
-    moved_most = _most_moved(d) if claimed else ""
-    sentences += (
-        [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"]
-        if moved_most
-        else []
-    )
+    most_changed = _most_changed(d) if claimed else ""
+    if most_changed:
+        value = d.after[most_changed]
+        sentences.append(f"{most_changed} {value_text(value.value, value.std)}")
     tests = d.tests_before if nothing_stands(d) else d.tests_after
     return Summary(
         subject(tracing),
@@ -106,47 +104,39 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
 
 
 def details_text(tracing: Tracing, width: int = WIDTH) -> str:
-    """Verdict and headline, effects, errors, derivatives, candidates, warnings."""
+    """Return verdict, headline, effects, errors, derivatives, candidates and warnings.
+
+    Blank lines separate these blocks.
+    """
     d = tracing.diagnosis
+    errors_title = f"simulation error (rms) on {where_predicted(tracing)}"
+    errors = errors_table(d, errors_title, channel_units(tracing.model))
+    candidates = candidates_table(d, CANDIDATE_TITLE, few_candidates(d))
     blocks = [
         [
             *wrapped(subject(tracing), width),
             *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width),
             *wrapped(headline(tracing), width),
         ],
-        [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
-        [
-            line
-            for record_line in record_lines(tracing.look)
-            for line in wrapped(record_line, width)
-        ],
+        _wrapped_all([f"warning: {doubt}" for doubt in tracing.doubts], width),
+        _wrapped_all(record_lines(tracing.look), width),
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _titled(
-            errors_table(
-                d,
-                f"simulation error (rms) on {where_predicted(tracing)}",
-                channel_units(tracing.model),
-            ),
-            width,
-            simulation_note(d),
-        ),
+        _titled(errors, width, simulation_note(d)),
         _titled(derivatives_table(d, moved_title(d)), width, sigma_note(d)),
-        *(_titled(each, width) for each in member_tables(d, MEMBER_TITLE)),
+        *(_titled(table, width) for table in member_tables(d, MEMBER_TITLE)),
         _titled(derived_table(d, ""), width),
         _titled(levels_table(tracing, levels_title(tracing)), width),
-        _titled(
-            candidates_table(d, CANDIDATE_TITLE, few_candidates(d)), width, CANDIDATE_LEGEND, keys=2
-        ),
-        [
-            line
-            for warning in warnings_of(tracing)
-            for line in wrapped(f"warning: {warning}", width)
-        ],
-        [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
+        _titled(candidates, width, CANDIDATE_LEGEND, keys=2),
+        _wrapped_all([f"warning: {warning}" for warning in warnings_of(tracing)], width),
+        _wrapped_all([f"note: {note}" for note in tracing.notes], width),
         wrapped(effort_sentence(tracing.effort, d), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _wrapped_all(sentences: Sequence[str], width: int) -> list[str]:
+    return [line for sentence in sentences for line in wrapped(sentence, width)]
 
 
 MEMBER_TITLE = (
@@ -163,7 +153,7 @@ CANDIDATE_LEGEND = (
 
 
 def wording_of(tracing: Tracing) -> Wording:
-    """Return the properties of a study that sentences about effects need."""
+    """Return the names of inputs and channels that sentences on effects use."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
     return Wording(
         inputs[0] if inputs else "control",
@@ -175,14 +165,15 @@ def wording_of(tracing: Tracing) -> Wording:
 
 
 def subject(tracing: Tracing) -> str:
-    """Which vehicle, model and records this is about, in one line."""
-    fitted = ", ".join(f"{r.name} ({extent(r)})" for r in tracing.records)
+    """Return vehicle, model and fitted records in one line."""
+    fitted = ", ".join(f"{record.name} ({extent(record)})" for record in tracing.records)
     return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
 
 
 def where_predicted(tracing: Tracing) -> str:
-    """Return the source of the errors, as in ``"the held-out record validate.csv"``; a record is
-    held out only if it took no part in choosing.
+    """Return the record that was predicted, as in ``"the held-out record validate.csv"``.
+
+    A record that took part in the search is called fitted.
     """
     names = [record.name for record in tracing.validation]
     if not tracing.diagnosis.held_out:
@@ -193,45 +184,44 @@ def where_predicted(tracing: Tracing) -> str:
 
 
 def headline(tracing: Tracing) -> str:
-    """Return the finding in one sentence: effect, the error that fell most, the derivative that
-    moved most.
+    """Return the finding in one sentence: the effects, the simulation error that fell most, and the
+    derivative that changed most.
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
-    text = " and ".join(group_sentence(claim, wording) for claim in claimed)
     if not claimed:
-        return _untouched(tracing)
-    proven = [claim for claim in claimed if claim.spread is not None]
+        return _headline_without_claims(tracing)
+    text = " and ".join(group_sentence(claim, wording) for claim in claimed)
     parts = [text if d.verdict is not Verdict.AMBIGUOUS else most_likely(text, claimed)]
-    if proven:
-        parts = [
+    vuong_tested = [claim for claim in claimed if claim.spread is not None]
+    if vuong_tested:
+        parts = [group_sentence(claim, wording) for claim in claimed if claim.spread is None]
+        parts += [
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
-            for claim in proven
+            for claim in vuong_tested
         ]
-        parts = [
-            group_sentence(claim, wording) for claim in claimed if claim.spread is None
-        ] + parts
-    error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
-    if rough:
-        # Gusts are unknown, so no free simulation has tested them.
-        parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
+    error = _error_phrase(tracing)
+    judged_by_one_step = [claim for claim in claimed if claim.one_step_gains]
+    if judged_by_one_step:
+        # A free simulation cannot test an effect of unknown gusts.
+        parts.append("; ".join(one_step_phrase(claim, tracing) for claim in judged_by_one_step))
     elif error:
         parts.append(f"with this effect, {error}")
-    name = _most_moved(d)
+    name = _most_changed(d)
     if name:
-        old, new = d.before[name], d.after[name]
+        before, after = d.before[name], d.after[name]
         parts.append(
-            f"{name} was {value_text(old.value, old.std)}, is "
-            f"{value_text(new.value, new.std)}{scatter_text(d, name)}"
+            f"{name} was {value_text(before.value, before.std)}, is "
+            f"{value_text(after.value, after.std)}{scatter_text(d, name)}"
         )
     parts += level_changes(tracing)
-    return "; ".join(
-        [*parts, *(["part of the misfit is not explained"] if d.verdict is Verdict.PARTIAL else [])]
-    )
+    if d.verdict is Verdict.PARTIAL:
+        parts.append("part of the misfit is not explained")
+    return "; ".join(parts)
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
-    """Return lines on effects that cannot be separated, and on the maneuver that would do it."""
+    """Return lines on effects that the records cannot separate, and on maneuvers that can."""
     lines = []
     for claim in tracing.diagnosis.effects:
         for names, maneuver in separating_maneuvers(
@@ -252,37 +242,37 @@ def deciding_lines(tracing: Tracing) -> list[str]:
         return []
     from scenarios.maneuver_design.report import verdict_of
 
-    word, _, told = verdict_of(tracing.decides).partition(": ")
+    word, _, sentence = verdict_of(tracing.decides).partition(": ")
     return [
-        f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}",
+        f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {sentence}",
         f"designed by: {tracing.decides.request.command()}",
     ]
 
 
 def effect_heading(claim: Claim, wording: Wording) -> str:
-    """Name, sentence, and what has to be said with it."""
-    hint = "" if claim.claimed else "hint only, not claimed: "
-    where = (
-        f" (in record {', '.join(str(number + 1) for number in claim.records)})"
-        if claim.records
-        else ""
+    """Return the sentence on an effect, with its records if it acts in some only."""
+    heading = "" if claim.claimed else "hint only, not claimed: "
+    heading += (
+        group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)
     )
-    return f"{hint}{group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)}{where}"  # noqa: E501
+    if claim.records:
+        heading += f" (in record {', '.join(str(number + 1) for number in claim.records)})"
+    return heading
 
 
-def _titled(shown: Table, width: int, note: str = "", keys: int = 1) -> list[str]:
-    """Return a table under its caption and a note on it, both folded."""
-    lines = table_as_lines(shown, width, keys, titled=False)
-    return [*wrapped(shown.caption, width), *wrapped(note, width, "  "), *lines] if lines else []
+def _titled(table: Table, width: int, note: str = "", keys: int = 1) -> list[str]:
+    """Return caption, note and rows of a table; nothing if it has no rows."""
+    lines = table_as_lines(table, width, keys, titled=False)
+    return [*wrapped(table.caption, width), *wrapped(note, width, "  "), *lines] if lines else []
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:
     wording, lines = wording_of(tracing), []
     for claim in tracing.diagnosis.effects:
         heading = effect_heading(claim, wording)
-        lines += wrapped(
-            heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width
-        )
+        if not heading.startswith(claim.name):
+            heading = f"{claim.name}: {heading}"
+        lines += wrapped(heading, width)
         lines += wrapped(probability_sentence(claim), width, "    ")
         if claim.parameters:
             lines += wrapped(parameter_text(claim, wording), width, "    ")
@@ -296,28 +286,33 @@ def _effect_lines(tracing: Tracing, width: int) -> list[str]:
 
 
 def unclaimed_reasons(d: Diagnosis) -> list[str]:
-    """Return why nothing is claimed although the model is incomplete: requirements and numbers."""
+    """Return the requirements that prevent a claim of an UNEXPLAINED diagnosis.
+
+    Requirements that a hint already names as its reason are left out.
+    """
     if d.verdict is not Verdict.UNEXPLAINED:
         return []
-    given = {reason for claim in d.effects for reason in claim.reasons}
-    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in given]
+    hint_reasons = {reason for claim in d.effects for reason in claim.reasons}
+    unmet = [requirement.sentence for requirement in d.not_met]
+    return [sentence for sentence in unmet if sentence not in hint_reasons]
 
 
 def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:
-    some = tracing.kinematics
-    told = kinematics_lines(some, tracing.diagnosis.effects, wording_of(tracing)) if some else []
-    return [line for sentence in told for line in wrapped(sentence, width)]
+    kinematics = tracing.kinematics
+    if kinematics is None:
+        return []
+    sentences = kinematics_lines(kinematics, tracing.diagnosis.effects, wording_of(tracing))
+    return _wrapped_all(sentences, width)
 
 
-def _untouched(tracing: Tracing) -> str:
-    d = tracing.diagnosis
-    if d.verdict is Verdict.CONSISTENT:
+def _headline_without_claims(tracing: Tracing) -> str:
+    if tracing.diagnosis.verdict is Verdict.CONSISTENT:
         return f"the declared model stands; {_error_phrase(tracing)}"
     return f"no effect is named; {_error_phrase(tracing)}"
 
 
 def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
-    """Return the weight of a claim that was judged by predictions of one step."""
+    """Return the gain of a claim in log likelihood of one-step predictions."""
     where = where_predicted(tracing)
     if any(math.isinf(gain) for gain in claim.one_step_gains):
         return f"without this effect, one-step predictions diverge on {where}"
@@ -328,43 +323,49 @@ def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
 
 
 def _error_phrase(tracing: Tracing) -> str:
+    """Return the simulation error of the channel whose error fell most."""
     d = tracing.diagnosis
-    before, after, floors = d.error_before.rmse, d.error_after.rmse, d.noise_floor
-    channels = [name for name in before if name in after]
-    if not channels:
+    before, after, noise = d.error_before.rmse, d.error_after.rmse, d.noise_floor
+
+    def relative_fall(channel: str) -> float:
+        scale = noise.get(channel) or before[channel] or 1.0
+        return (before[channel] - after[channel]) / scale
+
+    channel = max((name for name in before if name in after), key=relative_fall, default="")
+    if not channel:
         return ""
-    fell = max(
-        channels,
-        key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0),
-    )
-    factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
-    old, new = short(factor * before[fell]), short(factor * after[fell])
-    change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
-    tail = f", estimated sensor noise {short(factor * floors[fell])}" if fell in floors else ""
-    word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
-    return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
+    factor, unit = shown_in(channel_units(tracing.model).get(channel, ""), channel)
+    old, new = short(factor * before[channel]), short(factor * after[channel])
+    change = old
+    if new != old and not nothing_stands(d):
+        change = f"{old} -> {new}"
+    word = CHANNELS.get(channel, channel) if is_of_aircraft(tracing.model) else channel
+    phrase = f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}"
+    if channel in noise:
+        phrase += f", estimated sensor noise {short(factor * noise[channel])}"
+    return phrase
 
 
-def _most_moved(d: Diagnosis) -> str:
-    moves = {
+def _most_changed(d: Diagnosis) -> str:
+    """Return the name of the parameter that changed most, empty if none changed significantly."""
+    changes = {
         name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after
     }
-    name = max(moves, key=lambda each: moves[each], default="")
-    return name if name and moves[name] > MOVED_SIGMAS else ""
+    name = max(changes, key=lambda name: changes[name], default="")
+    return name if name and changes[name] > MOVED_SIGMAS else ""
 
 
-# Written instead of infinite numbers; its square is finite.
-LARGEST = 1e30
+LARGEST = 1e30  # written in place of an infinite number; its square is finite
+SMALLEST_STD = 1e-300  # written in place of a standard deviation of zero
 SCHEMA = "flightid/diagnosis/2"
-DECIDES = "decides.csv"  # the input to fly, in the folder of the diagnosis
+DECIDES = "decides.csv"  # the designed input, in the folder of the diagnosis
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
-    """Return everything of a diagnosis but its time series. ``created`` is the time stamp, the one
-    entry that differs between two runs.
+    """Return the content of ``diagnosis.json``: everything of a diagnosis but its time series.
 
-    A standard deviation that is not finite (the data say nothing of the parameter) is written as
-    ``LARGEST`` and told in ``warnings``.
+    ``created`` is the time stamp, the only entry that differs between two runs. A parameter that
+    the data do not determine has the standard deviation ``LARGEST`` and an entry in ``warnings``.
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     derived_before, derived_after = derived_of(d)
@@ -421,51 +422,51 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
     }
     if tracing.decides is not None:
         content |= {"decides": _decides(tracing.decides)}
-    kinematics = tracing.kinematics
-    return content | (
-        {"compatibility": kinematics_content(kinematics, d.effects, wording)}
-        if kinematics is not None
-        else {}
-    )
+    if tracing.kinematics is not None:
+        compatibility = kinematics_content(tracing.kinematics, d.effects, wording)
+        content |= {"compatibility": compatibility}
+    return content
 
 
-def _decides(found: DesignResult) -> dict[str, Any]:
+def _decides(result: DesignResult) -> dict[str, Any]:
     """Return the deciding maneuver, as in ``design.json``, and its file."""
     from scenarios.maneuver_design.report import maneuver_content
 
-    names = [each.effect.name for each in found.acting]
-    best = found.best
     return {
-        "tell": names,
-        "chance": best.chance,
-        "maneuver": maneuver_content(found, best),
+        "tell": [acting.effect.name for acting in result.acting],
+        "chance": result.best.chance,
+        "maneuver": maneuver_content(result, result.best),
         "file": DECIDES,
-        "command": found.request.command(),
+        "command": result.request.command(),
     }
 
 
-def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
-    """Name -> value, std, unit."""
+def quantities(values: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
+    """Return value, standard deviation and unit of each quantity, by name."""
     return {
-        name: {"value": bounded(q.value), "std": positive(q.std), "unit": q.unit}
-        for name, q in some.items()
+        name: {
+            "value": bounded(quantity.value),
+            "std": positive(quantity.std),
+            "unit": quantity.unit,
+        }
+        for name, quantity in values.items()
     }
 
 
 def bounded(value: float) -> float:
-    """Return the number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
+    """Return the value limited to +-``LARGEST``; 0 for NaN."""
     if math.isnan(value):
         return 0.0
     return float(min(max(value, -LARGEST), LARGEST))
 
 
 def positive(std: float) -> float:
-    """Return a standard deviation above zero and finite."""
-    return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
+    """Return a standard deviation limited to positive finite numbers; ``LARGEST`` for NaN."""
+    return float(min(max(std, SMALLEST_STD), LARGEST)) if not math.isnan(std) else LARGEST
 
 
 def _not_met(requirement: Requirement) -> dict[str, Any]:
-    """Return an unmet requirement on a claim: text, number found, number required."""
+    """Return an unmet requirement on a claim: its text, the value and the required value."""
     return {
         "asked": requirement.asked,
         "value": bounded(requirement.value),
@@ -478,45 +479,41 @@ def _not_met(requirement: Requirement) -> dict[str, Any]:
 
 
 def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
-    out: dict[str, Any] = {
+    """Return the entry of a claim; ``records`` are the labels of the fitted records."""
+    content: dict[str, Any] = {
         "name": claim.name,
         "alternatives": list(claim.alternatives),
         "parameters": quantities(claim.parameters),
         "sentence": sentence(claim, wording),
     }
-    out |= {} if claim.claimed else {"claimed": False}
-    out |= {"reasons": list(claim.reasons)} if claim.reasons else {}
-    out |= {"probability": shown_probability(claim)} if claim.probability else {}
-    gains = [bounded(gain) for gain in claim.one_step_gains]
-    out |= {"one_step_gains": gains} if gains else {}
-    out |= {"records": list(claim.records)} if claim.records else {}
-    out |= (
-        {
-            "derivatives_under": {
-                member: quantities(each) for member, each in claim.derivatives_under.items()
-            }
+    if not claim.claimed:
+        content["claimed"] = False
+    if claim.reasons:
+        content["reasons"] = list(claim.reasons)
+    if claim.probability:
+        content["probability"] = shown_probability(claim)
+    if claim.one_step_gains:
+        content["one_step_gains"] = [bounded(gain) for gain in claim.one_step_gains]
+    if claim.records:
+        content["records"] = list(claim.records)
+    if claim.derivatives_under:
+        content["derivatives_under"] = {
+            member: quantities(values) for member, values in claim.derivatives_under.items()
         }
-        if claim.derivatives_under
-        else {}
-    )
-    out |= {"spread": bounded(claim.spread)} if claim.spread is not None else {}
-    out |= (
-        {
-            "by_record": {
-                label: quantities(each)
-                for label, each in zip(records, claim.by_record, strict=False)
-            }
+    if claim.spread is not None:
+        content["spread"] = bounded(claim.spread)
+    if claim.by_record:
+        content["by_record"] = {
+            label: quantities(values)
+            for label, values in zip(records, claim.by_record, strict=False)
         }
-        if claim.by_record
-        else {}
-    )
-    return out | ({"explanation": claim.explanation} if claim.explanation else {})
+    if claim.explanation:
+        content["explanation"] = claim.explanation
+    return content
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
-    """Return the root mean squares are there for every channel; the relative figures where they can
-    be formed.
-    """
+    """Return the root mean square of every channel, and the relative figures that are finite."""
     return {
         "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
         "nrmse": _finite_only(figures.nrmse),
@@ -525,12 +522,12 @@ def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
     }
 
 
-def _finite_only(some: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(value) for name, value in some.items() if math.isfinite(value)}
+def _finite_only(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if math.isfinite(value)}
 
 
 def test_content(test: ResidualTest) -> dict[str, Any]:
-    """Return one residual test, its numbers within what JSON can say."""
+    """Return the entry of a residual test, with finite numbers."""
     return {
         "name": test.name,
         "channel": test.channel,
@@ -564,21 +561,22 @@ def _candidate(c: Candidate) -> dict[str, Any]:
 
 
 def _undetermined(d: Diagnosis) -> list[str]:
+    """Return a warning on the parameters that the data do not determine."""
     names = [
         name
-        for name, q in {**d.before, **d.after}.items()
-        if not (math.isfinite(q.std) and math.isfinite(q.value))
+        for name, quantity in {**d.before, **d.after}.items()
+        if not (math.isfinite(quantity.std) and math.isfinite(quantity.value))
     ]
-    return (
-        [f"{', '.join(names)}: these data do not determine {'it' if len(names) == 1 else 'them'}"]
-        if names
-        else []
-    )
+    if not names:
+        return []
+    pronoun = "it" if len(names) == 1 else "them"
+    return [f"{', '.join(names)}: these data do not determine {pronoun}"]
 
 
 def _inputs(tracing: Tracing) -> dict[str, Any]:
+    """Return names and hashes of the files."""
     inputs = tracing.inputs
-    out: dict[str, Any] = {
+    content: dict[str, Any] = {
         "records": [file.name for file in inputs.records],
         "sha256": [file.sha256 for file in inputs.records],
         "validate": [file.name for file in inputs.validation],
@@ -587,10 +585,10 @@ def _inputs(tracing: Tracing) -> dict[str, Any]:
         "vehicle_sha256": inputs.vehicle.sha256,
     }
     if inputs.effects:
-        out |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+        content |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
     if inputs.model is not None:
-        out |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
-    out |= {"held_out": [record.name for record in tracing.validation]}
-    return out | (
-        {"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {}
-    )
+        content |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
+    content["held_out"] = [record.name for record in tracing.validation]
+    if tracing.held_out_from is not None:
+        content["held_out_from"] = tracing.held_out_from
+    return content

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def kind_of_predicted(d: Diagnosis) -> str:
-    """Return a name of the predicted data in two words."""
+    """Return whether the predicted data are "held out" or "fitted"."""
     return "held out" if d.held_out else "fitted"
 
 
@@ -39,104 +39,100 @@ def record_labels(tracing: Tracing) -> list[str]:
 
 
 SENSOR_NOISE, RESIDUAL = "sensor noise (estimated)", "residual"
-EQUAL_NOISE_TOLERANCE = 1e-9  # relative, to which a residual is its noise
+EQUAL_NOISE_TOLERANCE = 1e-9  # relative difference of residual and noise that is rounding
+LARGEST_RESIDUAL = 1e30  # limit of a diverged residual, so that its square is finite
 
 
 def noise_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Return the headings next to an error: the noise, and the residual of the fit if different."""
+    """Return the headings of the columns after the errors: the residual of the fit if it is more
+    than noise, and the noise.
+    """
     return (RESIDUAL, SENSOR_NOISE) if is_coloured(d) else (SENSOR_NOISE,)
 
 
 def is_coloured(d: Diagnosis) -> bool:
-    """Return whether the residual of any channel is more than its noise."""
-    left = residual_levels(d)
-    return any(_apart(d, channel, left) for channel in d.noise_floor)
-
-
-def residual_levels(d: Diagnosis) -> dict[str, float]:
-    """Return the rms residual of the fit by channel; of the declared model without an effect."""
-    if d.verdict is Verdict.UNEXPLAINED:
-        return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
-    return {name: d.residual_std.get(name, floor) for name, floor in d.noise_floor.items()}
-
-
-def _apart(d: Diagnosis, channel: str, left: Mapping[str, float]) -> bool:
-    noise = d.noise_floor.get(channel)
-    return (
-        noise is not None
-        and channel in left
-        and abs(left[channel] - noise) > EQUAL_NOISE_TOLERANCE * noise
+    """Return whether the residual of any channel differs from its noise."""
+    residuals = residual_levels(d)
+    return any(
+        channel in residuals and abs(residuals[channel] - noise) > EQUAL_NOISE_TOLERANCE * noise
+        for channel, noise in d.noise_floor.items()
     )
 
 
-def _declared(d: Diagnosis, channel: str) -> float:
-    parts = [
-        item
-        for item in d.fitted
-        if channel in item.channels and channel in item.record.output_names
-    ]
-    rows = [
-        (
-            item.before[item.channels.index(channel)],
-            item.used[item.channels.index(channel)] & item.record[channel].valid,
-        )
-        for item in parts
-    ]
-    values = np.concatenate([residual[used] for residual, used in rows]) if rows else np.zeros(0)
-    return float(np.sqrt(np.mean(np.clip(values, -1e30, 1e30) ** 2))) if values.size else 0.0
+def residual_levels(d: Diagnosis) -> dict[str, float]:
+    """Return the rms residual of the fit by channel.
+
+    Without an accepted effect, it is the residual of the declared model.
+    """
+    if d.verdict is Verdict.UNEXPLAINED:
+        return {name: rms for name in d.noise_floor if (rms := _declared_rms(d, name)) > 0.0}
+    return {name: d.residual_std.get(name, noise) for name, noise in d.noise_floor.items()}
 
 
-# heading of a single column instead of before and after
-DECLARED = "declared model"
-AFTER, MOVED = "after", "moved by"
-SAME_SIGMAS = 1e-3  # difference of two fits that is rounding, in sigmas, and of sigmas
-NO_AFTER = (AFTER, MOVED, "run-to-run")
+def _declared_rms(d: Diagnosis, channel: str) -> float:
+    """Return the rms residual of the declared model; 0 if the channel was not fitted."""
+    residuals = []
+    for item in d.fitted:
+        if channel in item.channels and channel in item.record.output_names:
+            row = item.channels.index(channel)
+            residuals.append(item.before[row][item.used[row] & item.record[channel].valid])
+    values = np.concatenate(residuals) if residuals else np.zeros(0)
+    if not values.size:
+        return 0.0
+    return float(np.sqrt(np.mean(np.clip(values, -LARGEST_RESIDUAL, LARGEST_RESIDUAL) ** 2)))
+
+
+DECLARED = "declared model"  # heading of the single column in place of "before" and "after"
+ROUNDING = 1e-3  # difference of two fits that is rounding: in sigmas, or relative
+NO_AFTER = ("after", "moved by", "run-to-run")  # columns that the declared model alone leaves empty
 
 
 def nothing_stands(d: Diagnosis) -> bool:
-    """Return whether no effect is accepted, so that only the declared model exists."""
+    """Return whether no effect is accepted although the declared model is incomplete."""
     return d.verdict is Verdict.UNEXPLAINED
 
 
 def declared_alone(d: Diagnosis) -> bool:
-    """Return whether there are no numbers but those of the declared model: no effect is accepted,
-    or none was needed and nothing differs after the search.
+    """Return whether the only results are those of the declared model: no effect is accepted, or
+    none was needed and the search changed nothing.
     """
     return nothing_stands(d) or (d.verdict is Verdict.CONSISTENT and _unchanged(d))
 
 
 def _unchanged(d: Diagnosis) -> bool:
-    """Return whether a second fit of the declared model has the numbers of the first, but for
-    rounding."""
-    return all(
+    """Return whether results after the search equal those before, except for rounding."""
+    same_parameters = all(
         name in d.after
-        and abs(d.after[name].value - old.value) <= SAME_SIGMAS * old.std
-        and math.isclose(d.after[name].std, old.std, rel_tol=SAME_SIGMAS)
+        and abs(d.after[name].value - old.value) <= ROUNDING * old.std
+        and math.isclose(d.after[name].std, old.std, rel_tol=ROUNDING)
         for name, old in d.before.items()
-    ) and all(
-        math.isclose(d.error_after.rmse.get(name, math.nan), error, rel_tol=SAME_SIGMAS)
+    )
+    return same_parameters and all(
+        math.isclose(d.error_after.rmse.get(name, math.nan), error, rel_tol=ROUNDING)
         for name, error in d.error_before.rmse.items()
     )
 
 
-def shown_table(d: Diagnosis, whole: Table) -> Table:
-    """Return a table of the diagnosis, without the columns that a further model would fill where
-    the declared model is the only one.
+def shown_table(d: Diagnosis, table: Table) -> Table:
+    """Return a table of the diagnosis; if only the declared model has results, without the columns
+    of the model with effects.
     """
     if not declared_alone(d):
-        return whole
-    kept = [at for at, each in enumerate(whole.columns) if each.heading not in NO_AFTER]
-    columns = [
+        return table
+    kept = [i for i, column in enumerate(table.columns) if column.heading not in NO_AFTER]
+    columns = tuple(
         replace(column, heading=DECLARED) if column.heading == "before" else column
-        for column in (whole.columns[at] for at in kept)
-    ]
-    rows = tuple(tuple(row[at] for at in kept) for row in whole.rows)
-    return replace(whole, columns=tuple(columns), rows=rows)
+        for column in (table.columns[i] for i in kept)
+    )
+    rows = tuple(tuple(row[i] for i in kept) for row in table.rows)
+    return replace(table, columns=columns, rows=rows)
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """Return the diagnosis as its figures show it: where the declared model is the only one, its
-    residuals and predictions alone, and under ``unexplained`` no derivatives after it.
+    """Return the diagnosis as its figures show it.
+
+    If only the declared model has results, its residuals and predictions stand in place of those
+    after the search. If no effect is accepted, there are no derivatives after the search.
     """
     if not declared_alone(d):
         return d
@@ -151,15 +147,20 @@ def as_declared(d: Diagnosis) -> Diagnosis:
 
 
 _MOST_NAMED_PARAMETERS = 2  # undetermined parameters that are listed one by one
-_TIMES = ("time", "start", "begin", "duration")
+_TIMES = ("time", "start", "begin", "duration")  # parameters that are no size of an effect
 
 
 @dataclass(frozen=True)
 class Wording:
     """Names and units of a study for its sentences.
 
-    Control, unit of the stick, and traits of candidate effects. ``controls``: all inputs, named
-    after the colon of an effect. ``channels``: their words.
+    Attributes
+    ----------
+    control : the first input.
+    stick_unit : unit of the stick.
+    candidates : traits of candidate effects, by name.
+    controls : all inputs; the name of an effect has one of them after a colon.
+    channels : channel -> its name in words.
     """
 
     control: str = "elevator"
@@ -169,64 +170,68 @@ class Wording:
     channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
 
     def traits(self, name: str) -> Traits:
-        """Return the traits of an effect, or of its first instance (``elastic-mode`` for
-        ``elastic-mode#2``): a candidate's, else the library's.
+        """Return the traits of an effect, from the candidates or else from the library.
+
+        A second instance, as ``elastic-mode#2``, has the traits of ``elastic-mode``.
         """
         from sim.effects.library import traits_of
 
-        known = next(
-            (each for each in (name, name.partition("#")[0]) if each in self.candidates), None
-        )
-        return self.candidates[known] if known is not None else traits_of(name)
+        for candidate in (name, name.partition("#")[0]):
+            if candidate in self.candidates:
+                return self.candidates[candidate]
+        return traits_of(name)
 
     def control_of(self, name: str) -> str:
-        """Return the input of an effect, as in ``"input-delay:rudder"``; default: the first."""
-        acted_on = name.partition(":")[2].partition("#")[0]
-        return acted_on if acted_on in self.controls else self.control
+        """Return the input in the name of an effect, as in ``"input-delay:rudder"``; without one,
+        the first input.
+        """
+        control = name.partition(":")[2].partition("#")[0]
+        return control if control in self.controls else self.control
 
 
 def sentence(claim: Claim, wording: Wording) -> str:
     """Describe an effect in words: by its templates, else by its name and parameters."""
-    return _told(claim, wording, wording.traits(claim.name).sentences)
+    return _from_templates(claim, wording, wording.traits(claim.name).sentences)
 
 
 def group_sentence(claim: Claim, wording: Wording) -> str:
-    """The sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s late
-    (lag or delay: both fit these data equally well)"``.
+    """Return the sentence of an effect with its alternatives, as in ``"the pitch rate is read
+    0.06 s late (lag or delay: both fit these data equally well)"``.
     """
     if not claim.alternatives:
         return sentence(claim, wording)
     names = (claim.name, *claim.alternatives)
-    known = [wording.traits(name) for name in names]
+    traits = [wording.traits(name) for name in names]
     channel = claim.name.partition(":")[2]
-    one_reading = all(name.partition(":")[2] == channel for name in names if ":" in name)
-    grouped = (known[0].grouped,) if known[0].grouped and one_reading else ()
-    told = _told(claim, wording, (*grouped, *known[0].sentences))
-    members = [
-        traits.short_name or name if one_reading else name
-        for name, traits in zip(names, known, strict=True)
-    ]
-    told = told.removesuffix(f" ({members[0]})")  # "(break-out)" once is enough
+    one_channel = all(name.partition(":")[2] == channel for name in names if ":" in name)
+    templates = traits[0].sentences
+    members = list(names)
+    if one_channel:
+        if traits[0].grouped:
+            templates = (traits[0].grouped, *templates)
+        members = [item.short_name or name for name, item in zip(names, traits, strict=True)]
+    # The member's name is in the list that follows, so it is cut off here.
+    text = _from_templates(claim, wording, templates).removesuffix(f" ({members[0]})")
     count = "both" if len(members) == 2 else "all"
     return (
-        f"{told} ({', '.join(members[:-1])} or {members[-1]}: {count} fit these data equally well)"
+        f"{text} ({', '.join(members[:-1])} or {members[-1]}: {count} fit these data equally well)"
     )
 
 
-def most_likely(told: str, claimed: Sequence[Claim]) -> str:
-    """Return ``"most likely ..."``, or the effects ``told`` with more likely alternatives."""
+def most_likely(text: str, claimed: Sequence[Claim]) -> str:
+    """Return ``"most likely TEXT"``, or ``text`` and the alternatives that are more likely than the
+    claimed effects.
+    """
     likelier = []
     for claim in claimed:
         leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
         if leader != claim.name:
             likelier.append(f"{leader} is more likely than {claim.name}")
-    return "; ".join([told, *likelier]) if likelier else f"most likely {told}"
+    return "; ".join([text, *likelier]) if likelier else f"most likely {text}"
 
 
-def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
-    """Return the first of some templates that the claim's parameters fill in, else its name and
-    parameters.
-    """
+def _from_templates(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
+    """Return the first template that the claim's parameters fill; else its name and parameters."""
     channel = claim.name.partition(":")[2]
     fields = _fields(claim, wording)
     control = wording.control_of(claim.name)
@@ -240,142 +245,144 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
         try:
             return template.format_map(fields)
         except (KeyError, ValueError, IndexError, AttributeError):
-            # a parameter that is not there, or a template of a user's that cannot be filled in
-            continue
+            continue  # a parameter is missing, or a user's template is wrong
     numbers = parameter_text(claim, wording)
     return f"{claim.name} acts: {numbers}" if numbers else f"{claim.name} acts"
 
 
 def parameter_text(claim: Claim, wording: Wording) -> str:
-    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; after them those that
-    are not determined, of more than two one and how many others."""
+    """Return all parameters with their sigmas, as in ``"half_width 0.401 +- 0.009 deg"``.
+
+    Parameters that the data do not determine are last; of more than two only one is named.
+    """
     units = _stick_units(claim, wording)
-    vague = [
+    undetermined = [
         name
         for name, quantity in claim.parameters.items()
         if not determined(quantity.value, quantity.std)
     ]
-    sentences = [
+    texts = [
         f"{name} {with_sigma(quantity, units.get(name), name)}"
         for name, quantity in claim.parameters.items()
-        if name not in vague
+        if name not in undetermined
     ]
-    if len(vague) > _MOST_NAMED_PARAMETERS:
-        sentences.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
-    return ", ".join(
-        [
-            *sentences,
-            *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _MOST_NAMED_PARAMETERS),
-        ]
-    )
+    if len(undetermined) > _MOST_NAMED_PARAMETERS:
+        texts.append(f"{undetermined[0]} and {len(undetermined) - 1} more {UNDETERMINED}")
+    else:
+        texts += [f"{name} {UNDETERMINED}" for name in undetermined]
+    return ", ".join(texts)
 
 
 def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
+    """Return the fields that templates may contain: each parameter in several forms."""
     fields, units = {}, _stick_units(claim, wording)
     for name, quantity in claim.parameters.items():
-        value, std, text = displayed(quantity, name)
-        fields[name] = _number(value, std) + spaced(units.get(name) or text)
-        fields[f"{name}_percent"] = (
-            f"{_number(100.0 * abs(quantity.value - 1.0), 100.0 * quantity.std)} %"
-        )
-        fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), 100.0 * quantity.std)} %"
-        above = quantity.value > (0.0 if name == "change" else 1.0)
-        fields[f"{name}_direction"] = (
-            ("larger" if above else "smaller")
-            if name == "change"
-            else ("too large" if above else "too small")
-        )
+        value, std, unit = displayed(quantity, name)
+        percent_std = 100.0 * quantity.std
+        percent_of_one = _number(100.0 * abs(quantity.value - 1.0), percent_std)
+        fields[name] = _number(value, std) + spaced(units.get(name) or unit)
+        fields[f"{name}_percent"] = f"{percent_of_one} %"
+        fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), percent_std)} %"
+        if name == "change":
+            direction = "larger" if quantity.value > 0.0 else "smaller"
+        else:
+            direction = "too large" if quantity.value > 1.0 else "too small"
+        fields[f"{name}_direction"] = direction
         if quantity.unit == "m":
             side = "ahead of" if quantity.value >= 0.0 else "behind"
             fields[f"{name}_side"] = f"{_number(abs(quantity.value), quantity.std)} m {side}"
         if quantity.unit == "rad/s":
-            fields[f"{name}_hertz"] = (
-                f"{_number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))} Hz"
-            )
+            hertz = _number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))
+            fields[f"{name}_hertz"] = f"{hertz} Hz"
     if "count" in claim.parameters:
         count = round(claim.parameters["count"].value)
         fields["count_spikes"] = f"{count} spike{'s' if count != 1 else ''}"
-    rest = [
+    sizes = [
         f"{name} {with_sigma(quantity, name=name)}"
         for name, quantity in claim.parameters.items()
         if name not in _TIMES
     ]
-    return {**fields, "rest": ", ".join(rest)} if rest else fields
+    if sizes:
+        fields["rest"] = ", ".join(sizes)
+    return fields
 
 
 def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
-    """Return the units of those parameters that are counted in the stick's unit, by name; none if
-    another control flies.
+    """Return the unit of each parameter that has the unit of the stick; empty if the control is not
+    a stick.
     """
     if wording.control != "stick":
         return {}
-    label = wording.stick_unit if wording.stick_unit not in ("", "1") else "stick units"
-    shown = {"1": label, "1/s": f"{label}/s"}
-    counted = wording.traits(claim.name).in_input_unit
+    stick = wording.stick_unit if wording.stick_unit not in ("", "1") else "stick units"
+    labels = {"1": stick, "1/s": f"{stick}/s"}
+    in_stick_unit = wording.traits(claim.name).in_input_unit
     return {
-        name: shown[q.unit]
-        for name, q in claim.parameters.items()
-        if name in counted and q.unit in shown
+        name: labels[quantity.unit]
+        for name, quantity in claim.parameters.items()
+        if name in in_stick_unit and quantity.unit in labels
     }
 
 
-_ANY = "a record with inputs of other sizes and other frequencies"
+_USUAL_MANEUVER = "a record with inputs of other sizes and other frequencies"
 
 
 def separating_maneuver(name: str, other: str, wording: Wording | None = None) -> str:
-    """Return the maneuver that separates two effects, declared by one of them or generic."""
+    """Return the maneuver that separates two effects; a general one if neither declares it."""
     wording = wording or Wording()
-    for one, two in ((name, other), (other, name)):
-        base = two.partition(":")[0].partition("#")[0]
-        maneuvers = wording.traits(one).separating
-        if base in maneuvers:
-            return maneuvers[base]
-    return _ANY
+    for effect, rival in ((name, other), (other, name)):
+        rival_base = rival.partition(":")[0].partition("#")[0]
+        maneuvers = wording.traits(effect).separating
+        if rival_base in maneuvers:
+            return maneuvers[rival_base]
+    return _USUAL_MANEUVER
 
 
 def separating_maneuvers(
     name: str, others: Sequence[str], wording: Wording | None = None
 ) -> list[tuple[tuple[str, ...], str]]:
-    """Return the same for several alternatives, those that need the same maneuver together."""
-    grouped: dict[str, list[str]] = {}
+    """Return the alternatives of an effect, grouped by the maneuver that separates them from it."""
+    by_maneuver: dict[str, list[str]] = {}
     for other in others:
-        grouped.setdefault(separating_maneuver(name, other, wording), []).append(other)
-    return [(tuple(names), maneuver) for maneuver, names in grouped.items()]
+        by_maneuver.setdefault(separating_maneuver(name, other, wording), []).append(other)
+    return [(tuple(names), maneuver) for maneuver, names in by_maneuver.items()]
 
 
-LEAST_PRINTED_SHARE = 0.005  # half a per cent rounds to nothing
+LEAST_PRINTED_SHARE = 0.005  # a smaller probability is rounded to 0 %
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
     """Return probabilities of the claim, then of its alternatives in descending order.
 
-    Without those below ``LEAST_PRINTED_SHARE``; empty for hints.
+    Those below ``LEAST_PRINTED_SHARE`` are left out. A hint has none.
     """
-    found = {
-        name: p
-        for name, p in claim.probability.items()
-        if math.isfinite(p) and p >= LEAST_PRINTED_SHARE
+    shown = {
+        name: probability
+        for name, probability in claim.probability.items()
+        if math.isfinite(probability) and probability >= LEAST_PRINTED_SHARE
     }
     return {
-        name: round(found[name], 3)
-        for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))
+        name: round(shown[name], 3)
+        for name in sorted(shown, key=lambda name: (name != claim.name, -shown[name], name))
     }
 
 
 def probability_sentence(claim: Claim) -> str:
-    """``"Probability of this cause: 93 %; sensor-lag:q 5 %"``; empty of hints.
+    """Return ``"Probability of this cause: 93 %; sensor-lag:q 5 %"``; an empty text for a hint.
 
-    An alternative of no probability is one that fits as well: then the priors alone decide.
+    An alternative whose probability is about zero may fit as well as the claim. Then the prior
+    probabilities alone decide, and the sentence says so.
     """
-    mine = claim.probability.get(claim.name, math.nan)
-    if not math.isfinite(mine):
+    probability = claim.probability.get(claim.name, math.nan)
+    if not math.isfinite(probability):
         return ""
-    rest = ", ".join(
-        f"{name} {_percent(p)}"
-        for name, p in shown_probability(claim).items()
+    sentence = f"Probability of this cause: {_percent(probability)}"
+    others = [
+        f"{name} {_percent(value)}"
+        for name, value in shown_probability(claim).items()
         if name != claim.name
-    )
-    sentence = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    ]
+    if others:
+        sentence += f"; {', '.join(others)}"
     equal = [
         name
         for name in claim.alternatives
@@ -383,13 +390,17 @@ def probability_sentence(claim: Claim) -> str:
     ]
     if not equal:
         return sentence
-    many = " and ".join(equal)
-    fits = f"{many} {'fits' if len(equal) == 1 else 'fit'} these data equally well"
-    return f"{sentence}; {fits}, and only the prior probabilities favour {claim.name}"
+    verb = "fits" if len(equal) == 1 else "fit"
+    return (
+        f"{sentence}; {' and '.join(equal)} {verb} these data equally well, and only the prior "
+        f"probabilities favour {claim.name}"
+    )
 
 
-def _percent(p: float) -> str:
-    """Whole per cents; neither none nor all of it, which is never known."""
-    if p < LEAST_PRINTED_SHARE:
+def _percent(probability: float) -> str:
+    """Return a probability in whole per cents; near 0 and 1, as below or above a limit."""
+    if probability < LEAST_PRINTED_SHARE:
         return "below 1 %"
-    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST_PRINTED_SHARE else "above 99 %"
+    if probability >= 1.0 - LEAST_PRINTED_SHARE:
+        return "above 99 %"
+    return f"{max(1.0, 100.0 * probability):.0f} %"

@@ -31,7 +31,7 @@ from scenarios.studies.folder import write_study
 from scenarios.studies.study import StudyResult, run_scenario
 from scenarios.studies.sweep import (
     Sweep,
-    _begins,
+    _failure_place,
     criteria_of,
     sweep_content,
     sweep_csv,
@@ -116,13 +116,15 @@ def test_criteria_find_where_a_rigid_model_fails(swept: tuple[StudyResult, Sweep
 
 def test_a_limit_is_passed_for_good_or_not_at_all() -> None:
     places = [0.0, 1.0, 2.0, 3.0]
-    assert _begins(places, [-1.0, -1.0, 3.0, 5.0], 0.0, False) == pytest.approx(1.25)
-    assert _begins(places, [-1.0, 2.0, -2.0, 5.0], 0.0, False) == pytest.approx(2.0 + 2.0 / 7.0), (
-        "it had come back"
+    assert _failure_place(places, [-1.0, -1.0, 3.0, 5.0], 0.0, False) == pytest.approx(1.25)
+    assert _failure_place(places, [-1.0, 2.0, -2.0, 5.0], 0.0, False) == pytest.approx(
+        2.0 + 2.0 / 7.0
+    ), "it had come back"
+    assert _failure_place(places, [5.0, 1.0, -1.0, -5.0], 0.0, True) == pytest.approx(1.5)
+    assert _failure_place(places, [1.0, 2.0, 3.0, 4.0], 0.0, False) is None, (
+        "it began before the sweep"
     )
-    assert _begins(places, [5.0, 1.0, -1.0, -5.0], 0.0, True) == pytest.approx(1.5)
-    assert _begins(places, [1.0, 2.0, 3.0, 4.0], 0.0, False) is None, "it began before the sweep"
-    assert _begins(places, [1.0, 2.0, 3.0, -1.0], 0.0, False) is None
+    assert _failure_place(places, [1.0, 2.0, 3.0, -1.0], 0.0, False) is None
 
 
 def test_the_sweep_is_written_as_strict_json_and_as_a_table(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.commands.libraries import TERMINAL_COLUMNS
+from scenarios.commands.libraries import LIST_WIDTH
 from scenarios.diagnosis.opening import can_act
 from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import MODELS
@@ -247,7 +247,7 @@ def test_nothing_is_found_where_nothing_is_missing(flightid: CommandLine, tmp_pa
 def test_models_are_listed_and_shown(flightid: CommandLine) -> None:
     lines = flightid.done("models").splitlines()
     assert [line.split()[0] for line in lines] == list(MODELS)
-    assert all(len(line) <= TERMINAL_COLUMNS and len(line.split()) > 3 for line in lines)
+    assert all(len(line) <= LIST_WIDTH and len(line.split()) > 3 for line in lines)
     for name in MODELS:
         printed = flightid.done("models", name)
         assert printed.startswith(f"{name}: ") and "effects that may act on it:" in printed

@@ -127,9 +127,10 @@ def test_biases_of_calibrated_sensors_do_not_grow_along_with_coefficients_of_tot
         [flown("longitudinal")], [np.ones((6, len(flown("longitudinal"))), bool)], model, names
     )
     fitted = fit_set(data, (), FitSettings(max_step=0.02))
-    assert fitted is not None and fitted.fit.layout.prior is not None
-    layout = fitted.fit.layout
+    assert fitted is not None
+    layout, prior = fitted.fit.layout, fitted.fit.layout.prior
+    assert prior is not None
     biases = [i for i, name in enumerate(layout.names) if name.startswith("bias_")]
-    assert sorted(layout.prior.positions) == biases
-    sigmas = np.diag(layout.prior.information) ** -0.5
-    assert np.all(np.abs(fitted.fit.theta[layout.prior.positions]) < sigmas)
+    assert sorted(prior.positions) == biases
+    sigmas = np.diag(prior.information) ** -0.5
+    assert np.all(np.abs(fitted.fit.theta[prior.positions]) < sigmas)

@@ -124,7 +124,9 @@ def test_products_of_moved_columns_are_those_of_columns_moved_one_by_one(colour:
     for shift in (0, 1, count // 2, count - 2):
         moved = np.zeros((2, 1, count))
         moved[:, 0, shift:] = columns[:, : count - shift]
-        (whitened,) = noise.whitened(0, np.where(valid[1], moved, 0.0) / sigma, [1]).swapaxes(0, 1)
+        (whitened,) = noise.whitened(
+            0, np.where(valid[1], moved, 0.0) / sigma, slice(1, 2)
+        ).swapaxes(0, 1)
         size = float(np.abs(whitened @ whitened.T).max())
         np.testing.assert_allclose(squares[shift], whitened @ whitened.T, atol=1e-9 * size)
         np.testing.assert_allclose(products[shift], whitened @ others.T, atol=1e-9 * size)

@@ -10,9 +10,9 @@ import pytest
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.opening import (
     Refit,
-    left_open,
-    read_again,
-    tells_times,
+    has_fitted_times,
+    notes_of_reread,
+    with_sigmas_of_both,
 )
 from scenarios.preparation.plan import BY_HAND
 from sim.record import Hold
@@ -21,7 +21,7 @@ from tests.diagnoses import measured_record, tracing_of
 
 def test_the_second_reading_was_chosen_by_no_hand() -> None:
     notes = (f"inputs linear between samples: {BY_HAND}", "a trim was taken off")
-    first, second = read_again(notes)
+    first, second = notes_of_reread(notes)
     assert BY_HAND not in first and "--hold previous" in first and second == notes[1]
 
 
@@ -29,10 +29,10 @@ def test_times_found_with_held_inputs_ask_for_a_second_reading() -> None:
     record = measured_record()
     late = Claim("sensor-delay:alpha", {"delay": Quantity(0.05, 0.001, "s")})
     found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
-    assert tells_times(found, [record])
-    assert not tells_times(found, [replace(record, hold=Hold.LINEAR)])
+    assert has_fitted_times(found, [record])
+    assert not has_fitted_times(found, [replace(record, hold=Hold.LINEAR)])
     vane = Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})
-    assert not tells_times(replace(found, effects=(vane,)), [record])
+    assert not has_fitted_times(replace(found, effects=(vane,)), [record])
 
 
 def test_where_both_readings_serve_what_differs_is_told_and_sigmas_hold_both() -> None:
@@ -46,14 +46,14 @@ def test_where_both_readings_serve_what_differs_is_told_and_sigmas_hold_both() -
         after={"Cm_q": Quantity(-12.0, 0.3, "1/rad")},
     )
     moved = {"sensor-delay:q.delay": 0.10, "Cm_q": -12.4}
-    both, (told,) = left_open(Refit(0.0, moved), first)
+    both, (told,) = with_sigmas_of_both(Refit(0.0, moved), first)
     assert "sensor-delay:q.delay 0.1 for 0.09" in told and "--hold linear" in told
     (found,) = both.effects
     # Two values, equally probable, and the scatter of each: the mean square about the first.
     assert found.parameters["delay"].value == 0.09
     assert found.parameters["delay"].std ** 2 == pytest.approx(0.001**2 + 0.5 * 0.01**2)
     assert both.after["Cm_q"].std ** 2 == pytest.approx(0.3**2 + 0.5 * 0.4**2)
-    likelier, _ = left_open(Refit(6.0, moved), first)
+    likelier, _ = with_sigmas_of_both(Refit(6.0, moved), first)
     share = 1.0 / (1.0 + math.exp(-3.0))
     assert likelier.effects[0].parameters["delay"].std ** 2 == pytest.approx(
         0.001**2 + share * 0.01**2
@@ -65,4 +65,4 @@ def test_where_both_readings_serve_what_differs_is_told_and_sigmas_hold_both() -
         Refit(11.0, moved),
         Refit(-math.inf, {}),
     ):
-        assert left_open(again, first) == (first, ())
+        assert with_sigmas_of_both(again, first) == (first, ())

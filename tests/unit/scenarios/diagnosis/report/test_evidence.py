@@ -23,8 +23,8 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from scenarios.diagnosis.report.evidence import (
-    apart_text,
     by_record_text,
+    disagreement_text,
     evidence_sentences,
     warnings_of,
 )
@@ -98,8 +98,8 @@ def test_values_that_differ_between_records_are_said_to() -> None:
     """0.040 and 0.080, each to 0.004: they lie 5 sigmas on either side of their mean, so that the
     root of chi-squared is 7.1.
     """
-    assert apart_text(late()) == ""
-    told = apart_text(late((0.040, 0.080)))
+    assert disagreement_text(late()) == ""
+    told = disagreement_text(late((0.040, 0.080)))
     assert told == "time_constant differs between them by 7.1 of their sigmas"
     assert (
         evidence_sentences(late((0.040, 0.080)))[1]
@@ -109,8 +109,8 @@ def test_values_that_differ_between_records_are_said_to() -> None:
         {"time_constant": Quantity(value, std, "s")}
         for value, std in ((0.06, np.inf), (0.5, 0.004))
     )
-    assert apart_text(replace(late(), by_record=vague)) == ""
-    assert apart_text(late((0.060,))) == "" == apart_text(Claim("x", {}))
+    assert disagreement_text(replace(late(), by_record=vague)) == ""
+    assert disagreement_text(late((0.060,))) == "" == disagreement_text(Claim("x", {}))
 
 
 def test_most_likely_is_said_of_the_most_likely_effect() -> None:

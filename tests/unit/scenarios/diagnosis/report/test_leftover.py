@@ -1,4 +1,4 @@
-"""What a fit leaves, described: made-up residuals whose colour, frequency, moment and company are
+"""What a fit leaves, described: made-up residuals whose colour, frequency, moment and correlate are
 known.
 """
 
@@ -10,7 +10,11 @@ import pytest
 from ident.tracing.declared import fit_declared
 from ident.tracing.diagnosis import FittedRecord
 from ident.tracing.whiteness import noise_shown
-from scenarios.diagnosis.report.evidence import WORTH_A_WORD, Leftover, left_over
+from scenarios.diagnosis.report.evidence import (
+    SMALLEST_CORRELATION,
+    ChannelResidual,
+    channel_residual,
+)
 from sim.record import Channel, Hold, Record
 from tests.tracing_problem import planted, problem_of, with_output
 
@@ -37,8 +41,8 @@ def fitted_record(
     return FittedRecord(record, ("q",), residual[None], residual[None], mask[None])
 
 
-def described(*items: FittedRecord) -> Leftover:
-    found = left_over(items, "q")
+def described(*items: FittedRecord) -> ChannelResidual:
+    found = channel_residual(items, "q")
     assert found is not None
     return found
 
@@ -53,7 +57,7 @@ def test_a_sine_is_found_at_its_frequency_with_its_size() -> None:
     assert left.peak == pytest.approx(1.3, abs=2.0 / 25.0) and left.below < 1.6
     assert left.rms == pytest.approx(0.02 / np.sqrt(2.0), rel=1e-3)
     assert left.correlation == pytest.approx(np.cos(2.0 * np.pi * 1.3 / RATE), abs=5e-3)
-    assert left.times < 1.05 and left.company is None
+    assert left.window_ratio < 1.05 and left.correlate is None
 
 
 def test_the_record_and_the_moment_of_a_burst_are_named() -> None:
@@ -66,7 +70,7 @@ def test_the_record_and_the_moment_of_a_burst_are_named() -> None:
         and left.begin == pytest.approx(10.0, abs=0.3)
         and left.end == pytest.approx(12.0, abs=0.3)
     )
-    assert left.times > 3.0
+    assert left.window_ratio > 3.0
 
 
 @pytest.mark.parametrize(
@@ -82,39 +86,39 @@ def test_what_the_input_drives_goes_with_it(form: str, delay: float) -> None:
         items.append(
             fitted_record(0.1 * later / later.std() + 0.1 * rng.standard_normal(1000), 0.05 * moves)
         )
-    company = described(*items).company
-    assert company is not None and (company.name, company.form) == ("elevator", form)
-    assert company.later == pytest.approx(delay, abs=0.06)
-    assert company.correlation == pytest.approx(np.sqrt(0.5), abs=0.1)
+    correlate = described(*items).correlate
+    assert correlate is not None and (correlate.name, correlate.form) == ("elevator", form)
+    assert correlate.lag == pytest.approx(delay, abs=0.06)
+    assert correlate.correlation == pytest.approx(np.sqrt(0.5), abs=0.1)
 
 
-def test_a_simulated_output_is_company_but_its_noise_is_none() -> None:
+def test_a_simulated_output_is_a_correlate_but_its_noise_is_none() -> None:
     rng = np.random.default_rng(6)
     beneath = np.convolve(rng.standard_normal(1200), np.hanning(30), mode="same")
     alone = 0.3 * rng.standard_normal(1200)
-    assert described(fitted_record(alone, np.ones(1200), beneath)).company is None
-    company = described(fitted_record(0.1 * beneath + alone, np.ones(1200), beneath)).company
-    assert company is not None and (company.name, company.form, company.later) == (
+    assert described(fitted_record(alone, np.ones(1200), beneath)).correlate is None
+    correlate = described(fitted_record(0.1 * beneath + alone, np.ones(1200), beneath)).correlate
+    assert correlate is not None and (correlate.name, correlate.form, correlate.lag) == (
         "q",
         "itself",
         0.0,
     )
 
 
-def test_a_product_with_the_input_is_company() -> None:
+def test_a_product_with_the_input_is_a_correlate() -> None:
     rng = np.random.default_rng(11)
     moves, beneath = (
         np.convolve(rng.standard_normal(2000), np.hanning(25), mode="same") for _ in range(2)
     )
     both = moves * beneath
-    company = described(
+    correlate = described(
         fitted_record(both / both.std() + rng.standard_normal(2000), moves, 5.0 * beneath)
-    ).company
-    assert company is not None and (company.name, company.form) == ("q", "product")
-    assert company.later == pytest.approx(0.0, abs=0.06)
+    ).correlate
+    assert correlate is not None and (correlate.name, correlate.form) == ("q", "product")
+    assert correlate.lag == pytest.approx(0.0, abs=0.06)
 
 
-def test_coloured_chance_is_hardly_ever_company() -> None:
+def test_coloured_chance_is_hardly_ever_a_correlate() -> None:
     rng = np.random.default_rng(7)
     accused = 0
     for _ in range(60):
@@ -125,19 +129,20 @@ def test_coloured_chance_is_hardly_ever_company() -> None:
             for _ in range(3)
         ]
         accused += (
-            described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).company is not None
+            described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).correlate
+            is not None
         )
     assert accused <= 4
 
 
-@pytest.mark.parametrize("size", [WORTH_A_WORD / 3.0, 0.0])
+@pytest.mark.parametrize("size", [SMALLEST_CORRELATION / 3.0, 0.0])
 def test_a_small_correlation_is_not_worth_a_word(size: float) -> None:
     rng = np.random.default_rng(8)
     items = []
     for _ in range(5):
         moves = np.convolve(rng.standard_normal(2000), np.hanning(9), mode="same")
         items.append(fitted_record(size * moves / moves.std() + rng.standard_normal(2000), moves))
-    assert described(*items).company is None
+    assert described(*items).correlate is None
 
 
 def test_samples_that_were_set_aside_are_left_out() -> None:
@@ -166,7 +171,7 @@ def test_noise_is_shown_under_a_slow_residual() -> None:
 
 
 def test_nothing_is_said_of_too_little() -> None:
-    assert left_over((fitted_record(np.ones(15), np.ones(15)),), "q") is None
-    assert left_over((fitted_record(np.ones(500), np.ones(500)),), "q") is None
-    assert left_over((fitted_record(np.ones(500), np.ones(500)),), "alpha") is None
-    assert left_over((), "q") is None
+    assert channel_residual((fitted_record(np.ones(15), np.ones(15)),), "q") is None
+    assert channel_residual((fitted_record(np.ones(500), np.ones(500)),), "q") is None
+    assert channel_residual((fitted_record(np.ones(500), np.ones(500)),), "alpha") is None
+    assert channel_residual((), "q") is None
