@@ -1,7 +1,7 @@
 """Signals of record files by the names of their columns, for frequency responses.
 
-A name is a channel of flightid (SI, radians), or the header of any column, whose numbers and unit
-are not changed; ``TOPIC.FIELD`` in a log of several topics.
+A name is a channel of flightid, which is in SI units, or the header of any column, which keeps its
+unit. In a log of several topics the header is ``TOPIC.FIELD``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
 EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
-MOST_MISSING = 0.1  # share of an output's samples that may be joined by lines
+MOST_MISSING = 0.1  # share of an output's samples that may be interpolated
 FEWEST_SAMPLES = 64  # samples of a record
+LOW_RATE_RATIO = (
+    1.5  # intervals of outputs over those of rows, from which outputs have a lower rate
+)
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,8 @@ class Names:
             if not names:
                 remedy = "name a column or channel of the record"
                 raise DeclarationError("no signal is named", where=option, remedy=remedy)
-        every = (*self.inputs, *self.outputs, *self.references)
-        twice = next((name for name in every if every.count(name) > 1), None)
+        all_names = (*self.inputs, *self.outputs, *self.references)
+        twice = next((name for name in all_names if all_names.count(name) > 1), None)
         if twice is not None:
             what = f"{twice} is named twice"
             raise DeclarationError(what, where="--input, --output", remedy="name each signal once")
@@ -55,17 +58,17 @@ class Names:
 
 @dataclass(frozen=True, eq=False)
 class ReadSignals:
-    """The signals of all records and parts.
+    """The signals of all parts of records.
 
     Attributes
     ----------
-    signals : one a part.
-    names, durations : of the parts; s.
-    units : by the name of the signal.
-    hold : of the inputs as recorded; None where it is unknown, or ended by filtering.
-    step : s, between samples.
-    notes : what was done, one sentence each.
-    doubts : on the units of the columns, one sentence each.
+    signals : signals of each part.
+    names, durations : name and duration (s) of each part.
+    units : signal -> unit.
+    hold : hold of the inputs between samples; None if it is unknown or removed by a filter.
+    step : sampling interval, s.
+    notes : sentences on the preparation.
+    doubts : sentences on probably wrong units of columns.
     """
 
     signals: tuple[EvenSignals, ...]
@@ -84,51 +87,55 @@ def read_signals(
     plan: Plan,
     channels: Mapping[str, ColumnChoice] | None = None,
 ) -> ReadSignals:
-    """Read the named signals of every record and every part of the plan.
+    """Read the named signals of every segment of the plan in every record.
+
+    A segment is split into parts at long gaps.
 
     Raises
     ------
-    RecordError : a column that is not there, a gap, a part that is too short.
+    RecordError : a column is missing, or a part is too short.
     """
     records: list[Record] = []
-    of_file: list[Path] = []
+    paths: list[Path] = []
     notes: list[str] = list(plan.chosen)
     holds = set()
     for file in files:
         file = with_names(file, plan.columns)
-        says = file.sidecar.hold if file.sidecar.says_hold else None
-        holds.add(plan.hold or says)
+        sidecar_hold = file.sidecar.hold if file.sidecar.says_hold else None
+        holds.add(plan.hold or sidecar_hold)
         for segment in plan.segments:
             record, sentences = _read(file, names, plan, channels, segment.start, segment.stop)
             notes += sentences
             record, sentences = _rows_with_outputs(record)
             notes += sentences
             parts, gaps = split_at_gaps(record)
-            notes += [f"{record.name}: {gaps}"] if gaps else []
+            if gaps:
+                notes.append(f"{record.name}: {gaps}")
             for part in parts:
                 part, sentence = filtered(part, plan)
-                notes += [sentence] if sentence else []
+                if sentence:
+                    notes.append(sentence)
                 records.append(part)
-                of_file.append(file.path)
-    records = _with_distinct_names(records, of_file)
+                paths.append(file.path)
+    records = _with_distinct_names(records, paths)
     step = float(np.median(np.diff(records[0].time)))
-    _refuse_other_kinds(records, step)
+    _refuse_other_rates_and_units(records, step)
     signals = []
     for record in records:
-        even, sentences = _even(record, step)
+        even_record, sentences = _evenly_sampled(record, step)
         notes += sentences
-        signals.append(_signals(even, names, step))
+        signals.append(_signals(even_record, names, step))
     units = {channel.name: channel.unit for channel in records[0].channels}
     hold = holds.pop() if len(holds) == 1 else None
     return ReadSignals(
         tuple(signals),
         tuple(record.name for record in records),
-        tuple(each.outputs.shape[1] * step for each in signals),
+        tuple(part.outputs.shape[1] * step for part in signals),
         units,
         None if plan.rate is not None or plan.lowpass is not None else hold,
         step,
         tuple(dict.fromkeys(notes)),
-        tuple(dict.fromkeys(each for record in records for each in _unit_doubts(record))),
+        tuple(dict.fromkeys(doubt for record in records for doubt in _unit_doubts(record))),
     )
 
 
@@ -145,32 +152,31 @@ def _unit_doubts(record: Record) -> list[str]:
 
 
 def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Record]:
-    """The records with the names of their files where records of several files have one name."""
-    named: dict[str, set[Path]] = {}
+    """Return the records; those that share a name but not a file get the names of their files."""
+    files_by_name: dict[str, set[Path]] = {}
     for record, path in zip(records, files, strict=True):
-        named.setdefault(record.name, set()).add(path)
+        files_by_name.setdefault(record.name, set()).add(path)
     return [
-        replace(record, name=path.name) if len(named[record.name]) > 1 else record
+        replace(record, name=path.name) if len(files_by_name[record.name]) > 1 else record
         for record, path in zip(records, files, strict=True)
     ]
 
 
-def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
+def _refuse_other_rates_and_units(records: Sequence[Record], step: float) -> None:
     """Raise RecordError if records have another rate or other units than the first."""
+    first = records[0]
     for record in records[1:]:
-        own = float(np.median(np.diff(record.time)))
-        if abs(own / step - 1.0) > EVEN_SAMPLING_TOLERANCE:
-            what = f"{1.0 / own:.4g} samples a second, and {1.0 / step:.4g} in {records[0].name}"
+        interval = float(np.median(np.diff(record.time)))
+        if abs(interval / step - 1.0) > EVEN_SAMPLING_TOLERANCE:
+            what = f"{1.0 / interval:.4g} samples a second, and {1.0 / step:.4g} in {first.name}"
             remedy = "resample all records with --rate HZ"
             raise RecordError(what, where=record.name, remedy=remedy)
         for channel in record.channels:
-            first = records[0][channel.name].unit
-            if channel.unit != first:
-                what = (
-                    f"{channel.name} is in {channel.unit or 'no unit'}, and in {first or 'no unit'}"
-                )
+            unit, first_unit = channel.unit, first[channel.name].unit
+            if unit != first_unit:
                 raise RecordError(
-                    f"{what} in {records[0].name}",
+                    f"{channel.name} is in {unit or 'no unit'}, and in {first_unit or 'no unit'} "
+                    f"in {first.name}",
                     where=record.name,
                     remedy="give all records the same units, or a channel map",
                 )
@@ -184,10 +190,11 @@ def _read(
     start: float | None,
     stop: float | None,
 ) -> tuple[Record, list[str]]:
-    every = (*names.inputs, *names.references, *names.outputs)
+    """Return the named signals of a file from ``start`` to ``stop`` (s), and notes."""
+    all_names = (*names.inputs, *names.references, *names.outputs)
     choices = {**file.choices, **(channels or {})}
     units = dict(CHANNEL_UNITS)
-    for name in every:
+    for name in all_names:
         if name == TIME:
             remedy = "name a signal"
             raise DeclarationError("time is no signal", where="--input, --output", remedy=remedy)
@@ -195,12 +202,15 @@ def _read(
             units.setdefault(name, "")
             continue
         units[name] = ""
-        choices[name] = ColumnChoice(name, _unit(file, name))
+        choices[name] = ColumnChoice(name, _stated_unit(file, name))
+    used_choices = {
+        name: choice for name, choice in choices.items() if name in all_names or name == TIME
+    }
     record, notes = read_with_notes(
         file,
         (*names.inputs, *names.references),
         names.outputs,
-        {name: each for name, each in choices.items() if name in every or name == TIME},
+        used_choices,
         start,
         stop,
         hold=plan.hold,
@@ -215,19 +225,19 @@ def _read(
 
 
 def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
-    """Return the record without long dropouts of outputs, and notes on them.
+    """Return the record without long dropouts of outputs, and notes.
 
-    Interpolation over a dropout would hide the response. For outputs at a lower rate, only rows
-    with samples are kept.
+    Interpolation over a dropout would hide the response. If outputs have a lower rate than the
+    rows, only rows with their samples are kept.
     """
     valid = np.all([channel.valid for channel in record.outputs], axis=0)
     if valid.all() or np.count_nonzero(valid) < FEWEST_SAMPLES:
         return record, []
     step = float(np.median(np.diff(record.time)))
-    own = float(np.median(np.diff(record.time[valid])))
-    if own > 1.5 * step:
-        names = [each.name for each in record.outputs if not each.valid.all()]
-        sentence = f"{', '.join(names)} has a sample every {own:.3g} s: rows between are left out"
+    interval = float(np.median(np.diff(record.time[valid])))
+    if interval > LOW_RATE_RATIO * step:
+        names = ", ".join(channel.name for channel in record.outputs if not channel.valid.all())
+        sentence = f"{names} has a sample every {interval:.3g} s: rows between are left out"
         return record.rows(valid), [f"{record.name}: {sentence}"]
     edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(int)))
     keep = np.ones(len(record), dtype=bool)
@@ -236,21 +246,22 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
     return record.rows(keep), []
 
 
-def _unit(file: RecordFile, name: str) -> str | None:
-    """The unit that a file states of a column; None if it states none or has no such column."""
+def _stated_unit(file: RecordFile, name: str) -> str | None:
+    """Return the unit that a file states for a column; None without a unit or column."""
     tables: list[tuple[str, CellTable]] = [(topic.name, topic.table) for topic in file.topics]
-    for prefix, table in tables or [("", file.table)]:
-        for index, cell in enumerate(table.header):
-            bare = split_header(cell)[0]
-            called = {cell, bare} | ({f"{prefix}.{cell}", f"{prefix}.{bare}"} if prefix else set())
-            if name in called:
+    for topic_name, table in tables or [("", file.table)]:
+        for index, header in enumerate(table.header):
+            column_names = {header, split_header(header)[0]}
+            if topic_name:
+                column_names |= {f"{topic_name}.{column}" for column in column_names}
+            if name in column_names:
                 return stated_unit(table, index)
     return None
 
 
-def _even(record: Record, step: float) -> tuple[Record, list[str]]:
-    """Return the record at even steps of ``step`` without missing samples, and a sentence on the
-    changes.
+def _evenly_sampled(record: Record, step: float) -> tuple[Record, list[str]]:
+    """Return the record with the sampling interval ``step`` (s) and without missing samples, and
+    notes on interpolation.
     """
     notes = []
     time = record.time
@@ -271,15 +282,16 @@ def _even(record: Record, step: float) -> tuple[Record, list[str]]:
         rate = f"{1.0 / step:.4g} Hz"
         notes.append(f"{record.name}: its uneven samples are joined by lines on a grid of {rate}")
 
-    def on(channel: Channel) -> Channel:
+    def on_grid(channel: Channel) -> Channel:
         values = np.interp(grid, time[channel.valid], channel.values[channel.valid])
         return Channel.of(channel.name, channel.unit, values)
 
-    inputs, outputs = tuple(map(on, record.inputs)), tuple(map(on, record.outputs))
+    inputs, outputs = tuple(map(on_grid, record.inputs)), tuple(map(on_grid, record.outputs))
     return replace(record, time=grid, inputs=inputs, outputs=outputs), notes
 
 
 def _signals(record: Record, names: Names, step: float) -> EvenSignals:
+    """Return the signals of a part; raise RecordError for a short part or a constant signal."""
     if len(record) < FEWEST_SAMPLES:
         what = f"{len(record)} samples are too few for a frequency response"
         raise RecordError(
@@ -290,6 +302,5 @@ def _signals(record: Record, names: Names, step: float) -> EvenSignals:
         if not np.ptp(values) > 0.0:
             what, where = "it does not move", f"{record.name}, {name}"
             raise RecordError(what, where=where, remedy="choose a part with a maneuver")
-    rows = [record.input_array(group) for group in (names.inputs, names.references)]
-    outputs = record.output_array(names.outputs)[0]
-    return EvenSignals(step, rows[0], outputs, rows[1])
+    inputs, references = record.input_array(names.inputs), record.input_array(names.references)
+    return EvenSignals(step, inputs, record.output_array(names.outputs)[0], references)
