@@ -1,1 +1,1 @@
-"""Recursive filters with runs on an axis."""
+"""Banks of recursive filters, with many runs on one axis of the arrays."""

@@ -1,7 +1,7 @@
 """Frequency responses of records, with coherence and random errors.
 
-Start with `estimate.py`. May import `sim.declaration`, `sim.errors`, `sim.maths`, `sim.record`.
-Oracles: `tests/unit/ident/frequency_response`.
+The main file is `estimate.py`. The package may import `sim.declaration`, `sim.errors`, `sim.maths`
+and `sim.record`. Tests with known responses are in `tests/unit/ident/frequency_response`.
 """
 
 from ident.frequency_response.estimate import (

@@ -1,10 +1,9 @@
-"""Equation error: regression on smoothed states.
+"""Equation error: regression of measured rates on smoothed states.
 
-Equation error: measured rates on the equations of motion. Least squares need no integration and
-give starts; instrumental variables take the bias of noise away.
+Least squares need no integration and give starting values. Instrumental variables remove the bias
+that the noise of the states causes.
 
-May import `ident.statistics`, `ident.estimate` and `sim`.
-
-To add a way to have a state from a record: in `state_histories.py`, with what it cannot do refused
-by name.
+The package may import `ident.statistics`, `ident.estimate` and `sim`. A new method to compute a
+state from a record belongs in `state_histories.py`. It must refuse, by name, the states that it
+cannot compute.
 """

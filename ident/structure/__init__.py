@@ -1,6 +1,7 @@
-"""Aerodynamic coefficients from measured motion, and which terms of signals they consist of.
+"""Aerodynamic coefficients from measured motion, and the terms of their models.
 
-``coefficients`` forms histories with their noise, ``selection`` chooses terms by stepwise
-regression or orthogonal functions, ``collinearity`` says what the maneuvers do not tell apart.
-Imports `sim.aerodynamics`, `sim.maths` and `sim.errors`; no vehicle and no effect.
+``coefficients`` computes time histories of the coefficients with their noise. ``selection`` chooses
+terms by stepwise regression or orthogonal functions. ``collinearity`` finds terms that the
+maneuvers do not separate. The package imports `sim.aerodynamics`, `sim.maths` and `sim.errors`, but
+no vehicle and no effect.
 """

@@ -1,3 +1,3 @@
-"""The border where users' files are read and written: units, records, channel maps, vehicle files,
-study folders.
+"""Reading and writing of users' files: units, records, channel maps, vehicle files, folders of
+studies.
 """

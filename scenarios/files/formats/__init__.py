@@ -1,3 +1,3 @@
-"""Readers of record files: one module for each format, found by the bytes of the file or by its
-suffix.
+"""Readers of record files: one module for each format, chosen by the first bytes of the file or by
+its suffix.
 """
