@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, map_command, with_names
 from scenarios.files.measured.grid import stated_unit
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.filtering import SHORTEST_GAP, filtered, split_at_gaps
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.filtering import SHORTEST_GAP, filtered, named, split_at_gaps
+from scenarios.preparation.plan import Plan, Segment
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
@@ -91,7 +90,6 @@ def read_signals(
     RecordError : a column that is not there, a gap, a part that is too short.
     """
     records: list[Record] = []
-    of_file: list[Path] = []
     notes: list[str] = list(plan.chosen)
     holds = set()
     for file in files:
@@ -99,7 +97,7 @@ def read_signals(
         says = file.sidecar.hold if file.sidecar.says_hold else None
         holds.add(plan.hold or says)
         for segment in plan.segments:
-            record, sentences = _read(file, names, plan, channels, segment.start, segment.stop)
+            record, sentences = _read(file, names, plan, channels, segment)
             notes += sentences
             record, sentences = _rows_with_outputs(record)
             notes += sentences
@@ -109,8 +107,6 @@ def read_signals(
                 part, sentence = filtered(part, plan)
                 notes += [sentence] if sentence else []
                 records.append(part)
-                of_file.append(file.path)
-    records = _with_distinct_names(records, of_file)
     step = float(np.median(np.diff(records[0].time)))
     _refuse_other_kinds(records, step)
     signals = []
@@ -144,17 +140,6 @@ def _unit_doubts(record: Record) -> list[str]:
     ]
 
 
-def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Record]:
-    """The records with the names of their files where records of several files have one name."""
-    named: dict[str, set[Path]] = {}
-    for record, path in zip(records, files, strict=True):
-        named.setdefault(record.name, set()).add(path)
-    return [
-        replace(record, name=path.name) if len(named[record.name]) > 1 else record
-        for record, path in zip(records, files, strict=True)
-    ]
-
-
 def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
     """Raise RecordError if records have another rate or other units than the first."""
     for record in records[1:]:
@@ -181,8 +166,7 @@ def _read(
     names: Names,
     plan: Plan,
     channels: Mapping[str, ColumnChoice] | None,
-    start: float | None,
-    stop: float | None,
+    segment: Segment,
 ) -> tuple[Record, list[str]]:
     every = (*names.inputs, *names.references, *names.outputs)
     choices = {**file.choices, **(channels or {})}
@@ -201,8 +185,8 @@ def _read(
         (*names.inputs, *names.references),
         names.outputs,
         {name: each for name, each in choices.items() if name in every or name == TIME},
-        start,
-        stop,
+        segment.start,
+        segment.stop,
         hold=plan.hold,
         channel_units=units,
         rate=plan.rate,
@@ -211,6 +195,9 @@ def _read(
     if missing:
         remedy = f"{map_command(file.path)} lists its columns"
         raise RecordError(f"there is no column {missing[0]!r}", where=str(file.path), remedy=remedy)
+    # Named by its file: a sidecar's name may be that of many files.
+    several = len(plan.segments) > 1
+    record = replace(record, name=named(file.identity.name, segment, several=several))
     return record, [f"{record.name}: {note}" for note in notes]
 
 

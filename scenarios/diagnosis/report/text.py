@@ -171,6 +171,7 @@ def wording_of(tracing: Tracing) -> Wording:
         tracing.traits,
         inputs,
         CHANNELS if is_of_aircraft(tracing.model) else {},
+        tuple(tracing.model.equations.parameter_names),
     )
 
 
@@ -214,9 +215,9 @@ def headline(tracing: Tracing) -> str:
     error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
     if rough:
         # Gusts are unknown, so no free simulation has tested them.
-        parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
+        parts.append("; ".join(one_step_phrase(claim, tracing, len(claimed)) for claim in rough))
     elif error:
-        parts.append(f"with this effect, {error}")
+        parts.append(f"with {'these effects' if len(claimed) > 1 else 'this effect'}, {error}")
     name = _most_moved(d)
     if name:
         old, new = d.before[name], d.after[name]
@@ -316,12 +317,12 @@ def _untouched(tracing: Tracing) -> str:
     return f"no effect is named; {_error_phrase(tracing)}"
 
 
-def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
-    """Return the weight of a claim that was judged by predictions of one step."""
+def one_step_phrase(claim: Claim, tracing: Tracing, count: int = 1) -> str:
+    """Return the gain of a claim, one of ``count``, that was judged by predictions of one step."""
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
     return (
-        f"with this effect, the log likelihood of one-step predictions rises by {gains} on "
-        f"{where_predicted(tracing)}"
+        f"with {claim.name if count > 1 else 'this effect'}, the log likelihood of one-step "
+        f"predictions rises by {gains} on {where_predicted(tracing)}"
     )
 
 

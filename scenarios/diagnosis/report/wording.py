@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -159,7 +160,8 @@ class Wording:
     """Names and units of a study for its sentences.
 
     Control, unit of the stick, and traits of candidate effects. ``controls``: all inputs, named
-    after the colon of an effect. ``channels``: their words.
+    after the colon of an effect. ``channels``: their words. ``parameters``: names of the declared
+    model's parameters.
     """
 
     control: str = "elevator"
@@ -167,6 +169,7 @@ class Wording:
     candidates: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
     controls: tuple[str, ...] = ()
     channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
+    parameters: tuple[str, ...] = ()
 
     def traits(self, name: str) -> Traits:
         """Return the traits of an effect, or of its first instance (``elastic-mode`` for
@@ -329,8 +332,23 @@ def separating_maneuver(name: str, other: str, wording: Wording | None = None) -
         base = two.partition(":")[0].partition("#")[0]
         maneuvers = wording.traits(one).separating
         if base in maneuvers:
-            return maneuvers[base]
+            return _with_names_of_model(maneuvers[base], wording.parameters)
     return _ANY
+
+
+_NAMES = re.compile(r"\{ \(([^)]*)\)\}")
+
+
+def _with_names_of_model(text: str, parameters: Collection[str]) -> str:
+    """Return an advice that names only parameters of the model: ``"{ (CL_de, L_delta)}"`` becomes
+    ``" (CL_de)"`` or nothing.
+    """
+
+    def of_model(found: re.Match[str]) -> str:
+        names = [name for name in found[1].split(", ") if name in parameters]
+        return f" ({', '.join(names)})" if names else ""
+
+    return _NAMES.sub(of_model, text)
 
 
 def separating_maneuvers(
