@@ -162,7 +162,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "deviations of the true value, with intervals by a bootstrap over flights"
         ),
         "maneuvers": (
-            "Inputs and expected responses of every maneuver, the best first, with the limits"
+            "Inputs and expected responses of every maneuver, the best first. Dashed: the limits; "
+            "one that lies far beyond the motion is not drawn"
         ),
         "effects": (
             "Effects by flight. Filled: the flight has the effect; light: undecided; open: it does "

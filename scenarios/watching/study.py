@@ -435,7 +435,7 @@ def watch_page(
                 ),
             ),
             *section("Against the reference", differences_table(reference) if reference else None),
-            *section("The bank of delays", _bank(content["bank"])),
+            *section("Delay", *_delay_tables(content)),
             *section(
                 "How it was made",
                 fixed_table(
@@ -496,17 +496,37 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
     )
 
 
-def _bank(bank: Mapping[str, Any]) -> Table:
-    """Return the table of the likelihoods of the delays."""
+REFINED_DELAYS = (
+    "Probability of each delay by the refined estimate, as the terminal prints it: that the delay "
+    "is nearest to this one"
+)
+BANK_DELAYS = (
+    "Before the refinement: likelihood of each delay by the filters of the bank, which is not that "
+    "of the refined estimate"
+)
+BANK_ALONE = "Likelihood of each delay by the filters of the bank"
+
+
+def _delay_tables(content: Mapping[str, Any]) -> list[Block]:
+    """Return the table of the refined estimate's delays, if there is one, and that of the bank."""
+    bank = content["bank"]
+    if "refined" not in bank:
+        return [_delay_table(BANK_ALONE, "likelihood", bank["delays"], bank["weights"])]
+    return [
+        _delay_table(REFINED_DELAYS, "probability", bank["delays"], bank["refined"]),
+        _delay_table(BANK_DELAYS, "likelihood", bank["delays"], bank["weights"]),
+    ]
+
+
+def _delay_table(
+    caption: str, what: str, delays: Sequence[float], weights: Sequence[float]
+) -> Table:
+    """Return a table with the weight of each delay, ms, with the digits of the terminal."""
     rows = tuple(
-        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}"))
-        for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
+        (Number(1000.0 * delay, shown=f"{1000.0 * delay:g}"), Number(weight, shown=f"{weight:.2f}"))
+        for delay, weight in zip(map(float, delays), map(float, weights), strict=True)
     )
-    return Table(
-        "Likelihood of each delay by the plain filters",
-        (Column("delay", "s"), Column("likelihood", PURE)),
-        rows,
-    )
+    return Table(caption, (Column("delay", "ms"), Column(what, PURE)), rows)
 
 
 # ---- Files of a watch that has ended
@@ -629,6 +649,7 @@ def watch_content(
         "bank": {
             "delays": bank.delays,
             "weights": first_pass.weights,
+            **({"refined": end.weights} if end.refined else {}),
             "most_likely": float(bank.delays[state.best]),
         },
         **({} if reference is None else {"reference": reference_content(reference, end.standings)}),
