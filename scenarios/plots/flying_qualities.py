@@ -449,7 +449,7 @@ def _anticipation(panel: Any, one: Any) -> None:
 def _bandwidth(panel: Any, one: Any) -> None:
     band, delay = (one.numbers[name][0] for name in ("bandwidth", "phase_delay"))
     ends = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
-    for level, points in enumerate(PITCH_LEVELS):
+    for level, points in enumerate(() if one.of_pitch is False else PITCH_LEVELS):
         x, y = (list(each) for each in zip(*points, strict=True))
         _limit(panel, x, y, level)
         beyond = {"color": _LEVEL_COLOURS[level], "linewidth": 1.0, "linestyle": (0, (4, 3))}
@@ -457,20 +457,28 @@ def _bandwidth(panel: Any, one: Any) -> None:
     panel.set_xlim(0.0, ends[0])
     panel.set_ylim(0.0, ends[1])
     _mark(panel, (band.value, band.std), (delay.value, delay.std))
-    words = "pitch: MIL-STD-1797A, category A (not verified)"
+    words = _limits_of_pitch(one, "pitch: MIL-STD-1797A, category A (not verified)")
     _named(panel, "bandwidth (rad/s)", "phase delay (s)", words)
+
+
+def _limits_of_pitch(one: Any, words: str) -> str:
+    """Return the source of limits, or that there are none of a response that is not in pitch."""
+    if one.of_pitch is False:
+        return "no limits drawn: known ones are for pitch"
+    return words if one.of_pitch else f"{words}; if this is pitch"
 
 
 def _pilot(panel: Any, one: Any) -> None:
     result = one.pilot
     turn, peak = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(turn.value))
-    for level, limit in enumerate(RESONANCES):
+    for level, limit in enumerate(() if one.of_pitch is False else RESONANCES):
         _limit(panel, [-width, width], [limit, limit], level)
     panel.set_xlim(-width, width)
     panel.set_ylim(min(-2.0, peak.value - 3.0), max(12.0, peak.value + 3.0))
     _mark(panel, (turn.value, turn.std), (peak.value, peak.std), result.correlation)
-    words = f"MIL-STD-1797A; {result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
+    task = f"{result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
+    words = _limits_of_pitch(one, f"MIL-STD-1797A; {task}")
     _named(panel, "phase of the pilot (deg)", "resonance (dB)", words)
 
 

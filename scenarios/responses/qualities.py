@@ -129,7 +129,8 @@ class Qualities:
     overshoot : of the pitch rate after a step, largest over steady.
     pilot : of Neal and Smith, or why there is none.
     flown : class and category of the levels.
-    form_name : of the fitted form.
+    of_pitch : whether it is a response in pitch, by the fitted form or the name of the channel;
+        None if neither says so.
     """
 
     name: str
@@ -142,7 +143,7 @@ class Qualities:
     overshoot: BandwidthQuantity | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
-    form_name: str = ""
+    of_pitch: bool | None = None
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
@@ -217,11 +218,33 @@ class ChartLevel:
     source: str
 
 
+_PITCH_CHANNELS = ("q", "theta", "alpha", "nz")
+_OTHER_CHANNELS = ("p", "r", "phi", "psi", "beta", "ny")
+
+
+def is_pitch(output: str, form: str) -> bool | None:
+    """Return whether a response is one in pitch, by its fitted form ("" for none), else by the name
+    of the output; None if neither says so.
+    """
+    if form in FORMS:
+        return form == PITCH
+    return True if output in _PITCH_CHANNELS else False if output in _OTHER_CHANNELS else None
+
+
+def if_pitch(one: Qualities) -> str:
+    """``", if this is pitch"`` where it is unknown whether a response is one in pitch."""
+    return ", if this is pitch" if one.of_pitch is None else ""
+
+
 def chart_levels(one: Qualities) -> list[ChartLevel]:
-    """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known."""
+    """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known;
+    none of a response that is not in pitch.
+    """
     out = []
     band = one.bandwidth
-    in_category_a = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
+    if one.of_pitch is False:
+        return []  # all charts have limits of pitch
+    in_category_a = one.flown is not None and one.flown[1] == "A"
     if in_category_a and band is not None and band.bandwidth is not None and band.delay is not None:
         width, delay = band.bandwidth, band.delay
         best, worst = (
@@ -230,12 +253,15 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
             )
             for sign in (-1.0, 1.0)
         )
-        words = "bandwidth and phase delay" + ("" if one.form_name else ", if this is pitch")
+        words = f"bandwidth and phase delay{if_pitch(one)}"
         level = pitch_bandwidth_level(width.value, delay.value)
         out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
     result = one.pilot
     if isinstance(result, NealSmith) and result.droop >= LARGEST_DROOP - 0.05:
-        words = f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
+        words = (
+            f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
+            f"{if_pitch(one)}"
+        )
         source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
         out.append(
             ChartLevel("pilot_resonance", words, result.level, result.best, result.worst, source)
@@ -354,7 +380,7 @@ def qualities_of(
                             closed,
                             flight_phase,
                         ),
-                        fitted[0].form.name if fitted is not None else "",
+                        is_pitch(output, fitted[0].form.name if fitted is not None else ""),
                     )
                 )
     return tuple(out)
