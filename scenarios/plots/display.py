@@ -276,14 +276,17 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
         return "not needed"
     if c.name.startswith(GUARD):
         return "no effect of the library"
+    winners = [each for each in beside if each.name in standing.claimed]
+    if winners and c.weight > min(each.weight for each in winners):
+        return "its whole sets: lower odds"
     if not c.fitted:
         return "linearised: lower odds"
-    winner = next((each for each in beside if each.name in standing.claimed), None)
-    if winner is None:
+    if not winners:
         return (
             "lower odds" if c.weight < max(each.weight for each in beside) else "not spread evenly"
         )
-    return "like the claimed, lower odds" if winner.name in c.collinear_with else "lower odds"
+    alike = any(each.name in c.collinear_with for each in winners)
+    return "like the claimed, lower odds" if alike else "lower odds"
 
 
 # ---- Data of the figures of a diagnosis

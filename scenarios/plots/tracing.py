@@ -51,7 +51,7 @@ def figure_derivatives(
     """Plot derivatives of the declared model and of the model with effects, in % of the former.
 
     Bars are two standard deviations. A derivative below three of its sigmas is shown in % of three
-    sigmas. Without effects, only the declared model is shown.
+    sigmas, which a line above says. Without effects, only the declared model is shown.
     """
     names = [name for name in before if name in after]
     n = len(names)
@@ -122,9 +122,21 @@ def figure_derivatives(
         fontsize=LABEL_SIZE,
     )
     vague = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
-    if vague:
-        caption(panel, f"{', '.join(vague)}: in % of 3σ, not determined before")
-    return finish(sheet, title, head=0.24)
+    lines = folded(_of_sigmas(vague, declared=same), inner) if vague else []
+    caption(panel, "\n".join(lines))
+    return finish(sheet, title, head=0.24 + 0.16 * max(len(lines) - 1, 0))
+
+
+def _of_sigmas(names: Sequence[str], *, declared: bool) -> str:
+    """Return the sentence on derivatives that are drawn in per cent of three sigmas."""
+    several = len(names) > 1
+    named = f"{', '.join(names[:-1])} and {names[-1]}" if several else names[0]
+    when = "" if declared else " before"
+    are, they, were = ("are", "they", "were") if several else ("is", "it", "was")
+    return (
+        f"{named} {are} drawn in per cent of three sigmas, because {they} {were} not determined"
+        f"{when}"
+    )
 
 
 # ---- Evidence of the candidates
@@ -154,7 +166,8 @@ def figure_evidence(
 ) -> Figure:
     """Plot the log posterior odds of each candidate, one panel per round, and reasons against it.
 
-    Filled bars are from fits, open ones from linearisation. Up to ``MOST_PANELS`` rounds that led
+    Filled bars are from fits, open ones from linearisation; each panel has the set that its
+    candidates are added to. Up to ``MOST_PANELS`` rounds that led
     to the accepted effects.
     """
     rounds = _rounds(candidates, standing)
@@ -253,15 +266,8 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
     low = max(least, -0.25 * most) if most > 0.0 else least
     for y, c, value in zip(_places(each), each.shown, odds, strict=True):
         colour = _colour(c, standing)
-        what = (
-            "claimed"
-            if colour == BLUE
-            else "alternative or hint"
-            if colour == SKY
-            else "fitted"
-            if c.fitted
-            else "linearised"
-        )
+        role = "claimed" if colour == BLUE else "alternative or hint" if colour == SKY else "other"
+        what = f"{role}, {'fitted' if c.fitted else 'linearised'}"
         panel.barh(
             y,
             max(value, low),
@@ -332,7 +338,7 @@ def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
         panel.grid(False, axis="y")
         panel.set_ylim(-1.55 if each.others else -0.55, len(each.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    odds = "log posterior odds against the model of the round"
+    odds = "log posterior odds against the set in the heading"
     sheet.panels[-1].set_xlabel(odds, fontsize=LABEL_SIZE)
 
 

@@ -85,7 +85,8 @@ def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None
     shown = table(
         caption,
         (Column("round", PURE, left=True), [Number(c.round, digits=0) for c in some]),
-        (Column("candidate"), [" + ".join((*c.within, c.name)) for c in some]),
+        (Column("candidate"), [c.name for c in some]),
+        (Column("added to"), [" + ".join(c.within) or "declared model" for c in some]),
         (Column("gain", PURE), [formatted(c.gain, ".1f") for c in some]),
         (Column("log odds", PURE), [formatted(c.weight, ".1f") for c in some]),
         (Column("parameters"), [candidate_parameters(c) for c in some]),

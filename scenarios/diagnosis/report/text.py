@@ -136,7 +136,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(derived_table(d, ""), width),
         _titled(levels_table(tracing, levels_title(tracing)), width),
         _titled(
-            candidates_table(d, CANDIDATE_TITLE, few_candidates(d)), width, CANDIDATE_LEGEND, keys=2
+            candidates_table(d, CANDIDATE_TITLE, few_candidates(d)), width, CANDIDATE_LEGEND, keys=3
         ),
         [
             line
@@ -155,7 +155,8 @@ MEMBER_TITLE = (
 )
 CANDIDATE_TITLE = "best candidates of each round of the search (all of them are in evidence.csv)"
 CANDIDATE_LEGEND = (
-    "gain: increase of the log evidence when the candidate is added; log odds: log posterior odds, "
+    "added to: the set of effects without the candidate (within, in evidence.csv); gain: increase "
+    "of the log evidence when the candidate is added to it; log odds: log posterior odds, "
     "gain plus the log of its prior odds, above zero where the candidate is more probable than its "
     "absence; linearised: gain from the linearised model, not fitted; like: changes the outputs in "
     "nearly the same way; guard: catch-all term of no effect of the library, which is never named"

@@ -288,7 +288,7 @@ def test_each_round_shows_a_name_once_and_the_best_first() -> None:
     weaker = replace(tracing.diagnosis.candidates[0], gain=5.0)
     doubled = replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates))
     shown = candidates_table(doubled, "", 3)
-    assert [(row[1], cell_text(row[2])) for row in shown.rows] == [
+    assert [(row[1], cell_text(row[3])) for row in shown.rows] == [
         ("input-deadband", "420.0"),
         ("sensor-scale:alpha", "3.1"),
         ("vane-offset", "1.4"),
