@@ -411,12 +411,13 @@ def test_limits_of_pitch_are_drawn_and_judged_for_pitch_alone(tmp_path: Path) ->
     """The chart of a roll response had the limits that MIL-STD-1797A gives for pitch."""
     time, target, roll = swept()
     path = write_csv(tmp_path, "sweep.csv", time=time, target=target, roll=roll, p=roll, q=roll)
-    for output, fit, named in (
+    cases: tuple[tuple[str, dict[str, Any], str], ...] = (
         ("roll", {"fit": "roll"}, "no limits drawn"),
         ("p", {}, "no limits drawn"),
         ("roll", {}, "if this is pitch"),
         ("q", {}, "pitch: MIL-STD-1797A, category A (not verified)"),
-    ):
+    )
+    for output, fit, named in cases:
         found = fid.frequency_response(
             path, "target", output, bandwidth="rate", pilot=3.0, band=(0.1, 8.0), **fit
         )
