@@ -212,8 +212,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "watched": "Estimates of the parameters while the data arrived",
         "history": "Stability margins while the data arrived, with their 95 % intervals",
         "qualities": (
-            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and"
-            " the limits of the levels"
+            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and "
+            "those limits of levels that are known for the response"
         ),
         "step": (
             "Step response of the fitted transfer function, divided by its steady value, with its "
