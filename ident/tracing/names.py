@@ -19,13 +19,13 @@ from sim.declaration.effect import NoiseEffect, StateJumpEffect, Station, full_n
 from sim.declaration.proposal import Traceable
 
 CLAIM_LEVEL = 0.95  # smallest probability of a claim
-EVENT_GAIN = 200.0  # least gain of log evidence of an effect that passes once
+EVENT_ODDS = 200.0  # least log posterior odds of an effect that occurs once
 WEAK_REASON = (
     "its gain in likelihood is only {:.1f} times the scatter of that gain over the record; "
     "{:.1f} times are required"
 )
 SMALL_EVENT_REASON = (
-    "its gain in log evidence is {:.0f}; {:.0f} are required of a load, a gust or a jump that "
+    "its log posterior odds are {:.0f}; {:.0f} are required of a load, a gust or a jump that "
     "occurs once, since it can imitate many other causes"
 )
 
@@ -262,14 +262,14 @@ def _drop_weak_members(
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
             smaller = _likeliest_without(search, best, name, usual)
-            gain = math.inf if smaller is None else best.weight - smaller.weight
-            if smaller is None or gain >= (EVENT_GAIN if name in events else clear):
+            log_odds = math.inf if smaller is None else best.weight - smaller.weight
+            if smaller is None or log_odds >= (EVENT_ODDS if name in events else clear):
                 continue
             z = vuong(best, smaller, search.context.interval)
             # A sole effect is kept if the residual without it is not noise.
             acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
             if name in events:
-                slight.append((z, name, smaller, SMALL_EVENT_REASON.format(gain, EVENT_GAIN)))
+                slight.append((z, name, smaller, SMALL_EVENT_REASON.format(log_odds, EVENT_ODDS)))
             elif z < SUPPORTED_Z and not acts:
                 slight.append((z, name, smaller, WEAK_REASON.format(z, SUPPORTED_Z)))
         if not slight:

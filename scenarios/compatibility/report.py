@@ -310,8 +310,8 @@ def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
     """Return the smoother's value of every fault in each record."""
     found = [{item.name: item for item in result.estimates} for result in single]
     return table(
-        "",
-        (Column("each record by itself"), [item.name for item in joint.estimates]),
+        "each record by itself, by the smoother",
+        (Column("fault"), [item.name for item in joint.estimates]),
         *(
             (
                 Column(result.records[0], BY_ROW, together=True),

@@ -121,8 +121,8 @@ def _title(design: DesignResult) -> str:
         )
     remark = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return (
-        "maneuvers of equal amplitude and duration, within the limits, the best first; mean sigma: "
-        f"geometric mean of sigma over value{remark}"
+        "maneuvers of equal duration, each as large as requested or as the limits allow, the best "
+        f"first; mean sigma: geometric mean of sigma over value{remark}"
     )
 
 
@@ -262,7 +262,7 @@ def _contest(contest: Contest) -> dict[str, Any]:
 
 
 def design_figures(design: DesignResult) -> Iterator[Named]:
-    """Yield the figure of a design: inputs and responses of all kinds with the limits."""
+    """Yield the figure of a design: inputs and responses of all kinds with the limits near them."""
     from scenarios.plots.maneuvers import ManeuverCourse, figure_coherence, figure_maneuvers
 
     setting = design.setting
@@ -290,8 +290,8 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
         )
         yield "coherence", partial(figure_coherence, kinds, title)
     title = (
-        f"{setting.vehicle.name}: maneuvers at equal amplitude and time\nthe best: "
-        f"{design.best.kind}; dashed: limits"
+        f"{setting.vehicle.name}: maneuvers of equal duration\nthe best: "
+        f"{design.best.kind}; dashed: limits, where they are near the motion"
     )
     yield (
         "maneuvers",

@@ -114,7 +114,7 @@ class DesignRequest:
         return COMPUTER if self.computer else PILOT
 
 
-# ---- Maneuvers of equal peak amplitude and equal length
+# ---- Maneuvers of equal length, as large as requested or as the limits allow
 
 TAPER = 0.05  # tapered share of a sweep
 SWEEP_START_SHARE = 0.3  # lowest frequency of a sweep over that of the roots

@@ -148,7 +148,7 @@ SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 
 def maneuvers_table(design: DesignResult) -> Table:
-    """Return the maneuvers at equal amplitude and time, the best first."""
+    """Return the maneuvers of equal duration, the best first."""
     setting, some, with_rivals = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
     columns: list[tuple[Column, list[Cell]]] = [
@@ -169,7 +169,10 @@ def maneuvers_table(design: DesignResult) -> Table:
         ranges = list[Cell](_range(design, each, name) for each in some)
         columns.append((Column(f"{name} range", right=True), ranges))
     columns.append((Column("limited by"), [each.flight.bound_by or "amplitude" for each in some]))
-    return table("Equal amplitude and time, within the limits, the best first", *columns)
+    return table(
+        "Equal duration, each as large as requested or as the limits allow, the best first",
+        *columns,
+    )
 
 
 def contest_table(design: DesignResult, caption: str) -> Table:

@@ -279,11 +279,13 @@ def reason(candidate: Candidate, standing: NamedEffects, of_round: Sequence[Cand
         return "not needed"
     if candidate.name.startswith(GUARD):
         return "no effect of the library"
+    claimed = [other for other in of_round if other.name in standing.claimed]
+    if claimed and candidate.weight > min(other.weight for other in claimed):
+        return "its whole sets: lower odds"
     if not candidate.fitted:
         return "linearised: lower odds"
-    claimed = next((other for other in of_round if other.name in standing.claimed), None)
-    if claimed is not None:
-        similar = claimed.name in candidate.collinear_with
+    if claimed:
+        similar = any(other.name in candidate.collinear_with for other in claimed)
         return "like the claimed, lower odds" if similar else "lower odds"
     if candidate.weight < max(other.weight for other in of_round):
         return "lower odds"

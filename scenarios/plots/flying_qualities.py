@@ -446,7 +446,7 @@ def _draw_anticipation(panel: Any, qualities: Any) -> None:
 def _draw_bandwidth(panel: Any, qualities: Any) -> None:
     band, delay = (qualities.numbers[name][0] for name in ("bandwidth", "phase_delay"))
     largest_band, largest_delay = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
-    for level, points in enumerate(PITCH_LEVELS):
+    for level, points in enumerate(() if qualities.of_pitch is False else PITCH_LEVELS):
         x, y = (list(values) for values in zip(*points, strict=True))
         _draw_limit(panel, x, y, level)
         # The published limit ends; it is continued at the same delay.
@@ -455,22 +455,30 @@ def _draw_bandwidth(panel: Any, qualities: Any) -> None:
     panel.set_xlim(0.0, largest_band)
     panel.set_ylim(0.0, largest_delay)
     _draw_point(panel, (band.value, band.std), (delay.value, delay.std))
-    words = "pitch: MIL-STD-1797A, category A (not verified)"
+    words = _limits_of_pitch(qualities, "pitch: MIL-STD-1797A, category A (not verified)")
     _name_axes(panel, "bandwidth (rad/s)", "phase delay (s)", words)
+
+
+def _limits_of_pitch(qualities: Any, words: str) -> str:
+    """Return the source of limits, or that there are none of a response that is not in pitch."""
+    if qualities.of_pitch is False:
+        return "no limits drawn: known ones are for pitch"
+    return words if qualities.of_pitch else f"{words}; if this is pitch"
 
 
 def _draw_pilot(panel: Any, qualities: Any) -> None:
     result = qualities.pilot
     phase, resonance = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(phase.value))
-    for level, limit in enumerate(RESONANCES):
+    for level, limit in enumerate(() if qualities.of_pitch is False else RESONANCES):
         _draw_limit(panel, [-width, width], [limit, limit], level)
     panel.set_xlim(-width, width)
     panel.set_ylim(min(-2.0, resonance.value - 3.0), max(12.0, resonance.value + 3.0))
     _draw_point(
         panel, (phase.value, phase.std), (resonance.value, resonance.std), result.correlation
     )
-    words = f"MIL-STD-1797A; {result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
+    task = f"{result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
+    words = _limits_of_pitch(qualities, f"MIL-STD-1797A; {task}")
     _name_axes(panel, "phase of the pilot (deg)", "resonance (dB)", words)
 
 

@@ -53,7 +53,7 @@ def figure_derivatives(
     """Plot derivatives of the declared model and of the model with effects, in % of the former.
 
     Bars are two standard deviations. A derivative below ``LEAST_SIGMAS`` of its sigmas is shown in
-    % of these. Without effects, only the declared model is shown.
+    % of these, which a line above says. Without effects, only the declared model is shown.
     """
     names = [name for name in before if name in after]
     n = len(names)
@@ -120,9 +120,21 @@ def figure_derivatives(
         x_label = "uncertainty of the derivative (% of its value)"
     panel.set_xlabel(x_label, fontsize=LABEL_SIZE)
     uncertain = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
-    if uncertain:
-        caption(panel, f"{', '.join(uncertain)}: in % of 3σ, not determined before")
-    return finish(sheet, title, head=0.24)
+    lines = folded(_of_sigmas(uncertain, declared=same), panel_width) if uncertain else []
+    caption(panel, "\n".join(lines))
+    return finish(sheet, title, head=0.24 + 0.16 * max(len(lines) - 1, 0))
+
+
+def _of_sigmas(names: Sequence[str], *, declared: bool) -> str:
+    """Return the sentence on derivatives that are drawn in per cent of three sigmas."""
+    several = len(names) > 1
+    named = f"{', '.join(names[:-1])} and {names[-1]}" if several else names[0]
+    when = "" if declared else " before"
+    are, they, were = ("are", "they", "were") if several else ("is", "it", "was")
+    return (
+        f"{named} {are} drawn in per cent of three sigmas, because {they} {were} not determined"
+        f"{when}"
+    )
 
 
 # ---- Evidence of the candidates
@@ -161,8 +173,9 @@ def figure_evidence(
 ) -> Figure:
     """Plot the log posterior odds of each candidate, one panel per round, and reasons against it.
 
-    Filled bars are from fits, open bars from linearisation. Up to ``MOST_PANELS`` rounds that led
-    to the accepted effects are drawn.
+    Filled bars are from fits, open bars from linearisation. The heading of a panel names the set
+    that its candidates are added to. Up to ``MOST_PANELS`` rounds that led to the accepted effects
+    are drawn.
     """
     rounds = _rounds(candidates, standing)
     if not rounds:
@@ -235,11 +248,12 @@ def _places(drawn: _Round) -> list[float]:
 
 def _colour_and_label(candidate: Candidate, standing: NamedEffects) -> tuple[str, str]:
     """Return colour and legend label of a candidate's bar."""
+    colour, role = GREY, "other"
     if candidate.name in standing.claimed:
-        return BLUE, "claimed"
-    if is_alternative(candidate, standing) or candidate.name in standing.hints:
-        return SKY, "alternative or hint"
-    return GREY, "fitted" if candidate.fitted else "linearised"
+        colour, role = BLUE, "claimed"
+    elif is_alternative(candidate, standing) or candidate.name in standing.hints:
+        colour, role = SKY, "alternative or hint"
+    return colour, f"{role}, {'fitted' if candidate.fitted else 'linearised'}"
 
 
 def _draw_odds(panel: Axes, drawn: _Round, standing: NamedEffects) -> None:
@@ -325,7 +339,7 @@ def _finish_axes(sheet: Sheet, rounds: Sequence[_Round]) -> None:
         panel.grid(False, axis="y")
         panel.set_ylim(-1.55 if drawn.others else -0.55, len(drawn.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    x_label = "log posterior odds against the model of the round"
+    x_label = "log posterior odds against the set in the heading"
     sheet.panels[-1].set_xlabel(x_label, fontsize=LABEL_SIZE)
 
 

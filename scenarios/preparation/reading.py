@@ -294,13 +294,17 @@ def prepared(
 
 
 def unscaled_commands(choices: Mapping[str, ColumnChoice] | None) -> tuple[str, ...]:
-    """Return a warning for each angle of a channel map whose column is a command from -1 to 1."""
+    """Return a warning for each control of a channel map whose column is a command from -1 to 1
+    and has neither a unit nor a factor.
+    """
     return tuple(
         f"{channel} seems to be an unscaled command: {choice.column} is from -1 to 1, read as an "
         f"angle; write its throw in the channel map, {channel} = {{column = "
         f'"25 * {choice.column}", unit = "deg"}} if a full command is 25 deg'
         for channel, choice in (choices or {}).items()
-        if choice.column in recorder_names().get(channel, {}).get("units", {})
+        if choice.unit is None
+        and not choice.computed
+        and recorder_names().get(channel, {}).get("units", {}).get(choice.column) == "rad"
     )
 
 

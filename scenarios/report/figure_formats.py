@@ -176,7 +176,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "deviations of the true value, with intervals by a bootstrap over flights"
         ),
         "maneuvers": (
-            "Inputs and expected responses of every maneuver, the best first, with the limits"
+            "Inputs and expected responses of every maneuver, the best first. Dashed: the limits; "
+            "one that lies far beyond the motion is not drawn"
         ),
         "effects": (
             "Effects by flight. Filled: the flight has the effect; light: undecided; open: it does "
@@ -225,8 +226,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "watched": "Estimates of the parameters while the data arrived",
         "history": "Stability margins while the data arrived, with their 95 % intervals",
         "qualities": (
-            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and"
-            " the limits of the levels"
+            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and "
+            "those limits of levels that are known for the response"
         ),
         "step": (
             "Step response of the fitted transfer function, divided by its steady value, with its "

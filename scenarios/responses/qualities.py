@@ -137,7 +137,8 @@ class Qualities:
     overshoot : pitch rate after a step, largest over steady.
     pilot : result of the Neal-Smith criterion, or the reason why there is none.
     flown : class and category of the levels.
-    form_name : name of the fitted form.
+    of_pitch : whether it is a response in pitch, by the fitted form or the name of the channel;
+        None if neither says so.
     """
 
     name: str
@@ -150,7 +151,7 @@ class Qualities:
     overshoot: BandwidthQuantity | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
-    form_name: str = ""
+    of_pitch: bool | None = None
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
@@ -231,16 +232,38 @@ class ChartLevel:
     source: str
 
 
+_PITCH_CHANNELS = ("q", "theta", "alpha", "nz")
+_OTHER_CHANNELS = ("p", "r", "phi", "psi", "beta", "ny")
+
+
+def is_pitch(output: str, form: str) -> bool | None:
+    """Return whether a response is one in pitch, by its fitted form ("" for none), else by the name
+    of the output; None if neither says so.
+    """
+    if form in FORMS:
+        return form == PITCH
+    if output in _PITCH_CHANNELS:
+        return True
+    return False if output in _OTHER_CHANNELS else None
+
+
+def if_pitch(qualities: Qualities) -> str:
+    """Return ``", if this is pitch"`` where it is unknown whether a response is one in pitch."""
+    return ", if this is pitch" if qualities.of_pitch is None else ""
+
+
 def chart_levels(qualities: Qualities) -> list[ChartLevel]:
-    """Return the levels of bandwidth with phase delay, and of the Neal-Smith criterion, if known.
+    """Return the levels of bandwidth with phase delay, and of the Neal-Smith criterion, if known;
+    none of a response that is not in pitch.
 
     Limits of bandwidth and phase delay are known for pitch in category A.
     """
-    levels = []
-    band, form_name = qualities.bandwidth, qualities.form_name
-    category = qualities.flown[1] if qualities.flown is not None else ""
-    may_be_pitch = category == "A" and form_name in ("", PITCH)
-    if may_be_pitch and band is not None and band.bandwidth is not None and band.delay is not None:
+    levels: list[ChartLevel] = []
+    if qualities.of_pitch is False:
+        return levels
+    band = qualities.bandwidth
+    in_category_a = qualities.flown is not None and qualities.flown[1] == "A"
+    if in_category_a and band is not None and band.bandwidth is not None and band.delay is not None:
         width, delay = band.bandwidth, band.delay
         best, worst = (
             pitch_bandwidth_level(
@@ -248,14 +271,17 @@ def chart_levels(qualities: Qualities) -> list[ChartLevel]:
             )
             for sigmas in (-2.0, 2.0)
         )
-        words = "bandwidth and phase delay" + ("" if form_name else ", if this is pitch")
+        words = f"bandwidth and phase delay{if_pitch(qualities)}"
         level = pitch_bandwidth_level(width.value, delay.value)
         levels.append(
             ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE)
         )
     pilot = qualities.pilot
     if isinstance(pilot, NealSmith) and pilot.droop >= LARGEST_DROOP - DROOP_TOLERANCE:
-        words = f"resonance at {pilot.demand.bandwidth:g} rad/s, delay {pilot.demand.delay:g} s"
+        words = (
+            f"resonance at {pilot.demand.bandwidth:g} rad/s, delay {pilot.demand.delay:g} s"
+            f"{if_pitch(qualities)}"
+        )
         source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
         levels.append(
             ChartLevel("pilot_resonance", words, pilot.level, pilot.best, pilot.worst, source)
@@ -378,7 +404,7 @@ def qualities_of(
                 pitch_overshoot(function) if function is not None else None,
                 neal_smith(curve, pilot) if curve is not None and pilot else None,
                 limits.parts if limits.flown is not None else None,
-                function.form.name if function is not None else "",
+                is_pitch(output, function.form.name if function is not None else ""),
             )
         )
     return tuple(all_qualities)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, map_command, with_names
 from scenarios.files.measured.grid import stated_unit
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.filtering import SHORTEST_GAP, filtered, split_at_gaps
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.filtering import SHORTEST_GAP, filtered, named, split_at_gaps
+from scenarios.preparation.plan import Plan, Segment
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
@@ -96,7 +95,6 @@ def read_signals(
     RecordError : a column is missing, or a part is too short.
     """
     records: list[Record] = []
-    paths: list[Path] = []
     notes: list[str] = list(plan.chosen)
     holds = set()
     for file in files:
@@ -104,7 +102,7 @@ def read_signals(
         sidecar_hold = file.sidecar.hold if file.sidecar.says_hold else None
         holds.add(plan.hold or sidecar_hold)
         for segment in plan.segments:
-            record, sentences = _read(file, names, plan, channels, segment.start, segment.stop)
+            record, sentences = _read(file, names, plan, channels, segment)
             notes += sentences
             record, sentences = _rows_with_outputs(record)
             notes += sentences
@@ -116,8 +114,6 @@ def read_signals(
                 if sentence:
                     notes.append(sentence)
                 records.append(part)
-                paths.append(file.path)
-    records = _with_distinct_names(records, paths)
     step = float(np.median(np.diff(records[0].time)))
     _refuse_other_rates_and_units(records, step)
     signals = []
@@ -151,17 +147,6 @@ def _unit_doubts(record: Record) -> list[str]:
     ]
 
 
-def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Record]:
-    """Return the records; those that share a name but not a file get the names of their files."""
-    files_by_name: dict[str, set[Path]] = {}
-    for record, path in zip(records, files, strict=True):
-        files_by_name.setdefault(record.name, set()).add(path)
-    return [
-        replace(record, name=path.name) if len(files_by_name[record.name]) > 1 else record
-        for record, path in zip(records, files, strict=True)
-    ]
-
-
 def _refuse_other_rates_and_units(records: Sequence[Record], step: float) -> None:
     """Raise RecordError if records have another rate or other units than the first."""
     first = records[0]
@@ -187,10 +172,9 @@ def _read(
     names: Names,
     plan: Plan,
     channels: Mapping[str, ColumnChoice] | None,
-    start: float | None,
-    stop: float | None,
+    segment: Segment,
 ) -> tuple[Record, list[str]]:
-    """Return the named signals of a file from ``start`` to ``stop`` (s), and notes."""
+    """Return the named signals of a segment of a file, and notes."""
     all_names = (*names.inputs, *names.references, *names.outputs)
     choices = {**file.choices, **(channels or {})}
     units = dict(CHANNEL_UNITS)
@@ -211,8 +195,8 @@ def _read(
         (*names.inputs, *names.references),
         names.outputs,
         used_choices,
-        start,
-        stop,
+        segment.start,
+        segment.stop,
         hold=plan.hold,
         channel_units=units,
         rate=plan.rate,
@@ -221,6 +205,9 @@ def _read(
     if missing:
         remedy = f"{map_command(file.path)} lists its columns"
         raise RecordError(f"there is no column {missing[0]!r}", where=str(file.path), remedy=remedy)
+    # Named by its file: a sidecar's name may be that of many files.
+    several = len(plan.segments) > 1
+    record = replace(record, name=named(file.identity.name, segment, several=several))
     return record, [f"{record.name}: {note}" for note in notes]
 
 

@@ -32,7 +32,6 @@ from scenarios.report.document import (
     now,
     reproduction,
     section,
-    table,
 )
 from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.summary import PAGE
@@ -392,7 +391,7 @@ def watch_page(
             *section("As the stream left it", *_estimate_tables(methods.get("online"))),
             *section("In the frequency domain", *_estimate_tables(methods.get(METHOD))),
             *section("Against the reference", differences_table(reference) if reference else None),
-            *section("The bank of delays", _bank(content["bank"])),
+            *section("Delay", *_delay_tables(content)),
             *section(
                 "How it was made",
                 fixed_table(
@@ -427,14 +426,37 @@ def _estimate_tables(content: Mapping[str, Any] | None) -> list[Block]:
     return tables
 
 
-def _bank(bank: Mapping[str, Any]) -> Table:
-    """Return the table of the likelihoods of the delays."""
-    weights = [Number(float(weight), shown=f"{weight:.3g}") for weight in bank["weights"]]
-    return table(
-        "Likelihood of each delay by the plain filters",
-        (Column("delay", "s"), [Number(float(delay)) for delay in bank["delays"]]),
-        (Column("likelihood", PURE), weights),
+REFINED_DELAYS = (
+    "Probability of each delay by the refined estimate, as the terminal prints it: that the delay "
+    "is nearest to this one"
+)
+BANK_DELAYS = (
+    "Before the refinement: likelihood of each delay by the filters of the bank, which is not that "
+    "of the refined estimate"
+)
+BANK_ALONE = "Likelihood of each delay by the filters of the bank"
+
+
+def _delay_tables(content: Mapping[str, Any]) -> list[Block]:
+    """Return the table of the refined estimate's delays, if there is one, and that of the bank."""
+    bank = content["bank"]
+    if "refined" not in bank:
+        return [_delay_table(BANK_ALONE, "likelihood", bank["delays"], bank["weights"])]
+    return [
+        _delay_table(REFINED_DELAYS, "probability", bank["delays"], bank["refined"]),
+        _delay_table(BANK_DELAYS, "likelihood", bank["delays"], bank["weights"]),
+    ]
+
+
+def _delay_table(
+    caption: str, what: str, delays: Sequence[float], weights: Sequence[float]
+) -> Table:
+    """Return a table with the weight of each delay, ms, with the digits of the terminal."""
+    rows = tuple(
+        (Number(1000.0 * delay, shown=f"{1000.0 * delay:g}"), Number(weight, shown=f"{weight:.2f}"))
+        for delay, weight in zip(map(float, delays), map(float, weights), strict=True)
     )
+    return Table(caption, (Column("delay", "ms"), Column(what, PURE)), rows)
 
 
 # ---- Files of a watch that has ended
@@ -557,6 +579,7 @@ def watch_content(
         "bank": {
             "delays": bank.delays,
             "weights": first_pass.weights,
+            **({"refined": end.weights} if end.refined else {}),
             "most_likely": float(bank.delays[state.best]),
         },
         **({} if reference is None else {"reference": reference_content(reference, end.standings)}),

@@ -37,7 +37,8 @@ class Traits:
     grouped : the template where effects that a record cannot tell apart are told together; the
         sentence when empty.
     short_name : what it is called in such a group; its name when empty.
-    separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
+    separating : other effect -> what to fly to tell the two apart. Either of the two may say it. Of
+        ``{ (CL_de, L_delta)}`` a report names those that the model has, nothing where it has none.
     twins : names of effects that are another description of the same fault of the same sensor:
         never claimed side by side.
     equivalents : those of the twins that no record tells apart from it, since other values of the

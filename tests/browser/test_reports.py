@@ -220,6 +220,33 @@ def test_cells_of_words_stay_wide_on_a_phone(phone: Page, tmp_path: Path) -> Non
     assert box is not None and box["width"] >= 13 * size - 1
 
 
+@pytest.mark.parametrize("caption", ["", "a caption", "a caption of many words " * 8])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_buttons_of_a_table_cover_no_text(
+    page: Page, tmp_path: Path, width: int, caption: str
+) -> None:
+    columns = (Column("each of the records by itself"), Column("one more, by the smoother"))
+    table = Table(caption, columns, (("a", "b"),))
+    write_page(tmp_path, replace(PAGE, sections=(Section("tables", (table,)),)))
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto((tmp_path / "report.html").as_uri())
+    covered = page.evaluate(
+        """() => {
+            const box = document.querySelector('.table');
+            const boxes = [...box.querySelectorAll('button.copy, select.formats')].map(
+                (each) => each.getBoundingClientRect());
+            const texts = [...box.querySelectorAll('caption, th')].flatMap((each) => {
+                const range = document.createRange();
+                range.selectNodeContents(each);
+                return [...range.getClientRects()];
+            });
+            return boxes.some((a) => texts.some((b) => a.left < b.right && b.left < a.right
+                && a.top < b.bottom && b.top < a.bottom));
+        }"""
+    )
+    assert not covered
+
+
 def test_rebuilt_page_is_the_same(pages: dict[str, Path]) -> None:
     for name in ("study", "diagnosis", "compared"):
         before = pages[name].read_bytes()

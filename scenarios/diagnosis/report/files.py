@@ -133,10 +133,12 @@ CAPTIONS = {
     "held_out": "Recorded and predicted outputs of data that were not fitted, with the residuals",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": (
-        "Log posterior odds of each candidate effect against the model of the round (gain of the "
-        "log evidence plus log prior odds; above zero the effect is more probable than its "
-        "absence). Filled bars: fitted; open bars: linear estimate. At the right: why the effect "
-        "was not chosen"
+        "Log posterior odds of each candidate effect (gain of the log evidence plus log prior "
+        "odds; above zero the effect is more probable than its absence). Each panel compares with "
+        "the set of effects in its heading, so bars of different panels have different "
+        "references. Filled bars: fitted; open bars: linear estimate. At the right: why the effect "
+        "was not chosen; a candidate may have a longer bar than a claimed effect, although no "
+        "whole set with it is as probable"
     ),
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": (
@@ -237,7 +239,8 @@ TONES = {
 }
 PRINTED_CANDIDATES = 10  # rows of the table of candidates on paper
 CANDIDATES_NOTE = (
-    "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
+    "Added to: the set of effects without the candidate (within, in evidence.csv). Gain: increase "
+    "of the log evidence when the candidate is added to it. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
     "absence. Linearised: the gain is from the linearised model; the candidate was not fitted. "
     "Like: changes the outputs in nearly the same way."

@@ -95,7 +95,8 @@ def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None
     candidates = table(
         caption,
         (Column("round", PURE, left=True), [Number(row.round, digits=0) for row in shown]),
-        (Column("candidate"), [" + ".join((*row.within, row.name)) for row in shown]),
+        (Column("candidate"), [row.name for row in shown]),
+        (Column("added to"), [" + ".join(row.within) or "declared model" for row in shown]),
         (Column("gain", PURE), [formatted(row.gain, ".1f") for row in shown]),
         (Column("log odds", PURE), [formatted(row.weight, ".1f") for row in shown]),
         (Column("parameters"), [candidate_parameters(row) for row in shown]),

@@ -127,7 +127,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         *(_titled(table, width) for table in member_tables(d, MEMBER_TITLE)),
         _titled(derived_table(d, ""), width),
         _titled(levels_table(tracing, levels_title(tracing)), width),
-        _titled(candidates, width, CANDIDATE_LEGEND, keys=2),
+        _titled(candidates, width, CANDIDATE_LEGEND, keys=3),
         _wrapped_all([f"warning: {warning}" for warning in warnings_of(tracing)], width),
         _wrapped_all([f"note: {note}" for note in tracing.notes], width),
         wrapped(effort_sentence(tracing.effort, d), width),
@@ -145,7 +145,8 @@ MEMBER_TITLE = (
 )
 CANDIDATE_TITLE = "best candidates of each round of the search (all of them are in evidence.csv)"
 CANDIDATE_LEGEND = (
-    "gain: increase of the log evidence when the candidate is added; log odds: log posterior odds, "
+    "added to: the set of effects without the candidate (within, in evidence.csv); gain: increase "
+    "of the log evidence when the candidate is added to it; log odds: log posterior odds, "
     "gain plus the log of its prior odds, above zero where the candidate is more probable than its "
     "absence; linearised: gain from the linearised model, not fitted; like: changes the outputs in "
     "nearly the same way; guard: catch-all term of no effect of the library, which is never named"
@@ -161,6 +162,7 @@ def wording_of(tracing: Tracing) -> Wording:
         tracing.traits,
         inputs,
         CHANNELS if is_of_aircraft(tracing.model) else {},
+        tuple(tracing.model.equations.parameter_names),
     )
 
 
@@ -204,9 +206,11 @@ def headline(tracing: Tracing) -> str:
     judged_by_one_step = [claim for claim in claimed if claim.one_step_gains]
     if judged_by_one_step:
         # A free simulation cannot test an effect of unknown gusts.
-        parts.append("; ".join(one_step_phrase(claim, tracing) for claim in judged_by_one_step))
+        parts.append(
+            "; ".join(one_step_phrase(claim, tracing, len(claimed)) for claim in judged_by_one_step)
+        )
     elif error:
-        parts.append(f"with this effect, {error}")
+        parts.append(f"with {'these effects' if len(claimed) > 1 else 'this effect'}, {error}")
     name = _most_changed(d)
     if name:
         before, after = d.before[name], d.after[name]
@@ -311,15 +315,13 @@ def _headline_without_claims(tracing: Tracing) -> str:
     return f"no effect is named; {_error_phrase(tracing)}"
 
 
-def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
-    """Return the gain of a claim in log likelihood of one-step predictions."""
-    where = where_predicted(tracing)
+def one_step_phrase(claim: Claim, tracing: Tracing, count: int = 1) -> str:
+    """Return the gain of a claim, one of ``count``, in log likelihood of one-step predictions."""
+    where, effect = where_predicted(tracing), claim.name if count > 1 else "this effect"
     if any(math.isinf(gain) for gain in claim.one_step_gains):
-        return f"without this effect, one-step predictions diverge on {where}"
+        return f"without {effect}, one-step predictions diverge on {where}"
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
-    return (
-        f"with this effect, the log likelihood of one-step predictions rises by {gains} on {where}"
-    )
+    return f"with {effect}, the log likelihood of one-step predictions rises by {gains} on {where}"
 
 
 def _error_phrase(tracing: Tracing) -> str:

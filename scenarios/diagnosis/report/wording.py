@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -161,6 +162,7 @@ class Wording:
     candidates : traits of candidate effects, by name.
     controls : all inputs; the name of an effect has one of them after a colon.
     channels : channel -> its name in words.
+    parameters : names of the declared model's parameters.
     """
 
     control: str = "elevator"
@@ -168,6 +170,7 @@ class Wording:
     candidates: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
     controls: tuple[str, ...] = ()
     channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
+    parameters: tuple[str, ...] = ()
 
     def traits(self, name: str) -> Traits:
         """Return the traits of an effect, from the candidates or else from the library.
@@ -333,8 +336,23 @@ def separating_maneuver(name: str, other: str, wording: Wording | None = None) -
         rival_base = rival.partition(":")[0].partition("#")[0]
         maneuvers = wording.traits(effect).separating
         if rival_base in maneuvers:
-            return maneuvers[rival_base]
+            return _with_names_of_model(maneuvers[rival_base], wording.parameters)
     return _USUAL_MANEUVER
+
+
+_NAMES = re.compile(r"\{ \(([^)]*)\)\}")
+
+
+def _with_names_of_model(text: str, parameters: Collection[str]) -> str:
+    """Return an advice that names only parameters of the model: ``"{ (CL_de, L_delta)}"`` becomes
+    ``" (CL_de)"`` or nothing.
+    """
+
+    def of_model(found: re.Match[str]) -> str:
+        names = [name for name in found[1].split(", ") if name in parameters]
+        return f" ({', '.join(names)})" if names else ""
+
+    return _NAMES.sub(of_model, text)
 
 
 def separating_maneuvers(

@@ -16,9 +16,9 @@ from sim.effects.loads import at_arm
 from sim.maths import G0
 
 MEASURE_IT = (
-    "no maneuver helps while lift and moment are linear: measure where the instruments "
-    "are mounted, or check which lift of the control surface is plausible (CL_de, L_delta: it "
-    "differs most)"
+    "no maneuver helps while forces and moments are linear: measure where the instruments "
+    "are mounted, or check under which effect the force by the control surface{ (CL_de, L_delta, "
+    "CY_dr, CY_da)} is plausible: it differs most"
 )
 # accelerometers with a vane in the same plane, which has the same effect on the kinematics
 _VANES = ("nz", "ny")

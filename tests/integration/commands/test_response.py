@@ -16,6 +16,7 @@ from scipy import signal
 import flightid as fid
 from scenarios.cli import main
 from scenarios.responses.loops import margin_lines
+from scenarios.responses.qualities import chart_levels
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from tests.recorders.logs import write_dataflash
@@ -404,6 +405,46 @@ def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixtu
         fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx").plot.bandwidth()
     assert typed("response", log, *signals, "--bandwidth", "speed") == 2
     assert "there is no kind 'speed'" in capsys.readouterr().err
+
+
+def test_limits_of_pitch_are_drawn_and_judged_for_pitch_alone(tmp_path: Path) -> None:
+    """The chart of a roll response had the limits that MIL-STD-1797A gives for pitch."""
+    time, target, roll = swept()
+    path = write_csv(tmp_path, "sweep.csv", time=time, target=target, roll=roll, p=roll, q=roll)
+    cases: tuple[tuple[str, dict[str, Any], str], ...] = (
+        ("roll", {"fit": "roll"}, "no limits drawn"),
+        ("p", {}, "no limits drawn"),
+        ("roll", {}, "if this is pitch"),
+        ("q", {}, "pitch: MIL-STD-1797A, category A (not verified)"),
+    )
+    for output, fit, named in cases:
+        found = fid.frequency_response(
+            path, "target", output, bandwidth="rate", pilot=3.0, band=(0.1, 8.0), **fit
+        )
+        (one,) = found.details.qualities
+        figure = found.plot.qualities()
+        words = [text.get_text() for axes in figure.axes for text in axes.texts]
+        told = [axes.get_title(loc="left") for axes in figure.axes] + words
+        assert any(named in each for each in told), told
+        assert any("limit of level" in each for each in words) is (one.of_pitch is not False)
+        levels = [level for level in chart_levels(one) if level.name == "pilot_resonance"]
+        assert bool(levels) is (one.of_pitch is not False)
+        unknown = one.of_pitch is None
+        assert all((", if this is pitch" in each.words) is unknown for each in levels)
+
+
+def test_parts_have_the_names_of_files_and_not_of_their_json(tmp_path: Path) -> None:
+    """`study train, ...` was printed of pitch.csv: the name inside pitch.json."""
+    time, target, roll = swept()
+    path = write_csv(tmp_path, "sweep.csv", time=time, target=target, roll=roll)
+    about = {"schema": "flightid/record/1", "name": "train"}
+    path.with_suffix(".json").write_text(json.dumps(about))
+    found = fid.frequency_response(path, "target", "roll", band=(0.5, 5.0))
+    assert found.summary().splitlines()[0].startswith("study     sweep.csv")
+    parts = fid.frequency_response(
+        path, "target", "roll", band=(0.5, 5.0), start=[5, 40], stop=[30, 80]
+    )
+    assert "train" not in parts.summary() and "train" not in json.dumps(parts.to_dict()["parts"])
 
 
 def test_records_of_a_call_are_of_one_kind(tmp_path: Path) -> None:

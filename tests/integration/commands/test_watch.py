@@ -222,6 +222,7 @@ def test_history_ends_at_the_online_estimate(
     )
     content, (header, rows) = comparison(tmp_path / "out"), history(tmp_path / "out")
     assert content["method"] == "online" and set(content["methods"]) == {"frequency-domain"}
+    assert "refined" not in content["bank"]
     last = dict(zip(header, rows[-1], strict=True))
     for name in PARAMETERS:
         assert last[name] == pytest.approx(content["parameters"][name]["estimate"], rel=1e-8)

@@ -16,7 +16,7 @@ from ident.tracing.decision import (
 )
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence import WeighedSet
-from ident.tracing.names import EVENT_GAIN, _likeliest_without, is_physical_effect
+from ident.tracing.names import EVENT_ODDS, _likeliest_without, is_physical_effect
 from ident.tracing.search import CLEAR_GAIN, Search
 from ident.tracing.whiteness import is_noise
 from sim.declaration.proposal import Traceable
@@ -100,8 +100,8 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
 
 
 @pytest.mark.parametrize(("size", "named"), [(0.005, False), (0.03, True)])
-def test_a_passing_load_is_named_where_its_gain_is_large(size: float, named: bool) -> None:
-    """In random cases false loads in passing had gains up to 185, true ones from 220 on. A small
+def test_a_passing_load_is_named_where_its_odds_are_large(size: float, named: bool) -> None:
+    """In random cases false loads in passing had log odds up to 185, true ones from 220 on. A small
     one stays a hint, and no likelier name takes its place.
     """
     every = effects_for(declared().equations)
@@ -119,12 +119,13 @@ def test_a_passing_load_is_named_where_its_gain_is_large(size: float, named: boo
     best = search.best()
     smaller = search.set_without(best, pulse.name)
     assert smaller is not None
-    gain = best.weight - smaller.weight
-    assert gain > EVENT_GAIN if named else CLEAR_GAIN < gain < EVENT_GAIN
+    log_odds = best.weight - smaller.weight
+    assert log_odds > EVENT_ODDS if named else CLEAR_GAIN < log_odds < EVENT_ODDS
     found = decide(search)
     assert {each.name for each in found.named} == ({LATE, pulse.name} if named else {LATE})
     hints = {each.name: each.reason for each in found.hints}
-    assert named or f"{gain:.0f}; {EVENT_GAIN:.0f} are required" in hints[pulse.name]
+    told = f"its log posterior odds are {log_odds:.0f}; {EVENT_ODDS:.0f} are required"
+    assert named or told in hints[pulse.name]
 
 
 def test_of_two_alternatives_in_the_likeliest_set_one_stands() -> None:

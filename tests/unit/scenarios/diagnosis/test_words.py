@@ -227,6 +227,35 @@ def test_headline_names_effect_error_and_derivative() -> None:
     )
 
 
+def test_headline_of_several_effects_says_with_these_effects() -> None:
+    tracing = tracing_of(Verdict.TRACED)
+    d = tracing.diagnosis
+    figures = replace(d.error_before, rmse={"q": 0.0061})
+    lag = Claim("sensor-lag:q", {"time_constant": Quantity(0.06, 0.002, "s")})
+    gust = Claim("gust-turbulence", {}, one_step_gains=(40.0,))
+    both = replace(d, effects=(*d.effects, lag), error_before=figures)
+    assert "; with these effects, " in headline(replace(tracing, diagnosis=both))
+    rough = replace(both, effects=(*both.effects, gust))
+    assert "; with gust-turbulence, the log" in headline(replace(tracing, diagnosis=rough))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "named"),
+    [
+        (("CL_alpha", "CL_de"), " (CL_de)"),
+        (("L_alpha", "L_delta"), " (L_delta)"),
+        (("CY_beta", "CY_da", "CY_dr"), " (CY_dr, CY_da)"),
+        (("own",), ""),
+    ],
+)
+def test_advice_names_parameters_of_the_declared_model_only(
+    parameters: tuple[str, ...], named: str
+) -> None:
+    wording = Wording(parameters=parameters)
+    told = separating_maneuver("accelerometer-offset:nz", "vane-offset", wording)
+    assert f"the force by the control surface{named} is plausible" in told
+
+
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_terminal_text_is_plain_and_complete(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
@@ -259,7 +288,7 @@ def test_each_round_shows_a_name_once_and_the_best_first() -> None:
     weaker = replace(tracing.diagnosis.candidates[0], gain=5.0)
     doubled = replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates))
     shown = candidates_table(doubled, "", 3)
-    assert [(row[1], cell_text(row[2])) for row in shown.rows] == [
+    assert [(row[1], cell_text(row[3])) for row in shown.rows] == [
         ("input-deadband", "420.0"),
         ("sensor-scale:alpha", "3.1"),
         ("vane-offset", "1.4"),

@@ -23,7 +23,9 @@ from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of
 from scenarios.maneuver_design.report import MAIN, design_text, write_design
 from scenarios.maneuver_design.setting import DesignRequest, setting_of
+from scenarios.maneuver_design.tables import maneuvers_table
 from scenarios.preparation.plan import Request
+from scenarios.report.figure_formats import caption_of
 from sim.errors import DeclarationError
 from sim.maneuvers import Multisine, least_peak_multisine, schroeder_multisine
 from sim.record import Record
@@ -161,6 +163,18 @@ def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Pat
     assert all(each.kind in design_text(told) for each in told.maneuvers)
     file = told.setting.vehicle.identity
     assert file is not None and f"({file.name}), rigid model" in " ".join(design_text(told).split())
+
+
+def test_no_text_says_that_maneuvers_with_different_peaks_are_of_equal_amplitude(
+    told: DesignResult,
+) -> None:
+    """Each is as large as requested or as the limits allow: peaks of 4.65 and 2.74 deg stood under
+    "equal amplitude".
+    """
+    text = design_text(told)
+    assert "equal amplitude" not in text and "as large as requested or as the limits allow" in text
+    assert "qual amplitude" not in maneuvers_table(told).caption
+    assert "is not drawn" in caption_of("maneuvers")
 
 
 def test_the_best_maneuver_is_the_first(told: DesignResult) -> None:

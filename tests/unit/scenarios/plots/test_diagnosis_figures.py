@@ -135,6 +135,27 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
     assert len(open_bars) == 1, "what was not fitted is an open bar"
 
 
+def test_a_longer_bar_than_a_claimed_one_has_lower_odds_in_whole_sets_alone() -> None:
+    """A bar of 100 had "lower odds" beside a claimed one of 75."""
+    candidates = [
+        candidate("input-recorded-late", 100.0, fitted=False),
+        candidate("sensor-scale:nz", 75.0, fitted=False),
+        candidate("elastic-mode", 19.0),
+    ]
+    figure = figure_evidence(candidates, NamedEffects(("sensor-scale:nz", "phugoid")))
+    assert rows_of(figure) == {
+        "input-recorded-late": ["100", "its whole sets: lower odds"],
+        "sensor-scale:nz": ["75.0", "claimed"],
+        "elastic-mode": ["19.0", "lower odds"],
+    }
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "other, linearised",
+        "claimed, linearised",
+        "other, fitted",
+    ]
+
+
 def test_evidence_shows_a_candidate_once_as_it_was_fitted() -> None:
     twice = [
         candidate("sensor-lag:q", 246.0, fitted=False),
@@ -195,7 +216,11 @@ def test_derivatives_are_drawn_in_per_cent_and_vague_ones_in_their_sigmas() -> N
         if line.get_marker() == "o" and line.get_linestyle() == "None"
     ]
     assert np.asarray(points[-1]) == pytest.approx([15.0, 100.0])
-    assert "3σ" in panel.get_title(loc="left") and "L" in panel.get_title(loc="left")
+    told = " ".join(panel.get_title(loc="left").split())
+    assert "is drawn in per cent of three sigmas, because it was not determined before" in told
+    alone = {**before, "CL_de": Quantity(0.1, 1.0, "1/rad")}
+    told = " ".join(figure_derivatives(alone, alone).axes[0].get_title(loc="left").split())
+    assert " and " in told and told.endswith("because they were not determined")
     texts = {text.get_text() for text in panel.texts}
     assert {"−20.0 ± 1.0", "−17.00 ± 0.50"} <= texts
 

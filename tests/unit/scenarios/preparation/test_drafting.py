@@ -296,6 +296,20 @@ def test_a_command_from_minus_one_to_one_is_drafted_with_its_throw_to_enter(tmp_
         in map_text(draft)
     )
     column = "actuator_servos.control[1]"
-    (warning,) = unscaled_commands({"elevator": ColumnChoice(column, "rad")})
+    (warning,) = unscaled_commands({"elevator": ColumnChoice(column)})
     assert warning.startswith("elevator seems to be an unscaled command")
     assert unscaled_commands({"elevator": ColumnChoice(f"25 * {column}", "deg")}) == ()
+
+
+def test_a_stated_unit_or_factor_and_a_measured_angle_are_no_unscaled_commands() -> None:
+    """ArduPilot's angle of attack, in degrees by the map, was called a command from -1 to 1."""
+    column = "actuator_servos.control[1]"
+    for channel, choice in (
+        ("alpha", ColumnChoice("AOA.AOA", "deg")),
+        ("alpha", ColumnChoice("AOA.AOA")),
+        ("beta", ColumnChoice("AOA.SSA")),
+        ("theta", ColumnChoice("ATT.Pitch")),
+        ("elevator", ColumnChoice(column, "deg")),
+        ("elevator", ColumnChoice(column, scale=0.4)),
+    ):
+        assert unscaled_commands({channel: choice}) == ()

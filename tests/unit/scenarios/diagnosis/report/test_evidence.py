@@ -250,13 +250,13 @@ def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
         (row,) = candidates_table(replace(d, candidates=(candidate,)), "", 1).rows
         return [cell_text(cell) for cell in row]
 
-    assert row_of(best)[:4] == ["1", "sensor-lag:alpha", "420.0", "414.9"]
-    assert row_of(scale)[2:] == ["3.1", "-2.0", "scale 1.0100 +- 0.0040", ""]
-    assert row_of(vane)[4:] == ["", "linearised; like sensor-lag:alpha"]
-    assert row_of(speed)[2:4] == ["-2.5", "-7.6"]
+    assert row_of(best)[:5] == ["1", "sensor-lag:alpha", "declared model", "420.0", "414.9"]
+    assert row_of(scale)[3:] == ["3.1", "-2.0", "scale 1.0100 +- 0.0040", ""]
+    assert row_of(vane)[5:] == ["", "linearised; like sensor-lag:alpha"]
+    assert row_of(speed)[3:5] == ["-2.5", "-7.6"]
     assert "log odds" in text and "linearised" in text
-    named = row_of(replace(scale, within=("vane-offset",)))[1]
-    assert named == "vane-offset + sensor-scale:alpha"
+    named = row_of(replace(scale, within=("vane-offset", "phugoid")))[1:3]
+    assert named == ["sensor-scale:alpha", "vane-offset + phugoid"]
 
 
 def test_json_has_spread_values_of_each_record_and_scatter() -> None:
