@@ -7,8 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
-from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
+from ident.compatibility.fault_sets import (
+    FaultSearch,
+    clocks,
+    confusable_loss,
+    reference_sentence,
+    search,
+)
+from ident.compatibility.fitting import KinematicFit, fit
 from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
@@ -33,6 +39,7 @@ from ident.compatibility.trials import (
     tried,
     with_more_faults,
 )
+from ident.compatibility.unobservable import unobservable_sentences
 from sim.errors import RecordError
 from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
@@ -152,7 +159,13 @@ def _compatibility(
         notes.append(reference)
     cannot_tell = (
         *_closed_by(channels, joined),
-        *unobservable_sentences(whole, search_result.fit.noise, used),
+        *unobservable_sentences(
+            whole,
+            search_result.fit.noise,
+            used,
+            confusable_loss(settings.false_alarm, len(joint.estimates)),
+            {finding.name for finding in joint.findings if finding.stands},
+        ),
     )
     return Compatibility(
         channels,

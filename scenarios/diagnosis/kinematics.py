@@ -174,12 +174,16 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 
 def _as_well(same: SensorFinding, result: Compatibility) -> str:
-    """Return the other faults that explain the records equally well, with their sizes."""
-    by_name = {each.name: each for each in result.findings}
-    known = [by_name[name] for name in same.group if name in by_name]
+    """Return the faults that explain the records equally well, and probabilities for arms."""
+    from scenarios.compatibility.report import shares
+
+    known = [each for name in same.group for each in result.findings if each.name == name]
     texts = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
-    texts += [name for name in same.group if name not in by_name]
-    return f" or, equally well, {' or '.join(texts)}" if texts else ""
+    if not texts:
+        return ""
+    said = [f"{share} {f.name}" for f, share in shares(same, result.findings)]
+    usual = f" (by the usual places of sensors {', '.join(said)})" if said else ""
+    return f" or, equally well, {' or '.join(texts)}{usual}"
 
 
 def _compared(
@@ -249,9 +253,7 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
 
 
 def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
-    """Return the finding that replaces a rejected one: another way for the same channel to be
-    late.
-    """
+    """Return the finding in whose place ``own`` was rejected: the same channel late otherwise."""
     if own.stands or not _late(own):
         return None
     return next(
@@ -493,6 +495,10 @@ def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
             item,
             name=names.get(item.name, item.name),
             group=tuple(names.get(name, name) for name in item.group),
+            probabilities={
+                names.get(name, name): share for name, share in item.probabilities.items()
+            },
+            instead_of=names.get(item.instead_of, item.instead_of),
         )
 
     def checked(each: CheckResult) -> CheckResult:

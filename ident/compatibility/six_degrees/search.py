@@ -251,8 +251,8 @@ class SixDegreeSearch:
     (``standing``: positions in ``lines.faults``). ``groups``: the alternatives of each, with their
     losses of log likelihood. ``refused``: faults on which records disagree. ``early``: a load and
     the time, s, by which it is early, if that explains more than any fault. ``common``: positions
-    of the faults that all records may share. ``lateness``: loss with another kind of delay in place
-    of an accepted one, by both positions, from full fits.
+    of the faults that all records may share. ``lateness``: loss with a fault of the same lateness
+    or trace in place of an accepted one, by both positions, from full fits.
     """
 
     lines: Linear
@@ -379,8 +379,9 @@ def _secant(size: float) -> float:
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """Return the likeliest of a set and its variants with one delay replaced by another kind, or by
-    the equivalent arm, and the loss of each variant by both positions. Priors of sizes count.
+    """Return the likeliest of a set and its variants with one fault replaced by another one of the
+    same lateness or trace, and the loss of each variant by both positions. The likeliest is chosen
+    with the priors of sizes, the losses are those of the data alone.
 
     Full fits are needed: a first-order comparison uses the noise of the accepted variant, which
     includes its own misfit, and neglects the delay of the arm's contribution.
@@ -520,7 +521,7 @@ def alike(
         + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
     )
     full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
-    # Of two arms with equal effect, the data may prefer the less common one.
+    # Of two faults with equal effect, the data may prefer the less common one.
     least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
     losses = np.array(
         [
