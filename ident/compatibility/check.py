@@ -157,23 +157,16 @@ def _compatibility(
         )
     if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
         notes.append(reference)
-    cannot_tell = (
-        *_closed_by(channels, joined),
-        *unobservable_sentences(
-            whole,
-            search_result.fit.noise,
-            used,
-            confusable_loss(settings.false_alarm, len(joint.estimates)),
-            {finding.name for finding in joint.findings if finding.stands},
-        ),
-    )
+    standing = {finding.name for finding in joint.findings if finding.stands}
+    chance = confusable_loss(settings.false_alarm, len(joint.estimates))
+    unobservable = unobservable_sentences(whole, search_result.fit.noise, used, chance, standing)
     return Compatibility(
         channels,
         joined,
         joint,
         tuple(single),
         _reconstructions(whole, search_result.fit),
-        cannot_tell,
+        (*_closed_by(channels, joined), *unobservable),
         tuple(notes),
     )
 
