@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from ident.compatibility.fault_sets import FaultSearch, search
-from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
+from ident.compatibility.fault_sets import FaultSearch, confusable_loss, search
+from ident.compatibility.fitting import KinematicFit, fit
 from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
@@ -37,6 +37,7 @@ from ident.compatibility.trials import (
     tried,
     with_more_faults,
 )
+from ident.compatibility.unobservable import unobservable_sentences
 from sim.errors import RecordError
 from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
@@ -153,9 +154,11 @@ def _compatibility(
         )
     if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
         notes.append(reference)
+    standing = {finding.name for finding in joint.findings if finding.stands}
+    chance = confusable_loss(settings.false_alarm, len(joint.estimates))
     unobservable = (
         *_channels_without_relation(channels, related),
-        *unobservable_sentences(base, search_result.fit.noise, used),
+        *unobservable_sentences(base, search_result.fit.noise, used, chance, standing),
     )
     return Compatibility(
         channels,

@@ -257,8 +257,8 @@ def _with_early_load(
 
 # ---- Faults that an accepted one may be confused with
 
-# a vane or the boom, then the accelerometers of the same plane
-SAME_PLANE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
+# accelerometers of a plane of motion, then its vane and its rate
+PLANES = (((PACKAGE,), (BOOM,)), (("nz", "az"), ("alpha", "q")), (("ny", "ay"), ("beta", "r")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,11 +294,8 @@ def confusable_loss(false_alarm: float, count: int) -> float:
     """Return the loss of log likelihood that the true one of ``count`` faults exceeds against
     another one with a probability of at most ``false_alarm``.
 
-    Let one of two faults be true, and let their effects on the outputs be d standard deviations
-    apart. The gain of the other fault is then normal with mean -d^2/2 and variance d^2. The
-    probability that it exceeds x is greatest at d = sqrt(2 x), where it is the tail of the normal
-    distribution beyond sqrt(2 x). So sqrt(2 x) is a quantile that holds for every d; the
-    probability is shared among the faults.
+    If the effects of the two differ by d standard deviations, the gain of the other is normal with
+    mean -d^2/2 and variance d^2. It exceeds x with the largest probability at d = sqrt(2 x).
     """
     from scipy.special import ndtri
 
@@ -372,12 +369,17 @@ def same_lateness(first: SensorFault, second: SensorFault) -> bool:
 
 
 def same_trace(first: SensorFault, second: SensorFault) -> bool:
-    """Return whether two arms have the same effect with opposite signs: that of a vane, and that of
-    an accelerometer of the same plane.
+    """Return whether one of two faults is the arm of an accelerometer, and the other one has its
+    effect at one airspeed: a delay or lag of the rate of the plane like an arm ahead, an arm, delay
+    or lag of the vane like one behind.
     """
-    channels = {first.channel, second.channel}
-    return first.kind == second.kind == ARM and any(
-        vane in channels and channels & {*loads} for vane, *loads in SAME_PLANE
+    return any(
+        load.kind == ARM
+        and load.channel in loads
+        and other.kind in (DELAY, LAG, ARM)
+        and other.channel in others
+        for loads, others in PLANES
+        for load, other in ((first, second), (second, first))
     )
 
 
@@ -520,7 +522,7 @@ def _searched(
     early: float | None,
 ) -> FaultSearch:
     """Return the result of a search from its last set, whose positions are ``slots``."""
-    losses, in_place = _in_place(slots)
+    losses, in_place, replaced = _in_place(slots)
     # A fault that is in two groups is reported once: where it is best, else in the first group.
     grouped = {t.fault: t for group in reversed(groups) for t in group} | {
         group[0].fault: group[0] for group in groups
@@ -544,30 +546,35 @@ def _searched(
             if grouped[t.fault] is t:
                 others = tuple(name for name in names if name != t.fault.name)
                 finding = _finding(t, others, losses.get(t.fault, 0.0), stands=True)
-                findings.append(replace(finding, probabilities=shares))
+                leader = "" if t is group[0] else names[0]
+                findings.append(replace(finding, probabilities=shares, instead_of=leader))
     not_accepted = sorted(
         (trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value
     )
-    findings += [
-        _finding(t, (), losses.get(t.fault), stands=False, replicates=t.fault not in refused)
-        for t in not_accepted
-    ]
+    for t in not_accepted:
+        found = _finding(
+            t, (), losses.get(t.fault), stands=False, replicates=t.fault not in refused
+        )
+        beside = t.fault in added or t.fault not in replaced
+        findings.append(found if beside else replace(found, instead_of=replaced[t.fault].name))
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
 def _in_place(
     slots: Sequence[Slot],
-) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
-    """Return for each fault its least loss of log likelihood in place of an accepted one, and the
-    trial with this loss.
+) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial], dict[SensorFault, SensorFault]]:
+    """Return for each fault its least loss of log likelihood in place of an accepted one, the trial
+    with this loss, and the accepted one.
     """
     losses: dict[SensorFault, float] = {}
     trials: dict[SensorFault, FaultTrial] = {}
+    replaced: dict[SensorFault, SensorFault] = {}
     for slot in slots:
         for trial, loss in zip(slot.trials, slot.losses.tolist(), strict=True):
             if loss < losses.get(trial.fault, math.inf):
                 losses[trial.fault], trials[trial.fault] = loss, trial
-    return losses, trials
+                replaced[trial.fault] = slot.trials[0].fault
+    return losses, trials, replaced
 
 
 def _finding(

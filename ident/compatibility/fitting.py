@@ -1,4 +1,4 @@
-"""Fits of the kinematics, estimates of faults by both methods, and unobservable faults."""
+"""Fits of the kinematics, and estimates of faults by both methods."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ import numpy as np
 
 from ident.compatibility.instruments import Weigher, part_of_controls, weigher
 from ident.compatibility.kinematics import (
-    BIAS,
-    DELAY,
-    DRIFT,
-    LAG,
-    SCALE,
     SensorFault,
     Unknown,
     evaluate,
-    faults_of,
     linearised,
     start_of,
     unknowns_of,
@@ -440,160 +434,3 @@ def difference_in_sigmas(
     if difference_variance <= 0:
         return 0.0
     return (value - efficient_value) / math.sqrt(difference_variance)
-
-
-# ---- Unobservable faults
-
-_LEAST_PART = 0.2  # smallest part of a fault in a named combination, relative to the largest
-_LEAST_PIVOT = 0.3  # smallest pivot, relative to the largest entry of its row
-_CONFUSABLE_CORRELATION = 0.95  # faults whose signatures have a larger cosine are confusable
-# kinds of faults whose combinations may be unobservable
-FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
-
-
-def unobservable_sentences(
-    base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
-) -> tuple[str, ...]:
-    """Return sentences on faults that the records of a fit without faults do not determine.
-
-    A fault is unobservable if its standard deviation exceeds its plausible size
-    (`SensorFault.plausible`). So is a combination of faults of one family (times, scales, biases
-    and drifts). Two faults are confusable if the cosine of their projected signatures is large.
-    """
-    faults = faults_of(channels, drifts=True, biases=True)
-    return unobservable_faults(fault_information(base, noise, faults), faults, channels)
-
-
-def unobservable_faults(
-    information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
-) -> tuple[str, ...]:
-    """Return sentences on the ``faults`` and their combinations that ``information (k, k)``, in
-    units of plausible sizes, does not determine.
-    """
-    unobservable = np.diag(information) < 1.0
-    sentences = []
-    for channel in channels:
-        kinds = [
-            fault.kind
-            for fault, unobserved in zip(faults, unobservable, strict=True)
-            if fault.channel == channel and unobserved
-        ]
-        if kinds:
-            be = "is" if len(kinds) == 1 else "are"
-            sentences.append(f"{channel}: {_listed(kinds)} {be} not observable")
-    observable = np.flatnonzero(~unobservable)
-    for family in FAMILIES:
-        members = [i for i in observable.tolist() if faults[i].kind in family]
-        if len(members) > 1:
-            family_faults = [faults[i] for i in members]
-            values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
-            sentences += [
-                _combination_sentence(row, family_faults)
-                for row in _simple_rows(vectors[:, values < 1.0].T, family_faults)
-            ]
-    return (
-        *dict.fromkeys(sentences),
-        *(
-            f"{_listed([f.name for f in group])} cannot be told apart"
-            for group in _confusable_groups(information, faults, observable.tolist())
-        ),
-    )
-
-
-def fault_information(
-    base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
-) -> np.ndarray:
-    """Return the information ``(k, k)`` on the faults, each in units of its plausible size. The
-    unknowns of each record but its biases are projected out.
-
-    The effect of a lag is that of its plausible size, since a small lag equals a delay.
-    """
-    k = len(faults)
-    total = np.zeros((k, k))
-    sizes = np.zeros(k)
-    for s, own in zip(base.signals, base.own, strict=True):
-        unknowns = unknowns_of(s)
-        free = [i for i, item in enumerate(unknowns) if item.key[1] != BIAS]
-        y, slopes = linearised(s, unknowns, faults, own, sizes)
-        columns = slopes[:, :, [*free, *range(len(unknowns), len(unknowns) + k)]]
-        for j, fault in enumerate(faults):
-            columns[:, :, len(free) + j] *= fault.plausible
-            if fault.kind == LAG:
-                lag_alone = sizes.copy()
-                lag_alone[j] = fault.plausible
-                columns[:, :, len(free) + j] = (
-                    evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
-                )
-        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
-            -1, columns.shape[2]
-        )
-        whole = white.T @ white
-        for i, place in enumerate(free):
-            whole[i, i] += 1.0 / unknowns[place].prior ** 2
-        n = len(free)
-        total += whole[n:, n:] - whole[n:, :n] @ bounded_inverse(whole[:n, :n]) @ whole[:n, n:]
-    return total
-
-
-def _simple_rows(rows: np.ndarray, faults: Sequence[SensorFault]) -> list[np.ndarray]:
-    """Return combinations of few faults that span the same space as ``rows (M, k)``, by
-    Gauss-Jordan elimination with drifts as the first pivots.
-    """
-    rows, done = rows.copy(), np.zeros(len(rows), dtype=bool)
-    order = sorted(range(len(faults)), key=lambda i: faults[i].kind != DRIFT)
-    for column in order:
-        remaining = np.flatnonzero(~done)
-        if not remaining.size:
-            break
-        best = remaining[np.argmax(np.abs(rows[remaining, column]))]
-        if abs(rows[best, column]) < _LEAST_PIVOT * np.abs(rows[best]).max():
-            continue
-        rows[best] /= rows[best, column]
-        for other in range(len(rows)):
-            if other != best:
-                rows[other] -= rows[other, column] * rows[best]
-        done[best] = True
-    return [row / np.abs(row).max() for row in rows]
-
-
-def _confusable_groups(
-    information: np.ndarray, faults: Sequence[SensorFault], observable: Sequence[int]
-) -> list[list[SensorFault]]:
-    """Return groups of confusable faults; `_combination_sentence` treats biases and drifts."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    remaining = [i for i in observable if faults[i].kind not in (BIAS, DRIFT)]
-    groups = []
-    while remaining:
-        group = [remaining.pop(0)]
-        for i in list(remaining):
-            if all(
-                abs(information[i, j]) >= _CONFUSABLE_CORRELATION * size[i] * size[j] for j in group
-            ):
-                group.append(i)
-                remaining.remove(i)
-        if len(group) > 1:
-            groups.append([faults[i] for i in group])
-    return groups
-
-
-def _combination_sentence(row: np.ndarray, faults: Sequence[SensorFault]) -> str:
-    """Return the sentence on an unobservable combination of faults with factors ``row (k,)``."""
-    members = [(faults[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
-    kinds = {fault.kind for fault, _ in members}
-    channels = sorted(
-        {fault.channel for fault, _ in members}, key=[fault.channel for fault in faults].index
-    )
-    same_sign = all(part * members[0][1] > 0 for _, part in members)
-    if kinds <= {DELAY, LAG} and same_sign and len(channels) > 1:
-        return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
-    if kinds == {SCALE} and same_sign:
-        return f"a scale common to {_listed(channels)} is not observable, only ratios are"
-    names = sorted(fault.name for fault, _ in members)
-    if len(names) == 1:
-        return f"{names[0]} is not determined beside the others"
-    return f"{_listed(names)}: only combinations are observable"
-
-
-def _listed(words: Sequence[str]) -> str:
-    """Return words as a list with commas and "and"."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -106,6 +106,8 @@ class SensorFinding:
     lost : loss of log likelihood in place of an accepted fault, zero for the best fault of a group;
         None where it is not in the place of one.
     probabilities : of the fault and its group by name, from likelihoods and priors.
+    instead_of : name of the accepted fault in whose place it was tried; empty for an accepted one
+        and for one that was tried beside all accepted ones.
     """
 
     channel: str
@@ -120,6 +122,7 @@ class SensorFinding:
     replicates: bool = True
     lost: float | None = None
     probabilities: Mapping[str, float] = field(default_factory=dict)
+    instead_of: str = ""
 
 
 @dataclass(frozen=True, eq=False)

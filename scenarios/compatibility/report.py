@@ -210,18 +210,26 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
     """Probabilities and sizes of a finding and of the faults that fit as well, where one is an arm:
     where sensors usually sit then counts.
     """
+    shown = [f"{share} that {fault_text(item)}" for item, share in shares(finding, findings)]
+    if not shown:
+        return ""
+    prior = "vanes usually sit metres from the centre of gravity, accelerometers within a metre"
+    return f"the usual places of sensors decide between these causes ({prior}): {'; '.join(shown)}"
+
+
+def shares(
+    finding: SensorFinding, findings: Sequence[SensorFinding]
+) -> list[tuple[SensorFinding, str]]:
+    """Return a finding and the faults that fit as well, each with its probability, the likeliest
+    first; empty where none of them is an arm.
+    """
     by_name = {item.name: item for item in findings} | {finding.name: finding}
     known = [
         (by_name[name], share) for name, share in finding.probabilities.items() if name in by_name
     ]
     if len(known) < 2 or not any(item.kind in PLACES for item, _ in known):
-        return ""
-    shown = [
-        f"{_share(share)} that {fault_text(item)}"
-        for item, share in sorted(known, key=lambda pair: -pair[1])
-    ]
-    prior = "vanes usually sit metres from the centre of gravity, accelerometers within a metre"
-    return f"the usual places of sensors decide between these causes ({prior}): {'; '.join(shown)}"
+        return []
+    return [(item, _share(share)) for item, share in sorted(known, key=lambda pair: -pair[1])]
 
 
 def _share(share: float) -> str:
@@ -274,11 +282,16 @@ METHODS_NOTE = (
     "0.5 by chance)"
 )
 
+IN_PLACE_NOTE = (
+    'rows marked "as well" or "instead" replace a found fault, which they resemble ("instead" '
+    "fits less well); all other rows stand beside what is found"
+)
+
 
 def estimates_table(caption: str, result: CheckResult) -> Table:
     """Return every fault by both methods."""
     rows = [*result.biases, *result.estimates]
-    standing = {finding.name for finding in result.findings if finding.stands}
+    remarks = {finding.name: _remark(finding) for finding in result.findings}
     return table(
         caption,
         (Column("fault"), [row.name for row in rows]),
@@ -298,12 +311,19 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (
             Column("remark", printed=" "),
             [
-                "found" if row.name in standing else "" if row.determined else "not observable"
+                remarks.get(row.name, "") or ("" if row.determined else "not observable")
                 for row in rows
             ],
         ),
         units=[shown_in(row.unit).unit for row in rows],
     )
+
+
+def _remark(finding: SensorFinding) -> str:
+    """Return whether a fault is found, and whether it was tried in place of a found one."""
+    if not finding.instead_of:
+        return "found" if finding.stands else ""
+    return "as well" if finding.stands else "instead"
 
 
 def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
@@ -334,8 +354,10 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
     if not result.joint.estimates:
         return []
     caption = "all records, one fault at a time" if several else "one fault at a time"
+    any_found = any(finding.stands for finding in result.joint.findings)
+    notes = (METHODS_NOTE, IN_PLACE_NOTE) if any_found else (METHODS_NOTE,)
     blocks: list[Block] = [
-        Bullets((as_sentence(METHODS_NOTE),)),
+        Bullets(tuple(map(as_sentence, notes))),
         estimates_table(caption, result.joint),
     ]
     return [*blocks, by_record_table(result.single, result.joint)] if several else blocks

@@ -194,13 +194,21 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 
 def _equivalents_text(finding: SensorFinding, result: Compatibility) -> str:
-    """Return the faults that explain the records as well as ``finding``, with their sizes."""
+    """Return the faults that explain the records as well as ``finding``, with their sizes, and
+    probabilities by the usual places of sensors.
+    """
+    from scenarios.compatibility.report import shares
+
     by_name = {item.name: item for item in result.findings}
     texts = [
         f"{name} {with_sigma(_size_of(by_name[name]))}" for name in finding.group if name in by_name
     ]
     texts += [name for name in finding.group if name not in by_name]
-    return f" or, equally well, {' or '.join(texts)}" if texts else ""
+    if not texts:
+        return ""
+    probable = [f"{share} {other.name}" for other, share in shares(finding, result.findings)]
+    usual = f" (by the usual places of sensors {', '.join(probable)})" if probable else ""
+    return f" or, equally well, {' or '.join(texts)}{usual}"
 
 
 def _compared(
@@ -491,6 +499,10 @@ def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
             item,
             name=names.get(item.name, item.name),
             group=tuple(names.get(name, name) for name in item.group),
+            probabilities={
+                names.get(name, name): share for name, share in item.probabilities.items()
+            },
+            instead_of=names.get(item.instead_of, item.instead_of),
         )
 
     def check(part: CheckResult) -> CheckResult:

@@ -19,7 +19,7 @@ from ident.statistics.residuals import BOUND_SIGMAS
 from scenarios.files.sources import InputFile, read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
-from scenarios.report.document import BY_ROW, Block, Column, Number, estimate, table
+from scenarios.report.document import BY_ROW, PURE, Block, Column, Number, estimate, table
 from scenarios.report.quantities import number_text
 from scenarios.studies.comparison import DERIVED_UNITS
 from sim.closed_loop.airframe import load_x29
@@ -417,3 +417,39 @@ def reference_content(reference: Reference, items: Sequence[CrossValidation]) ->
         ],
         "outside": [item.name for item in compared if item.beyond],
     }
+
+
+# ---- The delays of the bank
+
+REFINED_DELAYS = (
+    "Probability of each delay by the refined estimate, as the terminal prints it: that the delay "
+    "is nearest to this one"
+)
+BANK_DELAYS = (
+    "Before the refinement: likelihood of each delay by the filters of the bank, which is not that "
+    "of the refined estimate"
+)
+BANK_ALONE = "Likelihood of each delay by the filters of the bank"
+
+
+def delay_tables(content: Mapping[str, Any]) -> list[Block]:
+    """Return the table of the refined estimate's delays, if there is one, and that of the bank."""
+    bank = content["bank"]
+    if "refined" not in bank:
+        return [_delay_table(BANK_ALONE, "likelihood", bank["delays"], bank["weights"])]
+    return [
+        _delay_table(REFINED_DELAYS, "probability", bank["delays"], bank["refined"]),
+        _delay_table(BANK_DELAYS, "likelihood", bank["delays"], bank["weights"]),
+    ]
+
+
+def _delay_table(
+    caption: str, what: str, delays: Sequence[float], weights: Sequence[float]
+) -> Block:
+    """Return a table with the weight of each delay, ms, with the digits of the terminal."""
+    ms = [1000.0 * float(delay) for delay in delays]
+    return table(
+        caption,
+        (Column("delay", "ms"), [Number(each, shown=f"{each:g}") for each in ms]),
+        (Column(what, PURE), [Number(float(w), shown=f"{w:.2f}") for w in weights]),
+    )

@@ -20,13 +20,9 @@ from scenarios.files.writing import study_folder, write_json, write_record, writ
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.low_order import derived_of, mean_delay
 from scenarios.report.document import (
-    PURE,
     Block,
-    Column,
-    Number,
     Page,
     Section,
-    Table,
     as_sentence,
     capital,
     now,
@@ -42,6 +38,7 @@ from scenarios.watching.reference import (
     CrossValidation,
     Reference,
     against,
+    delay_tables,
     differences_table,
     reference_content,
     rows_and_vehicle,
@@ -391,7 +388,7 @@ def watch_page(
             *section("As the stream left it", *_estimate_tables(methods.get("online"))),
             *section("In the frequency domain", *_estimate_tables(methods.get(METHOD))),
             *section("Against the reference", differences_table(reference) if reference else None),
-            *section("Delay", *_delay_tables(content)),
+            *section("Delay", *delay_tables(content)),
             *section(
                 "How it was made",
                 fixed_table(
@@ -424,39 +421,6 @@ def _estimate_tables(content: Mapping[str, Any] | None) -> list[Block]:
     if derived:
         tables.append(derived_table("Derived quantities", derived))
     return tables
-
-
-REFINED_DELAYS = (
-    "Probability of each delay by the refined estimate, as the terminal prints it: that the delay "
-    "is nearest to this one"
-)
-BANK_DELAYS = (
-    "Before the refinement: likelihood of each delay by the filters of the bank, which is not that "
-    "of the refined estimate"
-)
-BANK_ALONE = "Likelihood of each delay by the filters of the bank"
-
-
-def _delay_tables(content: Mapping[str, Any]) -> list[Block]:
-    """Return the table of the refined estimate's delays, if there is one, and that of the bank."""
-    bank = content["bank"]
-    if "refined" not in bank:
-        return [_delay_table(BANK_ALONE, "likelihood", bank["delays"], bank["weights"])]
-    return [
-        _delay_table(REFINED_DELAYS, "probability", bank["delays"], bank["refined"]),
-        _delay_table(BANK_DELAYS, "likelihood", bank["delays"], bank["weights"]),
-    ]
-
-
-def _delay_table(
-    caption: str, what: str, delays: Sequence[float], weights: Sequence[float]
-) -> Table:
-    """Return a table with the weight of each delay, ms, with the digits of the terminal."""
-    rows = tuple(
-        (Number(1000.0 * delay, shown=f"{1000.0 * delay:g}"), Number(weight, shown=f"{weight:.2f}"))
-        for delay, weight in zip(map(float, delays), map(float, weights), strict=True)
-    )
-    return Table(caption, (Column("delay", "ms"), Column(what, PURE)), rows)
 
 
 # ---- Files of a watch that has ended

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
-from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
+from ident.compatibility.fitting import KinematicFit, difference_in_sigmas
 from ident.compatibility.instruments import instruments_of, weigher
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
@@ -52,6 +52,7 @@ from ident.compatibility.trials import (
     SensorFinding,
     p_value,
 )
+from ident.compatibility.unobservable import unobservable_faults
 from ident.statistics.intervals import bounded_inverse
 from sim.record import Record
 
@@ -217,13 +218,16 @@ def estimates_and_findings(
             if j not in named and accepted[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
                 finding = _finding(estimates[j], faults[j], others, loss, stands=True)
-                findings.append(replace(finding, probabilities=shares))
+                leader = "" if j == group[0][0] else names[0]
+                findings.append(replace(finding, probabilities=shares, instead_of=leader))
                 named.add(j)
     not_accepted = sorted(
         (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     for j in not_accepted:
         finding = _finding(estimates[j], faults[j], (), losses[j], stands=False)
+        late = [i for i in search_result.standing if same_lateness(faults[i], faults[j])]
+        finding = replace(finding, instead_of=faults[late[0]].name if late else "")
         findings.append(replace(finding, replicates=j not in search_result.refused))
     return tuple(estimates.values()), tuple(findings)
 
@@ -500,7 +504,7 @@ def check(
     notes += _notes(search_result, signals)
     unobservable = (
         *_channels_without_relation(channels, related),
-        *_unobservable(search_result, signals[0]),
+        *_unobservable(search_result, signals[0], settings.false_alarm),
         STEADY_WIND,
     )
     return Compatibility(
@@ -548,7 +552,9 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
     return notes
 
 
-def _unobservable(search_result: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
+def _unobservable(
+    search_result: SixDegreeSearch, s: KinematicSignals, false_alarm: float
+) -> tuple[str, ...]:
     """Return sentences on faults that the records do not determine."""
     faults = (*search_result.lines.faults, *search_result.lines.biases)
     size = np.array([fault.plausible for fault in faults])
@@ -558,6 +564,8 @@ def _unobservable(search_result: SixDegreeSearch, s: KinematicSignals) -> tuple[
         search_result.lines.information_with_biases * np.outer(size, size),
         faults,
         [name for name in channels if _has_fault(name, faults)],
+        confusable_loss(false_alarm, len(search_result.common)),
+        {search_result.lines.faults[j].name for group in search_result.groups for j, _ in group},
     )
 
 
@@ -578,18 +586,16 @@ def _channels_without_relation(
 
 
 def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    """Return the reconstructions of each record, from a fit without faults and from the final
-    fit.
-    """
+    """Return the reconstruction of each record, from fits without faults and with them."""
     reconstructions = []
     for s, without_faults, y, residual in zip(
         final.signals, base.outputs, final.outputs, final.residuals, strict=True
     ):
         smooth = y + smoothed_walk(s, final.noise, residual)
-        rows = list(enumerate(s.outputs))
         measured = {name: s.channels[name] for name in s.outputs}
         by_output = [
-            {name: values[i] for i, name in rows} for values in (without_faults, y, smooth, s.valid)
+            {name: values[i] for i, name in enumerate(s.outputs)}
+            for values in (without_faults, y, smooth, s.valid)
         ]
         reconstructions.append(Reconstruction(s.name, s.time, measured, *by_output))
     return tuple(reconstructions)

@@ -276,8 +276,8 @@ class SixDegreeSearch:
     widening : factor of the variances for coloured residuals, as a mean over the accepted faults.
     output_error : normal equations of each record by output error.
     common : positions of the faults that all records may share.
-    lateness : (accepted delay, other kind of delay) -> loss of log likelihood by the exchange, from
-        full fits.
+    lateness : (accepted fault, fault of the same lateness or trace) -> loss of log likelihood by
+        the exchange, from full fits.
     """
 
     lines: FaultLinearisation
@@ -426,8 +426,8 @@ def _best_delay_exchange(
     members: Sequence[int],
     among: Sequence[int],
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """Compare a set with its variants: one delay is replaced by another kind of delay or by the
-    equivalent arm.
+    """Compare a set with its variants: one fault is replaced by another one of the same lateness or
+    trace.
 
     Return the fit and the faults of the likeliest of these sets, the priors of sizes included; and
     for each variant (replaced fault, replacement) -> loss of log likelihood without these priors.
@@ -584,7 +584,7 @@ def confusable_faults(
     )
     for k, j in enumerate(rivals):
         if (i, j) in lateness:
-            # Of two arms with equal effect, the data may prefer the less common one.
+            # Of two faults with equal effect, the data may prefer the less common one.
             least = -np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0
             losses[k] = max(lateness[i, j], least)
     return {

@@ -13,7 +13,9 @@ from ident.compatibility.check import compatibility
 from ident.compatibility.instruments import shortened
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
+from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.compatibility.report import odds
+from scenarios.diagnosis.kinematics import AGREES, Kinematics, agreements
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import FINE, LATERAL, SPEED, WHOLE, Faults, fly, shown
@@ -118,8 +120,38 @@ def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_bo
     assert (
         "that the vane of beta is" in said
         and "< 0.1 % that the accelerometer of" in said
-        and "-1" in said
+        and "behind the centre of gravity" in said
     )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("channels", "load", "rate"),
+    [(LATERAL, "ny", "r"), (("alpha", "q", "nz", "airspeed"), "nz", "q")],
+)
+def test_an_accelerometer_ahead_is_printed_beside_the_lag_of_its_rate_however_unusual_its_place(
+    channels: tuple[str, ...], load: str, rate: str
+) -> None:
+    """An accelerometer x ahead feels x times the change of the rate: a rate that is late by
+    x / V. At one airspeed 4 m and 31 ms are one motion, and the prior of a place 4 m away is small.
+    """
+    wrong = Faults(accelerometers={load: (4.0, 0.0, 0.0)})
+    records = [shown(fly(), channels, wrong, 2), shown(fly(seed=2), channels, wrong, 12)]
+    found = compatibility(records, SETTINGS, each=False, six=True)
+    both = {finding.name: finding for finding in found.findings if finding.stands}
+    arm, lag = both[f"accelerometer-offset:{load}"], both[f"sensor-lag:{rate}"]
+    assert abs(arm.value - 4.0) < 3.0 * arm.std
+    assert lag.value == pytest.approx(arm.value / SPEED, rel=0.1)
+    assert lag.instead_of == "" and arm.instead_of == lag.name
+    chances = lag.probabilities
+    assert set(chances) == set(both) and sum(chances.values()) == pytest.approx(1.0)
+    assert 0.0 < chances[arm.name] < chances[lag.name]
+    (said,) = agreements(
+        Kinematics(("flight",), found), [Claim(arm.name, {"arm": Quantity(4.0, 0.05, "m")})]
+    )
+    assert said.says == AGREES and f"% {lag.name}" in said.sentence
+    lines = " ".join(found.cannot_tell)
+    assert arm.name not in lines and lag.name not in lines
 
 
 def test_where_sensors_usually_are() -> None:

@@ -1,0 +1,200 @@
+"""Sentences on the sensor faults that records do not determine."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from ident.compatibility.fitting import KinematicFit
+from ident.compatibility.instruments import weigher
+from ident.compatibility.kinematics import (
+    BIAS,
+    DELAY,
+    DRIFT,
+    LAG,
+    SCALE,
+    SensorFault,
+    evaluate,
+    faults_of,
+    linearised,
+    unknowns_of,
+)
+from ident.compatibility.signals import RelationNoise
+from ident.statistics.intervals import bounded_inverse
+
+_LEAST_PART = 0.2  # smallest part of a fault in a named combination, relative to the largest
+_LEAST_PIVOT = 0.3  # smallest pivot, relative to the largest entry of its row
+_CONFUSABLE_CORRELATION = 0.95  # faults whose signatures have a larger cosine are confusable
+# kinds of faults whose combinations may be unobservable
+FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
+
+
+def unobservable_sentences(
+    base: KinematicFit,
+    noise: RelationNoise,
+    channels: Sequence[str],
+    chance: float,
+    standing: Collection[str] = (),
+) -> tuple[str, ...]:
+    """Return sentences on faults that the records of a fit without faults do not determine.
+
+    A fault is unobservable if its standard deviation exceeds its plausible size
+    (`SensorFault.plausible`). So is a combination of faults of one family (times, scales, biases
+    and drifts). Two faults are confusable if the cosine of their projected signatures is large, and
+    one of plausible size loses at most ``chance`` of log likelihood to the other one. Faults that
+    are ``standing``, by name, have been compared by these records and are left out.
+    """
+    faults = faults_of(channels, drifts=True, biases=True)
+    information = fault_information(base, noise, faults)
+    return unobservable_faults(information, faults, channels, chance, standing)
+
+
+def unobservable_faults(
+    information: np.ndarray,
+    faults: Sequence[SensorFault],
+    channels: Sequence[str],
+    chance: float,
+    standing: Collection[str] = (),
+) -> tuple[str, ...]:
+    """Return sentences on the ``faults`` and their combinations that ``information (k, k)``, in
+    units of plausible sizes, does not determine; ``chance``, ``standing`` as in
+    `unobservable_sentences`.
+    """
+    unobservable = np.diag(information) < 1.0
+    sentences = []
+    for channel in channels:
+        kinds = [
+            fault.kind
+            for fault, unobserved in zip(faults, unobservable, strict=True)
+            if fault.channel == channel and unobserved
+        ]
+        if kinds:
+            be = "is" if len(kinds) == 1 else "are"
+            sentences.append(f"{channel}: {_listed(kinds)} {be} not observable")
+    observable = np.flatnonzero(~unobservable)
+    for family in FAMILIES:
+        members = [i for i in observable.tolist() if faults[i].kind in family]
+        if len(members) > 1:
+            family_faults = [faults[i] for i in members]
+            values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
+            sentences += [
+                _combination_sentence(row, family_faults)
+                for row in _simple_rows(vectors[:, values < 1.0].T, family_faults)
+            ]
+    compared = [i for i in observable.tolist() if faults[i].name not in standing]
+    return (
+        *dict.fromkeys(sentences),
+        *(
+            f"{_listed([f.name for f in group])} cannot be told apart"
+            for group in _alike(information, faults, compared, chance)
+        ),
+    )
+
+
+def fault_information(
+    base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
+) -> np.ndarray:
+    """Return the information ``(k, k)`` on the faults, each in units of its plausible size. The
+    unknowns of each record but its biases are projected out.
+
+    The effect of a lag is that of its plausible size, since a small lag equals a delay.
+    """
+    k = len(faults)
+    total = np.zeros((k, k))
+    sizes = np.zeros(k)
+    for s, own in zip(base.signals, base.own, strict=True):
+        unknowns = unknowns_of(s)
+        free = [i for i, item in enumerate(unknowns) if item.key[1] != BIAS]
+        y, slopes = linearised(s, unknowns, faults, own, sizes)
+        columns = slopes[:, :, [*free, *range(len(unknowns), len(unknowns) + k)]]
+        for j, fault in enumerate(faults):
+            columns[:, :, len(free) + j] *= fault.plausible
+            if fault.kind == LAG:
+                lag_alone = sizes.copy()
+                lag_alone[j] = fault.plausible
+                columns[:, :, len(free) + j] = (
+                    evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
+                )
+        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
+            -1, columns.shape[2]
+        )
+        whole = white.T @ white
+        for i, place in enumerate(free):
+            whole[i, i] += 1.0 / unknowns[place].prior ** 2
+        n = len(free)
+        total += whole[n:, n:] - whole[n:, :n] @ bounded_inverse(whole[:n, :n]) @ whole[:n, n:]
+    return total
+
+
+def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
+    """Return combinations of few faults that span the same space as ``rows``: Gauss-Jordan, with
+    drifts as the first pivots.
+    """
+    rows, done = rows.copy(), np.zeros(len(rows), dtype=bool)
+    order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
+    for column in order:
+        remaining = np.flatnonzero(~done)
+        if not remaining.size:
+            break
+        best = remaining[np.argmax(np.abs(rows[remaining, column]))]
+        if abs(rows[best, column]) < _LEAST_PIVOT * np.abs(rows[best]).max():
+            continue
+        rows[best] /= rows[best, column]
+        for other in range(len(rows)):
+            if other != best:
+                rows[other] -= rows[other, column] * rows[best]
+        done[best] = True
+    return [row / np.abs(row).max() for row in rows]
+
+
+def _alike(
+    information: np.ndarray,
+    faults: Sequence[SensorFault],
+    observable: Sequence[int],
+    chance: float,
+) -> list[list[SensorFault]]:
+    """Return groups of confusable faults; a fault may be in several. Biases and drifts are left
+    out: their combinations are named instead.
+    """
+    gains = np.maximum(np.diag(information), 1e-300)  # twice those at plausible sizes
+    cosines = np.clip(information / np.outer(np.sqrt(gains), np.sqrt(gains)), -1.0, 1.0)
+    # Where both sizes must be positive, effects of opposite sign are told by it.
+    one_sided = np.array([fault.one_sided for fault in faults])
+    likeness = np.where(np.logical_and.outer(one_sided, one_sided), cosines, np.abs(cosines))
+    losses = 0.5 * np.maximum.outer(gains, gains) * (1.0 - cosines**2)
+    alike = (likeness >= _CONFUSABLE_CORRELATION) & (losses <= chance)
+    candidates = [i for i in observable if faults[i].kind not in (BIAS, DRIFT)]
+    groups: list[list[int]] = []
+    for first in candidates:
+        if not any(first in group for group in groups):
+            group = [first]
+            for i in candidates:
+                if i != first and all(alike[i, j] for j in group):
+                    group.append(i)
+            if len(group) > 1:
+                groups.append(sorted(group))
+    return [[faults[i] for i in group] for group in groups]
+
+
+def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
+    """Return the sentence on an unobservable combination, ``row``, of the faults ``named``."""
+    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
+    kinds = {fault.kind for fault, _ in members}
+    lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
+    channels = sorted(
+        {fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index
+    )
+    same = all(part * members[0][1] > 0 for _, part in members)
+    if lateness and same and len(channels) > 1:
+        return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
+    if kinds == {SCALE} and same:
+        return f"a scale common to {_listed(channels)} is not observable, only ratios are"
+    names = sorted(fault.name for fault, _ in members)
+    if len(names) == 1:
+        return f"{names[0]} is not determined beside the others"
+    return f"{_listed(names)}: only combinations are observable"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
