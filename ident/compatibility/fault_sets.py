@@ -277,9 +277,7 @@ class Slot:
     losses: np.ndarray
 
     def within(self, chance: float) -> list[FaultTrial]:
-        """Return the best trial, and the sound ones that lose at most ``chance`` of log likelihood:
-        their faults may be confused with the best one.
-        """
+        """Return the best trial, and the sound ones that lose at most ``chance`` against it."""
         rivals = zip(self.trials[1:], self.losses[1:].tolist(), strict=True)
         confusable = [trial for trial, loss in rivals if loss <= chance and _sound(trial)]
         return [self.trials[0], *confusable]

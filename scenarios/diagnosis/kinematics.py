@@ -162,10 +162,8 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     )
     if named and _comparable(named[0], claim.name):
         return _compared(claim, claimed, named[0], result)
-    related = next(
-        (finding for finding in accepted if members.intersection((finding.name, *finding.group))),
-        None,
-    )
+    named = [each for each in accepted if members.intersection((each.name, *each.group))]
+    related = named[0] if named else None
     if related is not None:
         found = _size_of(related)
         if related.name == MIRRORED.get(claim.name):
@@ -194,16 +192,11 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 
 def _equivalents_text(finding: SensorFinding, result: Compatibility) -> str:
-    """Return the faults that explain the records as well as ``finding``, with their sizes, and
-    probabilities by the usual places of sensors.
-    """
+    """Return the faults that explain the records equally well, with sizes and probabilities."""
     from scenarios.compatibility.report import shares
 
-    by_name = {item.name: item for item in result.findings}
-    texts = [
-        f"{name} {with_sigma(_size_of(by_name[name]))}" for name in finding.group if name in by_name
-    ]
-    texts += [name for name in finding.group if name not in by_name]
+    others = [item for name in finding.group for item in result.findings if item.name == name]
+    texts = [f"{item.name} {with_sigma(_size_of(item))}" for item in others]
     if not texts:
         return ""
     probable = [f"{share} {other.name}" for other, share in shares(finding, result.findings)]

@@ -593,9 +593,7 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
     ):
         smooth = y + smoothed_walk(s, final.noise, residual)
         measured = {name: s.channels[name] for name in s.outputs}
-        by_output = [
-            {name: values[i] for i, name in enumerate(s.outputs)}
-            for values in (without_faults, y, smooth, s.valid)
-        ]
+        every = (without_faults, y, smooth, s.valid)
+        by_output = [dict(zip(s.outputs, values, strict=True)) for values in every]
         reconstructions.append(Reconstruction(s.name, s.time, measured, *by_output))
     return tuple(reconstructions)
