@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ident.compatibility.fault_sets import FaultSearch, confusable_loss, search
 from ident.compatibility.fitting import KinematicFit, fit
@@ -370,6 +369,8 @@ def _bank(
     record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
 ) -> np.ndarray:
     """Return an approximate bank angle ``(N,)``, rad."""
+    from scipy.integrate import cumulative_trapezoid
+
     turn = np.zeros(len(record))
     speed = _speed(record, airspeed)
     if "r" in rates and speed is not None:
@@ -414,5 +415,7 @@ def _filled(record: Record, name: str) -> np.ndarray:
 
 def _detrended_integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Return the integral ``(N,)`` of a rate, less a straight line fitted to it."""
+    from scipy.integrate import cumulative_trapezoid
+
     whole = cumulative_trapezoid(rate, time, initial=0.0)
     return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))

@@ -163,9 +163,8 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     if named and _comparable(named[0], claim.name):
         return _compared(claim, claimed, named[0], result)
     named = [each for each in accepted if members.intersection((each.name, *each.group))]
-    related = named[0] if named else None
-    if related is not None:
-        found = _size_of(related)
+    if named:
+        related, found = named[0], _size_of(named[0])
         if related.name == MIRRORED.get(claim.name):
             return _mirrored(claim, claimed, found, related)
         sentence = (

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import CHANNEL_UNITS
-from scenarios.files.measured.columns import path_of
 from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
@@ -489,6 +488,8 @@ def command_on_records(request: Request, command: str, further: Sequence[str] = 
 
     ``further``: options that are added.
     """
+    from scenarios.files.measured.columns import path_of
+
     paths = [path_of(record) for record in request.records]
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"

@@ -6,7 +6,7 @@ import numpy as np
 
 from scenarios.report.document import Table
 from scenarios.report.terminal import cell_text
-from scenarios.watching.study import _delay_tables
+from scenarios.watching.reference import delay_tables
 
 
 def texts(table: Table) -> list[list[str]]:
@@ -20,12 +20,12 @@ def test_the_page_shows_the_refined_delays_of_the_terminal_and_names_those_of_th
         "weights": np.array([1.0, 1.5e-24]),
         "refined": np.array([0.2606, 0.7394]),
     }
-    refined, plain = _delay_tables({"bank": bank})
+    refined, plain = delay_tables({"bank": bank})
     assert isinstance(refined, Table) and isinstance(plain, Table)
     assert texts(refined) == [["125", "0.26"], ["150", "0.74"]]
     assert "refined estimate, as the terminal prints it" in refined.caption
     assert texts(plain) == [["125", "1.00"], ["150", "0.00"]]
     assert plain.caption.startswith("Before the refinement")
     del bank["refined"]
-    (alone,) = _delay_tables({"bank": bank})
+    (alone,) = delay_tables({"bank": bank})
     assert isinstance(alone, Table) and "refine" not in alone.caption
