@@ -273,6 +273,7 @@ _FLYING_QUALITIES: dict[str, Any] = {
     "aircraft_class": (AircraftClass | None, None),
     "flight_phase": (FlightPhase | None, None),
 }
+FLYING_QUALITIES = table_of("FlyingQualities", **_FLYING_QUALITIES)
 
 
 def _whole_axes(model: str) -> type[BaseModel]:

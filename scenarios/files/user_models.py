@@ -536,7 +536,8 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
         beyond its bounds. The message has file, key and remedy in one line.
     """
     path, content = source.path, toml_of(source)
-    content.pop("uncertainty", None)  # another reader takes it, once the constants are known
+    for key in ("uncertainty", "aircraft_class", "flight_phase"):  # `own_vehicle` reads them
+        content.pop(key, None)
     free = [item for item in own.model.parameters if item.free]
     constraints = take_constraints(
         content,

@@ -199,9 +199,15 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
             remedy = "give a file with the parameters of this model, or --model aircraft"
             raise DeclarationError(what, where=str(source.path), remedy=remedy)
         return aircraft_vehicle(source)
+    from scenarios.files.schemas import FLYING_QUALITIES
+
     name, model, constraints = own.model.name, own.model, NONE
+    levels: dict[str, str | None] = {}
     if source is not None:
         name, model, constraints = own_numbers(own, source)
+        content = toml_of(source)
+        table = {key: content[key] for key in FLYING_QUALITIES_KEYS if key in content}
+        levels = checked(FLYING_QUALITIES, table, source.path, "").model_dump()
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
@@ -217,6 +223,8 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         identity,
         model,
         own.identity,
+        aircraft_class=levels.get("aircraft_class"),
+        flight_phase=levels.get("flight_phase"),
         constraints=constraints,
         text=text,
     )

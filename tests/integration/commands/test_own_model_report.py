@@ -21,8 +21,9 @@ NOT_ALIKE = {"created", "model", "model_sha256"}  # when it was made, and what t
 
 def alike(text: str) -> str:
     """A report without its name, its folder and its time."""
+    model = r'--model(?:</span> <span class="word">| )[^\s<]+'
     return re.sub(
-        r"seconds: .*|written to .*|below; in .*|--model \S+|\d{4}-\d\d-\d\d[T ][\d:]+Z?",
+        rf"seconds: .*|written to .*|below; in .*|{model}|\d{{4}}-\d\d-\d\d[T ][\d:]+Z?",
         "",
         text.replace(OWN, BUILT_IN),
     )

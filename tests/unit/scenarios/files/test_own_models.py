@@ -178,6 +178,15 @@ def test_built_in_models_need_their_file() -> None:
         read_vehicle(None, "rigid")
 
 
+def test_class_and_phase_for_flying_qualities_are_read_as_for_built_in_models(
+    tmp_path: Path,
+) -> None:
+    found = read(tmp_path, 'aircraft_class = "II"\nflight_phase = "B"\n')
+    assert (found.aircraft_class, found.flight_phase) == ("II", "B")
+    with pytest.raises(DeclarationError, match="aircraft_class"):
+        read(tmp_path, 'aircraft_class = "heavy"\n')
+
+
 def test_channels_are_the_declared_names_in_the_declared_units(tmp_path: Path) -> None:
     model = read_user_model(model_file(tmp_path, SPRING)).model
     units = channel_units(model)
