@@ -36,7 +36,7 @@ from ident.banks.online import (
     begin,
     online_bank,
 )
-from scenarios.commands.watch import _prepared, _written
+from scenarios.commands.watch import _prepared, _write_steps
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.watching.rows import growing_file, lines_of
@@ -108,7 +108,7 @@ def follow(record: Record) -> float:
                 came_in = rows_in(watch, came)
                 for piece in pieces(watch.session, came_in):
                     steps = take(session_of(watch), piece)
-                    _written(history, session_of(watch), steps)
+                    _write_steps(history, session_of(watch), steps)
                     show(steps)
                     begun = begun or (time.process_time() if steps else 0.0)
             return time.process_time() - begun
