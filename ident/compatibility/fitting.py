@@ -89,13 +89,9 @@ def fit(
     unknowns = [unknowns_of(s) for s in signals]
     if begin is None:
         own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
-        sizes = np.zeros(len(faults))
     else:
         own = [np.array(values) for values in begin.own]
-        sizes_by_fault = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
-        sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
-    if first is not None:
-        sizes = first.astype(float)
+    sizes = starting_sizes(faults, begin) if first is None else first.astype(float)
     first_levels = first_noise(signals)
     noise = begin.noise if begin is not None else first_levels
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
@@ -194,6 +190,14 @@ def descend(
         if gain < search.enough:
             break
     return own, sizes, linear
+
+
+def starting_sizes(faults: Sequence[SensorFault], begin: KinematicFit | None) -> np.ndarray:
+    """Return the sizes ``(k,)`` of faults in the fit ``begin``, zero for those that it does not
+    have; None stands for a fit without faults.
+    """
+    known = {} if begin is None else dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
+    return np.array([known.get(fault, 0.0) for fault in faults], dtype=float)
 
 
 def misfit(

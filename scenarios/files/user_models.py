@@ -25,6 +25,7 @@ from sim.errors import DeclarationError, ModelError
 # ---- Constraints that a vehicle file puts on parameters
 
 TABLES = ("fixed", "bounds", "tied")
+FLYING_QUALITIES_KEYS = ("aircraft_class", "flight_phase")
 STARTS = "derivatives"
 # A value this near to a bound is at the bound; relative to the larger bound. It covers rounding.
 _BOUND_TOLERANCE = 1e-9
@@ -536,7 +537,7 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
         beyond its bounds. The message has file, key and remedy in one line.
     """
     path, content = source.path, toml_of(source)
-    for key in ("uncertainty", "aircraft_class", "flight_phase"):  # `own_vehicle` reads them
+    for key in ("uncertainty", *FLYING_QUALITIES_KEYS):  # `own_vehicle` reads them
         content.pop(key, None)
     free = [item for item in own.model.parameters if item.free]
     constraints = take_constraints(

@@ -19,6 +19,7 @@ from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
     AIRCRAFT_SUFFIX,
+    FLYING_QUALITIES_KEYS,
     NONE,
     Constraints,
     OwnModel,
@@ -46,7 +47,6 @@ MODELS = (
 BESIDE_RECORD = "vehicle.toml"  # name of a vehicle file that is read from the folder of a record
 AIRCRAFT = "aircraft"
 UNCERTAINTY = "uncertainty"
-FLYING_QUALITIES_KEYS = ("aircraft_class", "flight_phase")
 # Model -> (key at the top of the file, whether a file of this model has it). A file that agrees
 # with no line is of the rigid model.
 _DISTINGUISHING_KEYS = {
@@ -191,7 +191,8 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     DeclarationError : if the file has the aerodynamics of an aircraft and the model is a Python
         file.
     """
-    if source is not None and "aerodynamics" in toml_of(source):
+    content = {} if source is None else toml_of(source)
+    if source is not None and "aerodynamics" in content:
         if not own.identity.name.endswith(AIRCRAFT_SUFFIX):
             what = (
                 f"it has [aerodynamics], which {own.model.name}, a model in Python, does not read"
@@ -199,15 +200,15 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
             remedy = "give a file with the parameters of this model, or --model aircraft"
             raise DeclarationError(what, where=str(source.path), remedy=remedy)
         return aircraft_vehicle(source)
-    from scenarios.files.schemas import FLYING_QUALITIES
-
     name, model, constraints = own.model.name, own.model, NONE
-    levels: dict[str, str | None] = {}
     if source is not None:
         name, model, constraints = own_numbers(own, source)
-        content = toml_of(source)
-        table = {key: content[key] for key in FLYING_QUALITIES_KEYS if key in content}
-        levels = checked(FLYING_QUALITIES, table, source.path, "").model_dump()
+    of_levels = {key: content[key] for key in FLYING_QUALITIES_KEYS if key in content}
+    levels: dict[str, Any] = {}
+    if source is not None and of_levels:
+        from scenarios.files.schemas import FLYING_QUALITIES
+
+        levels = checked(FLYING_QUALITIES, of_levels, source.path).model_dump()
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
@@ -223,8 +224,7 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         identity,
         model,
         own.identity,
-        aircraft_class=levels.get("aircraft_class"),
-        flight_phase=levels.get("flight_phase"),
+        **levels,
         constraints=constraints,
         text=text,
     )

@@ -283,6 +283,9 @@ def _content(handled: HandledFinding) -> dict[str, Any]:
     }
 
 
+MOST_NAMED_TIMES = 3  # times that a sentence or a table names
+
+
 def _times_text(finding: RecordFinding) -> str:
     """Return the first times of a finding."""
     if not finding.times:
@@ -298,7 +301,6 @@ def _times_text(finding: RecordFinding) -> str:
 # ---- Isolated wrong samples of a measured record
 
 Result = TypeVar("Result")
-MOST_NAMED_TIMES = 3  # times that a sentence names
 
 
 def isolated_outliers(

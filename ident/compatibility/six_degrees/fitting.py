@@ -20,6 +20,7 @@ from ident.compatibility.fitting import (
     least_misfit,
     misfit,
     residual_of,
+    starting_sizes,
 )
 from ident.compatibility.instruments import instrumented, part_of_controls, shortened, weigher
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
@@ -243,11 +244,9 @@ def fit(
     unknowns = [unknowns_of(s) for s in signals]
     if begin is None:
         own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
-        sizes = np.zeros(len(faults))
     else:
         own = [np.array(values) for values in begin.own]
-        sizes_by_fault = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
-        sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
+    sizes = starting_sizes(faults, begin)
     starting_noise = first_noise(signals)
     noise = begin.noise if begin is not None else starting_noise
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
