@@ -75,6 +75,11 @@ class Decision:
         return tuple(step for search in self.searches for step in search.steps)
 
     @property
+    def fits(self) -> dict[frozenset[str], FittedModel]:
+        """Fits of the last search by the names of their effects."""
+        return {key: one.fitted for key, one in self.searches[-1].visited.items()}
+
+    @property
     def candidates(self) -> tuple[Candidate, ...]:
         """All candidates that were tried at fitted sets; rounds count on from search to search."""
         candidates: list[Candidate] = []

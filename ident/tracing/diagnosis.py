@@ -224,6 +224,8 @@ class Diagnosis:
     before, after : derivatives of the declared model and of the final one.
     derived_before, derived_after : frequency, damping, ...
     error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
+    one_step : errors of predictions one step ahead on held-out records, before and after, by
+        filters beside the same random loads; None where there are none.
     noise_floor : sensor noise by channel: the level of the fit where its residual is white, else
         estimated from the residual's high frequencies.
     residual_std : the level of the fit, whatever is in it.
@@ -267,6 +269,7 @@ class Diagnosis:
     trained_before: Trained | None = None
     trained_after: Trained | None = None
     not_met: tuple[Requirement, ...] = ()
+    one_step: tuple[ErrorFigures, ErrorFigures] | None = None
 
     def __repr__(self) -> str:
         named = (

@@ -31,17 +31,17 @@ from ident.tracing.diagnosis import (
     Diagnosis,
     Requirement,
     TraceSettings,
-    Trained,
     Verdict,
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
-from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
 from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import (
     After,
     Before,
+    ForSimulation,
     Judgement,
     ResidualTests,
     not_noise,
@@ -125,13 +125,13 @@ def diagnose(
     diagnosis = reported(
         problem,
         Before(root, residual_tests(root, HeldOut(None, None)).all, before),
-        After(judgement, after),
+        After(judgement, _for_simulation(problem, judgement, held), after, decision.fits),
         held,
         validation,
     )
     return replace(
         diagnosis,
-        trained_after=_without_discrepancy(diagnosis, discrepancy),
+        one_step=gain.one_step,
         steps=(*declared.steps, *decision.steps),
         candidates=decision.candidates,
         stopped=decision.stopped,
@@ -172,15 +172,30 @@ def _scatter(
     return (after if same else scatter_between_records(problem, root, held)), after
 
 
-def _without_discrepancy(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
-    """Return the values that predict another record, less those of the discrepancy, which adds
-    nothing to a free simulation.
+def _for_simulation(
+    problem: TraceProblem, judgement: Judgement, held: HeldOutData
+) -> ForSimulation:
+    """Return the model with the effects found, without random loads that are not claimed, fitted
+    again without these.
+
+    Derivatives that a filter finds beside random loads do not minimise the errors of a simulation,
+    those of the declared model do: errors before and after would not be comparable.
     """
-    trained = diagnosis.trained_after
-    if trained is None or discrepancy is None:
-        return trained
-    kept = tuple(effect for effect in trained.effects if effect.name != discrepancy.name)
-    return replace(trained, effects=kept)
+    best = judgement.best
+    claimed = {claim.name for claim in judgement.claims if claim.claimed}
+    kept = tuple(
+        effect
+        for effect in best.effects
+        if effect.name in claimed or not isinstance(effect, NoiseEffect)
+    )
+    refitted = None
+    if len(kept) < len(best.effects) and judgement.verdict is not Verdict.UNEXPLAINED:
+        refitted = problem.fit(kept, best)
+    if refitted is None:
+        trained = replace(best.trained, effects=kept)
+        return ForSimulation(trained, best.fit, judgement.out.frozen)
+    frozen = held_out(refitted, held.records, held.masks, informed=False) if held.records else None
+    return ForSimulation(refitted.trained, refitted.fit, None if frozen is None else frozen.frozen)
 
 
 @dataclass(eq=False)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
+from ident.process_noise.filter_error import (
+    fit_under_held_noise,
+    noise_levels,
+    one_step_prediction,
+)
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.noise_levels import final_spikes
 from ident.statistics.residuals import ErrorFigures, error_figures
@@ -38,12 +42,18 @@ def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
 class PredictiveGain:
     """The gains of log density of held-out data, and the least sum of them that supports a claim.
 
-    ``least`` : zero, or less where the records test the effects too little: the gain is then below
-    zero by chance even if the effects act as fitted.
+    Attributes
+    ----------
+    values : one gain, or one a record.
+    least : zero, or less where the records test the effects too little: the gain is then below
+        zero by chance even if the effects act as fitted.
+    one_step : errors of predictions one step ahead, before and after; None where a free simulation
+        is compared.
     """
 
     values: tuple[float, ...] = ()
     least: float = 0.0
+    one_step: tuple[ErrorFigures, ErrorFigures] | None = None
 
     @property
     def total(self) -> float:
@@ -97,28 +107,66 @@ def predictive_gains(
         if plain is None or out.informed is None:
             return PredictiveGain((gain,))
         return PredictiveGain((plain.cost - out.informed.cost,), least_gain(plain, out.informed))
-    gains = []
+    pairs = [
+        (_one_step_fit(less, r, {}, held, out), _one_step_fit(more, r, own, held, out))
+        for r, own in enumerate(_own_values(more, out))
+    ]
+    gains = [_log_likelihood(after) - _log_likelihood(before) for before, after in pairs]
+    return PredictiveGain(
+        tuple(math.inf if math.isnan(gain) else gain for gain in gains),
+        one_step=_one_step_errors(pairs, held),
+    )
+
+
+def _log_likelihood(fit: Fit | None) -> float:
+    return -math.inf if fit is None else fit.log_likelihood
+
+
+def _one_step_fit(
+    fitted: FittedModel, r: int, own: Mapping[str, float], held: HeldOutData, out: HeldOut
+) -> Fit | None:
+    """Return the filter of a fitted model on one held-out record; ``own`` are starting values of
+    this record. None where its predictions are not finite.
+    """
     fit = out.informed or out.frozen
     assert fit is not None
-    masks = [problem.valid for problem in fit.layout.problems]
-    begin = _own_values(more, out)
-    for record, mask, start in zip(held.records, masks, begin, strict=True):
-        settings = more.fit.layout.settings
-        total = [
-            predictive_log_likelihood(
-                [record],
-                fitted.system,
-                fitted.values.shared,
-                noise_levels(fitted.fit),
-                settings,
-                local=[name for effect in fitted.effects for name in local_names(effect)],
-                masks=[mask],
-                begin=[start if fitted is more else {}],
-            )
-            for fitted in (less, more)
+    return fit_under_held_noise(
+        [held.records[r]],
+        fitted.system,
+        fitted.values.shared,
+        noise_levels(fitted.fit),
+        fitted.fit.layout.settings,
+        local=[name for effect in fitted.effects for name in local_names(effect)],
+        masks=[fit.layout.problems[r].valid],
+        begin=[own],
+    )
+
+
+def _one_step_errors(
+    pairs: Sequence[tuple[Fit | None, Fit | None]], held: HeldOutData
+) -> tuple[ErrorFigures, ErrorFigures] | None:
+    """Return the errors of one-step predictions before and after; None where one of the two models
+    has no process noise, or its predictions are not finite.
+    """
+    sides = []
+    for fits in zip(*pairs, strict=True):
+        found = [fit for fit in fits if fit is not None and has_process_noise(fit.layout.system)]
+        if len(found) < len(held.records):
+            return None
+        names = found[0].layout.system.output_names
+        channels = [
+            name for name in names if any(name in record.output_names for record in held.records)
         ]
-        gains.append(total[1] - total[0] if math.isfinite(total[0]) else math.inf)
-    return PredictiveGain(tuple(gains))
+        rows = [names.index(name) for name in channels]
+        sides.append(
+            error_figures(
+                [one_step_prediction(fit, 0)[rows] for fit in found],
+                held.records,
+                [fit.layout.problems[0].valid[rows] for fit in found],
+                channels,
+            )
+        )
+    return sides[0], sides[1]
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:

@@ -31,6 +31,7 @@ from ident.tracing.diagnosis import (
     Prediction,
     Quantity,
     Requirement,
+    Trained,
     Verdict,
 )
 from ident.tracing.fitted_model import FittedModel
@@ -56,15 +57,22 @@ def _derivatives_under_each(
     under: Mapping[str, Quantity],
     inflation: Mapping[str, float],
     spread: Callable[[FittedModel], Mapping[str, float]],
+    fits: Mapping[frozenset[str], FittedModel],
 ) -> Claim:
-    """Return a claim with the derivatives under its own name and under each alternative.
+    """Return a claim with the derivatives under its own name and under each alternative; a hint
+    without them.
 
     ``under`` : those of the accepted set. ``spread`` : their change with the form of the effects.
+    ``fits`` : fits of the search, from which those of the alternatives start.
     """
     offered, members = {each.name: each for each in problem.candidates}, {}
     rest = [each for each in best.effects if each.name != claim.name]
-    for name in claim.alternatives:
-        other = problem.fit((*rest, offered[name]), best) if name in offered else None
+    for name in claim.alternatives if claim.claimed else ():
+        if name not in offered:
+            continue
+        effects = (*rest, offered[name])
+        start = fits.get(frozenset(each.name for each in effects), best)
+        other = problem.fit(effects, start)
         if other is not None:
             members[name] = _derivatives(problem, other, inflation, spread(other))
     return replace(claim, derivatives_under={claim.name: under, **members}) if members else claim
@@ -80,11 +88,31 @@ class Before:
 
 
 @dataclass(frozen=True, eq=False)
+class ForSimulation:
+    """The model with the effects found, as simulations use it.
+
+    Attributes
+    ----------
+    trained : its values. fit : to the fitted records.
+    frozen : fit to held-out records with frozen derivatives; None without such records, or where
+        the model cannot be simulated.
+    """
+
+    trained: Trained
+    fit: Fit
+    frozen: Fit | None
+
+
+@dataclass(frozen=True, eq=False)
 class After:
-    """The accepted set, its judgement, and the scatter between records."""
+    """The accepted set, its judgement, the model for simulations, the scatter between records, and
+    the fits of the search by the names of their effects.
+    """
 
     judgement: Judgement
+    simulated: ForSimulation
     scatter: RecordScatter
+    fits: Mapping[frozenset[str], FittedModel]
 
 
 def _tests_for_noise_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
@@ -106,10 +134,10 @@ def reported(
     """Return the Diagnosis. ``validation`` are the held-out records as given, spikes of inputs
     included.
     """
-    judgement, root = after.judgement, before.root
+    judgement, root, simulated = after.judgement, before.root, after.simulated
     best, inflation = judgement.best, after.scatter.inflation
     shown = validation or problem.records
-    fits = (held.declared.frozen, judgement.out.frozen) if validation else (root.fit, best.fit)
+    fits = (held.declared.frozen, simulated.frozen) if validation else (root.fit, simulated.fit)
     channels = [
         name for name in problem.outputs if any(name in record.output_names for record in shown)
     ]
@@ -146,13 +174,13 @@ def reported(
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(
-            _derivatives_under_each(problem, best, claim, under, inflation, spread)
+            _derivatives_under_each(problem, best, claim, under, inflation, spread, after.fits)
             for claim in claims
         ),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
         trained_before=root.trained,
-        trained_after=best.trained,
+        trained_after=simulated.trained,
         modes_before=_characteristics(root, before.scatter.inflation),
         modes_after=_characteristics(best, inflation),
         derived_before=_derived(root, before.scatter.inflation),

@@ -367,8 +367,11 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
         f"initial states and biases were fitted there. {note}"
     )
-    table = tables.errors_table(d, "Simulation error", channel_units(tracing.model))
-    return section("Simulation error", table, Prose(explanation, "note"))
+    units = channel_units(tracing.model)
+    table = tables.errors_table(d, "Simulation error", units)
+    found = section("Simulation error", table, Prose(explanation, "note"))
+    one_step = tables.one_step_table(d, units)
+    return found if one_step is None else (*found, *section("One step ahead", one_step))
 
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:

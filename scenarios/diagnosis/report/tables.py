@@ -57,6 +57,14 @@ MOVED_SIGMAS = 2.0  # joint sigmas above which a change is marked
 SIMULATION_NOTE = (
     "a simulation cannot follow random gusts: one-step prediction is the measure in turbulence"
 )
+RANDOM_LOADS_NOTE = (
+    "both models were fitted without random loads for this table; the derivatives below are those "
+    "found beside such loads"
+)
+ONE_STEP_TITLE = (
+    "error of predictions one step ahead (rms) on the held-out records, with the same random loads "
+    "before and after"
+)
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 SMALLEST_CHANGE = 0.05  # joint sigmas below which a change is shown as a dash
 Change = tuple[str, Quantity, Quantity]  # name of a quantity, its estimates before and after
@@ -129,27 +137,52 @@ def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_
     If the residual of the fit is more than noise, it has a column. Angles and angular rates are in
     degrees.
     """
-    names = list(d.error_before.rmse)
-    display_units = {name: shown_in(units.get(name, ""), name) for name in names}
+    noise = _noise_columns(d)
+    if one_step_table(d) is not None:
+        # The residual of the fit is one of predictions one step ahead, which have their own table.
+        noise = {noise_headings(d)[-1]: d.noise_floor}
+    columns = {"before": d.error_before.rmse, "after": d.error_after.rmse, **noise}
+    return shown_table(d, _levels_by_channel(caption, columns, units))
+
+
+def _noise_columns(d: Diagnosis) -> dict[str, Mapping[str, float]]:
+    """Return the residual of the fit, if it is more than noise, and the noise, by heading."""
     residuals = [residual_levels(d)] if is_coloured(d) else []
+    return dict(zip(noise_headings(d), (*residuals, d.noise_floor), strict=True))
 
-    def cells(values: Mapping[str, float]) -> list[Cell]:
-        return [
-            level_cell(display_units[name].factor * values.get(name, math.nan)) for name in names
-        ]
 
-    errors = table(
+def one_step_table(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> Table | None:
+    """Return a table with the error of predictions one step ahead of each channel before and after,
+    and the noise; None where no random loads act, or no effect is claimed.
+    """
+    if d.one_step is None or not any(claim.claimed for claim in d.effects):
+        return None
+    before, after = d.one_step
+    columns = {"before": before.rmse, "after": after.rmse, **_noise_columns(d)}
+    return _levels_by_channel(ONE_STEP_TITLE, columns, units)
+
+
+def _levels_by_channel(
+    caption: str, columns: Mapping[str, Mapping[str, float]], units: Mapping[str, str]
+) -> Table:
+    """Return a table of rms values: one row for each channel of the first column."""
+    names = list(next(iter(columns.values())))
+    display_units = [shown_in(units.get(name, ""), name) for name in names]
+    return table(
         caption,
         (Column("channel", printed="error"), names),
-        (Column("before", BY_ROW), cells(d.error_before.rmse)),
-        (Column("after", BY_ROW), cells(d.error_after.rmse)),
         *(
-            (Column(heading, BY_ROW), cells(values))
-            for heading, values in zip(noise_headings(d), (*residuals, d.noise_floor), strict=True)
+            (
+                Column(heading, BY_ROW),
+                [
+                    level_cell(unit.factor * values.get(name, math.nan))
+                    for name, unit in zip(names, display_units, strict=True)
+                ],
+            )
+            for heading, values in columns.items()
         ),
-        units=[display_units[name].unit for name in names],
+        units=[unit.unit for unit in display_units],
     )
-    return shown_table(d, errors)
 
 
 def derivatives_table(d: Diagnosis, caption: str) -> Table:
@@ -265,9 +298,12 @@ def sigma_note(d: Diagnosis) -> str:
 
 
 def simulation_note(d: Diagnosis) -> str:
-    """Return a note on simulation errors if turbulence is claimed; else an empty string."""
-    turbulence = any(claim.claimed and claim.one_step_gains for claim in d.effects)
-    return SIMULATION_NOTE if turbulence else ""
+    """Return a note on simulation errors if turbulence is claimed, or random loads were left out;
+    else an empty string.
+    """
+    if any(claim.claimed and claim.one_step_gains for claim in d.effects):
+        return SIMULATION_NOTE
+    return RANDOM_LOADS_NOTE if one_step_table(d) is not None else ""
 
 
 def moved_title(d: Diagnosis) -> str:

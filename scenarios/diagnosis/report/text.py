@@ -38,6 +38,7 @@ from scenarios.diagnosis.report.tables import (
     member_tables,
     moved,
     moved_title,
+    one_step_table,
     short,
     sigma_note,
     simulation_note,
@@ -111,6 +112,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     d = tracing.diagnosis
     errors_title = f"simulation error (rms) on {where_predicted(tracing)}"
     errors = errors_table(d, errors_title, channel_units(tracing.model))
+    one_step = one_step_table(d, channel_units(tracing.model))
     candidates = candidates_table(d, CANDIDATE_TITLE, few_candidates(d))
     blocks = [
         [
@@ -123,6 +125,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
         _titled(errors, width, simulation_note(d)),
+        _titled(one_step, width) if one_step is not None else [],
         _titled(derivatives_table(d, moved_title(d)), width, sigma_note(d)),
         *(_titled(table, width) for table in member_tables(d, MEMBER_TITLE)),
         _titled(derived_table(d, ""), width),
@@ -400,6 +403,11 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
             "after": _errors(d.error_after),
             "noise_floor": _finite_only(d.noise_floor),
             "residual": _finite_only(residual_levels(d)),
+            **(
+                {"one_step": {"before": _errors(d.one_step[0]), "after": _errors(d.one_step[1])}}
+                if d.one_step is not None
+                else {}
+            ),
         },
         "residual_tests": {
             "before": [test_content(test) for test in d.tests_before],

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
+from ident.tracing.held_out import held_out
 from ident.tracing.loop import diagnose
 from ident.tracing.steady_search import NAMED_EFFECT_Z
 from sim.declaration.proposal import Traceable
@@ -323,6 +324,20 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
     assert all(each["arm"].std > claim.parameters["arm"].std for each in claim.by_record)
     assert diagnosis.trained_after is not None
     assert [effect.name for effect in diagnosis.trained_after.effects] == ["vane-offset"]
+    # Errors of simulations are those of output error, before and after: here by a fit of its own.
+    problem = problem_of(records[:2], offered)
+    alone = problem.fit(offered[:1], problem.fit((), None))
+    assert alone is not None
+    held = held_out(alone, records[2:], None, informed=False).frozen
+    assert held is not None
+    residual = np.where(held.layout.problems[0].valid, held.residuals[0], 0.0)
+    assert diagnosis.error_after.rmse == pytest.approx(
+        dict(zip(OUTPUTS, np.sqrt(np.mean(residual**2, axis=1)), strict=True)), rel=0.01
+    )
+    assert diagnosis.error_after.rmse["alpha"] < diagnosis.error_before.rmse["alpha"]
+    assert diagnosis.one_step is not None
+    before, after = diagnosis.one_step
+    assert after.rmse["alpha"] < 0.98 * before.rmse["alpha"]
 
 
 def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() -> None:

@@ -29,9 +29,16 @@ from scenarios.diagnosis.report.evidence import (
     warnings_of,
 )
 from scenarios.diagnosis.report.files import REPLICATION_NOTE, diagnosis_page
-from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidates_table, member_tables
+from scenarios.diagnosis.report.tables import (
+    SIGMA_NOTE,
+    candidates_table,
+    errors_table,
+    member_tables,
+    one_step_table,
+    simulation_note,
+)
 from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text, headline
-from scenarios.diagnosis.report.wording import Wording, group_sentence
+from scenarios.diagnosis.report.wording import RESIDUAL, Wording, group_sentence
 from scenarios.files.writing import json_text
 from scenarios.report.html import page_html
 from scenarios.report.terminal import cell_text
@@ -343,6 +350,27 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
     assert (
         warnings_of(tracing_of(Verdict.TRACED)) == [] == warnings_of(tracing_of(Verdict.CONSISTENT))
     )
+
+
+def test_predictions_one_step_ahead_have_a_table_beside_random_loads() -> None:
+    """The residual of the fit is one of such predictions: its column is there."""
+    d: Diagnosis = spread_tracing().diagnosis
+    assert one_step_table(d) is None and simulation_note(d) == ""
+    assert "one_step" not in diagnosis_content(spread_tracing(), "")["error"]
+    whole = errors_table(d, "")
+    before = replace(d.error_before, rmse={name: 0.02 for name in d.error_before.rmse})
+    after = replace(before, rmse={name: 0.01 for name in before.rmse})
+    filtered = replace(d, one_step=(before, after))
+    shown = one_step_table(filtered)
+    assert shown is not None and simulation_note(filtered)
+    headings = [column.heading for column in shown.columns]
+    assert headings == [column.heading for column in whole.columns]
+    fewer = [column.heading for column in errors_table(filtered, "").columns]
+    assert [each for each in headings if each not in fewer] in ([], [RESIDUAL])
+    row = next(row for row in shown.rows if row[0] == "q")
+    assert [cell_text(cell) for cell in row[1:3]] == ["1.15", "0.573"]
+    unnamed = replace(filtered, effects=())
+    assert one_step_table(unnamed) is None
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
