@@ -172,13 +172,13 @@ def is_event(effect: Traceable) -> bool:
     return bool(effect.traits.onset)
 
 
-def never_together(one: Traceable, other: Traceable) -> bool:
-    """Return whether two effects exclude each other: two names of one fault, or laws of which a
+def together(one: Traceable, other: Traceable) -> bool:
+    """Return whether two effects may be in one set: not two names of one fault, nor laws of which a
     record shows at most one.
     """
-    return (
-        other.name in (*one.traits.twins, *one.traits.never_beside)
-        or one.name in other.traits.never_beside
+    return one.name != other.name and not any(
+        name in (*each.traits.twins, *each.traits.never_beside)
+        for each, name in ((one, other.name), (other, one.name))
     )
 
 

@@ -88,18 +88,19 @@ def held_out(
             fitted.effects, frozen.values
         )
     )
-    if freer is None or fails_residual_tests(HeldOut(None, freer.fit)):
+    filtered = has_process_noise(fitted.system)
+    local = any(belongs_to_record(effect) for effect in fitted.effects)
+    # A filter's fit does not depend on its start: only events are worth another one.
+    if freer is None or (
+        (local or not filtered) and fails_residual_tests(HeldOut(None, freer.fit))
+    ):
         by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
         freer = min(
             (each for each in (freer, by_event) if each is not None),
             key=lambda each: each.fit.cost,
             default=None,
         )
-    if (
-        freer is not None
-        and not has_process_noise(fitted.system)
-        and fails_residual_tests(HeldOut(None, freer.fit))
-    ):
+    if freer is not None and not filtered and fails_residual_tests(HeldOut(None, freer.fit)):
         prior = prior_where_both_meet(fitted, freer, masks)
         nearer = (
             _others(fitted, records, masks, prior).fit_event_by_event()
@@ -107,7 +108,7 @@ def held_out(
             else None
         )
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
-    if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
+    if freer is not None and local:
         # An event found by the informed fit may have been missed by the frozen one.
         again = _others(fitted, records, masks).fit(fitted.effects, freer.values)
         tries = [each for each in (frozen, again) if each is not None]

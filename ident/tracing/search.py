@@ -25,8 +25,8 @@ from ident.tracing.fitted_model import (
     belongs_to_record,
     fit_set,
     levels_of,
-    never_together,
     quantities,
+    together,
 )
 from ident.tracing.priors import family_sizes, log_odds, set_prior
 from ident.tracing.problem import TraceProblem
@@ -58,11 +58,6 @@ WORTH_GOING_ON = 1.0  # smallest gain of log likelihood worth further iterations
 PROCESS_NOISE_OFFERED = 1e-2  # largest p-value of the residual tests at which rough air is tried
 
 
-def together(one: Traceable, other: Traceable) -> bool:
-    """Return whether two effects may be in one set."""
-    return one.name != other.name and not (never_together(one, other) or never_together(other, one))
-
-
 @dataclass(eq=False)
 class Search:
     """A search over sets of effects.
@@ -78,6 +73,7 @@ class Search:
     expanded : sets at which all candidates were scanned.
     refined : sets tried in refined forms, by their parameters.
     repeated : sets whose failed fit was repeated.
+    left_out : fits from which a set without the named effect was fitted.
     steps, tried : log of the search.
     alike : by pairs of names, the largest cosine of their signatures.
     fits : number of fits.
@@ -97,6 +93,7 @@ class Search:
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
     repeated: set[Key] = field(default_factory=set)
+    left_out: set[tuple[FittedModel, str]] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
@@ -198,12 +195,16 @@ class Search:
         """
         effects = (*parent.fitted.effects, *(lead.effect for lead in proposed.leads))
         best: FittedModel | None = None
+        before: list[dict[str, float]] = []
         for share in SHARES:
             added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
             for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
                 starts = starts_of(lead, share * factors, len(added), self.context.interval)
                 for record, one in zip(added, starts, strict=True):
                     record |= one
+            if added == before:  # no lead has an amplitude
+                break
+            before = added
             fitted = self.fit(effects, parent.fitted, added)
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
                 best = fitted
@@ -216,13 +217,18 @@ class Search:
         """Return the set without one of its effects, fitted from the values of the others, and if
         that loses much also with the derivatives of the first set: the effect may have moved them.
         """
+        if (parent.fitted, name) in self.left_out:
+            return self.set_without(parent, name)
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         tries = [self.fit(effects, parent.fitted)]
         if tries[0] is None or tries[0].fit.cost > parent.fitted.fit.cost + CLEAR_GAIN:
             values = parent.fitted.values.with_shared(self.root.fitted.values.shared)
             tries.append(self.fit(effects, parent.fitted, values=values))
         best = min((each for each in tries if each), key=lambda each: each.fit.cost, default=None)
-        return None if best is None else self.store(best)
+        if best is None:
+            return None
+        self.left_out.add((parent.fitted, name))
+        return self.store(best)
 
     def _fitted_from_part(self, one: WeighedSet) -> WeighedSet:
         """Return a set; if it fits worse than a part of it, fitted again from the best part, with
@@ -490,22 +496,15 @@ class Search:
 
     def _log_round(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
         """Log the candidates tried at a set, for the report."""
-        number = len(self.steps) + 1
-        within = tuple(sorted(parent.names))
+        number, within = len(self.steps) + 1, tuple(sorted(parent.names))
         for child in (each for each in made if each.weight > -math.inf):
+            gains = child.evidence - parent.evidence, child.weight - parent.weight
             for effect in child.fitted.effects:
                 if child.names - parent.names == {effect.name}:
+                    found = quantities(child.fitted, effect)
+                    like = self._confusable_names(effect.name)
                     self.tried.append(
-                        Candidate(
-                            number,
-                            within,
-                            effect.name,
-                            child.evidence - parent.evidence,
-                            child.weight - parent.weight,
-                            True,
-                            quantities(child.fitted, effect),
-                            self._confusable_names(effect.name),
-                        )
+                        Candidate(number, within, effect.name, *gains, True, found, like)
                     )
         self._log_best(
             f"{self.title}, effects added to {beside}: {len(self.candidates)} candidates scanned, "
@@ -559,24 +558,22 @@ class Search:
         number, within = len(self.steps) + 1, tuple(sorted(parent.names))
         singles = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
         for name, one in singles.items():
-            told = Candidate(
-                number, within, name, one.gain, one.weight, False, {}, self._confusable_names(name)
+            like = self._confusable_names(name)
+            self.tried.append(
+                Candidate(number, within, name, one.gain, one.weight, False, {}, like)
             )
-            self.tried.append(told)
         if not most:
             named = [singles[name] for name in wanted if name in singles]
             return sorted(named, key=lambda one: -one.weight)
         return leading_sets(sets, singles.values(), deeper, most)
 
     def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:
-        made = []
-        for effect in self.candidates:
-            if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
-                continue
-            fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
-            if fitted is not None:
-                made.append(self.store(fitted))
-        return made
+        made = [
+            self.fit((*parent.fitted.effects, effect), parent.fitted)
+            for effect in self.candidates
+            if isinstance(effect, NoiseEffect) and parent.names | {effect.name} not in self.visited
+        ]
+        return [self.store(fitted) for fitted in made if fitted is not None]
 
     # ---------------------------------------------------------------- events
     def _with_events_moved(self, one: WeighedSet) -> WeighedSet:
