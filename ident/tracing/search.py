@@ -261,6 +261,8 @@ class Search:
             if best.names in self.expanded or self.budget_spent:
                 break
             self.expand(best)
+            if self._discrepancy_is_likelier(self.best().weight - best.weight):
+                return self
             self._in_finer_forms()
             self._with_look_alikes()
             if self._discrepancy_is_likelier(self.best().weight - best.weight):
