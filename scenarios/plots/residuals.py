@@ -38,6 +38,7 @@ from scenarios.plots.style import (
     PanelsOverNames,
     caption,
     decades,
+    draw_bar,
     finish,
     folded,
     make_sheet,
@@ -262,18 +263,12 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
                 markersize=4.5,
                 label="condensed",
             )
-            _bar(panel, x, row.estimate, row.std, unit.factor, "o", BLUE, "estimated ±2σ")
+            factor = unit.factor
+            estimate, std = factor * row.estimate, factor * row.std
+            draw_bar(panel, x, estimate, std, "o", BLUE, "estimated ±2σ")
             if row.published is not None:
-                _bar(
-                    panel,
-                    x + 0.2,
-                    row.published,
-                    row.published_std,
-                    unit.factor,
-                    "s",
-                    VERMILION,
-                    "published ±2σ",
-                )
+                value, std = factor * row.published, factor * (row.published_std or 0.0)
+                draw_bar(panel, x + 0.2, value, std, "s", VERMILION, "published ±2σ")
     return panels.finished(head=0.26)
 
 
@@ -318,31 +313,6 @@ def _percent(panel: Axes, x: float, y: float, value: float, true: float, colour:
         va="center",
         fontsize=TICK_SIZE,
         color=colour,
-    )
-
-
-def _bar(
-    panel: Axes,
-    x: float,
-    value: float,
-    std: float | None,
-    factor: float,
-    marker: str,
-    colour: str,
-    label: str,
-) -> None:
-    """Draw a value with a bar of two standard deviations, both times ``factor``."""
-    bar = None if std is None else [2.0 * factor * std]
-    panel.errorbar(
-        [x],
-        [factor * value],
-        yerr=bar,
-        fmt=marker,
-        color=colour,
-        markersize=4.5,
-        linewidth=1.2,
-        capsize=2.5,
-        label=label,
     )
 
 

@@ -19,6 +19,7 @@ from scenarios.plots.display import (
     signed,
     symbol,
 )
+from scenarios.plots.residuals import CLIPPED_SIGMAS
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -30,6 +31,7 @@ from scenarios.plots.style import (
     ZERO,
     PanelsOverNames,
     caption,
+    draw_bar,
     finish,
     make_sheet,
     method_style,
@@ -38,7 +40,7 @@ from scenarios.plots.style import (
     y_label,
 )
 
-CLIPPED_SIGMAS, CLIPPED_PERCENT = 8.0, 40.0  # larger errors are drawn as arrows
+CLIPPED_PERCENT = 40.0  # larger errors are drawn as arrows
 _LINE_HEIGHT = 0.14  # inches, height of a mark
 _PANEL_GAP_LINES = 0.8  # space between parameters, in lines
 
@@ -247,17 +249,8 @@ def _draw_estimate(panel: Axes, x: float, value: StudyValue, factor: float) -> N
         (x + 0.22, published, "s", VERMILION, "published ±2σ"),
     ):
         if shown is not None:
-            panel.errorbar(
-                [place],
-                [factor * shown.estimate],
-                yerr=[2.0 * factor * shown.std] if shown.std > 0.0 else None,
-                fmt=marker,
-                color=colour,
-                markersize=4.5,
-                linewidth=1.2,
-                capsize=2.5,
-                label=label,
-            )
+            number, std = factor * shown.estimate, factor * shown.std
+            draw_bar(panel, place, number, std, marker, colour, label)
 
 
 def _draw_errors(

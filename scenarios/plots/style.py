@@ -354,6 +354,23 @@ def draw_estimate(panel: Axes, x: np.ndarray, mean: np.ndarray, std: np.ndarray)
     panel.plot(x, mean, color=BLUE, linewidth=1.2, label="estimate")
 
 
+def draw_bar(
+    panel: Axes, x: float, value: float, std: float, marker: str, colour: str, label: str
+) -> None:
+    """Draw a value with a bar of two standard deviations; without a bar if ``std`` is 0."""
+    panel.errorbar(
+        [x],
+        [value],
+        yerr=[2.0 * std] if std > 0.0 else None,
+        fmt=marker,
+        color=colour,
+        markersize=4.5,
+        linewidth=1.2,
+        capsize=2.5,
+        label=label,
+    )
+
+
 def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
     """Write a short line above a panel, at its left."""
     panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)

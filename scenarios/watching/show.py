@@ -40,7 +40,7 @@ from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.summary import TableColumn, print_paragraph, print_table
-from scenarios.report.terminal import derived_table, estimates_table, fixed_table, show_table
+from scenarios.report.terminal import fixed_table, show_table
 from scenarios.responses.loops import (
     UNITS,
     LoopMargins,
@@ -50,7 +50,6 @@ from scenarios.responses.loops import (
 )
 from scenarios.responses.loops import WORDS as LOOP_WORDS
 from scenarios.studies.comparison import SCHEMA
-from scenarios.studies.published import Row
 from scenarios.watching.loop_margins import (
     HISTORY,
     MAIN,
@@ -92,7 +91,7 @@ from scenarios.watching.spectral import (
     stream_notes,
     stream_warnings,
 )
-from scenarios.watching.study import NAME, WatchOutcome, so_far
+from scenarios.watching.study import NAME, WatchOutcome, estimate_tables, so_far
 
 # ---- A stream in the frequency domain: what is printed, study folder and page
 
@@ -267,7 +266,7 @@ def spectral_page(
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
-            *section("Estimates", *estimate_blocks(content)),
+            *section("Estimates", *estimate_tables(content)),
             *section(
                 "Against the reference",
                 None if reference is None else differences_table(reference),
@@ -285,24 +284,6 @@ def spectral_page(
         ),
         created=now(),
     )
-
-
-def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
-    """Return the tables of parameters and derived quantities; empty without parameters."""
-    if not content["parameters"]:
-        return []
-    rows = [
-        Row(name, entry["unit"], entry["estimate"], entry["std"])
-        for name, entry in content["parameters"].items()
-    ]
-    derived = {
-        name: (entry["estimate"], entry["std"])
-        for name, entry in content.get("derived", {}).items()
-    }
-    return [
-        estimates_table("Parameters", rows),
-        *([derived_table("Derived quantities", derived)] if derived else []),
-    ]
 
 
 # ---- A stream with a bank of filters: live table or lines, and the end
