@@ -271,7 +271,11 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
     parts = [f"{channel}: {', '.join(found)}" for channel, found in sentences.items()]
     failed_axes = {AXES.get(test.channel) for test in failed}
     sound = [axis for axis in axes if axis not in failed_axes] if several else []
-    listed = " and ".join([", ".join(sound[:-1]), sound[-1]] if len(sound) > 1 else sound)
     return "residual is more than noise (residual: measured minus predicted): " + "; ".join(
-        [*parts, *([f"consistent with noise in {listed}"] if sound else [])]
+        [*parts, *([f"consistent with noise in {listed(sound)}"] if sound else [])]
     )
+
+
+def listed(words: Sequence[str]) -> str:
+    """Return words as ``"a, b and c"``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
