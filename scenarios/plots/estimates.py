@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ident.estimate import FilterHistory
-from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from ident.statistics.residual_spectrum import autocovariance
 from scenarios.plots.display import (
     DisplayUnit,
@@ -481,6 +480,9 @@ def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lag
     The band depends on the number of pairs of samples at each lag. ``normalised``: ``(N,)``, zero
     at missing samples.
     """
+    # Imported here, since the module of the margins loads slowly.
+    from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
+
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)
     power = float(np.sum(normalised**2))
