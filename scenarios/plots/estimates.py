@@ -39,8 +39,10 @@ from scenarios.plots.style import (
     VERMILION,
     WIDTH,
     ZERO,
+    Sheet,
     caption,
     cells,
+    draw_estimate,
     draw_title,
     finish,
     make_sheet,
@@ -82,11 +84,7 @@ def figure_parameter_histories(
     prior : the same for priors, drawn as a diamond before the first sample.
     """
     true, published, prior = true or {}, published or {}, prior or {}
-    columns = 2 if len(names) <= 4 else 3
-    rows = -(-len(names) // columns)
-    sheet = make_sheet(
-        [1.15] * rows, (1.0,) * columns, count=len(names), row_gap=0.36, column_gap=0.58, left=0.6
-    )
+    sheet = _parameter_sheet(len(names))
     sound = sound_samples(history)
     diverged = sound < len(history.time)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
@@ -107,7 +105,7 @@ def figure_parameter_histories(
             true.get(name),
             true_label,
         )
-    for panel in sheet.panels[-columns:]:
+    for panel in sheet.panels[-len(sheet.widths) :]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
 
@@ -130,26 +128,19 @@ def figure_watched(
     reference : reference value and its standard deviation by parameter, drawn as a band of two
         standard deviations.
     """
-    columns = 2 if len(courses) <= 4 else 3
-    rows = -(-len(courses) // columns)
-    sheet = make_sheet(
-        [1.15] * rows, (1.0,) * columns, count=len(courses), row_gap=0.36, column_gap=0.58, left=0.6
-    )
-    for panel, (name, (text, values, std)) in zip(sheet.panels, courses.items(), strict=True):
-        unit = display_unit(text, name)
-        x, sigma = unit.factor * values, unit.factor * std
+    sheet = _parameter_sheet(len(courses))
+    for panel, (name, (si_unit, values, std)) in zip(sheet.panels, courses.items(), strict=True):
+        unit = display_unit(si_unit, name)
+        mean, sigma = unit.factor * values, unit.factor * std
         caption(panel, axis_label(name, unit), LABEL_SIZE)
-        panel.fill_between(
-            time, x - 2.0 * sigma, x + 2.0 * sigma, color=SKY, alpha=0.35, linewidth=0, label="±2σ"
-        )
-        panel.plot(time, x, color=BLUE, linewidth=1.2, label="estimate")
+        draw_estimate(panel, time, mean, sigma)
         later = slice(len(time) // 2, None)
         ends = [
-            float(np.nanmin((x - 3.0 * sigma)[later])),
-            float(np.nanmax((x + 3.0 * sigma)[later])),
+            float(np.nanmin((mean - 3.0 * sigma)[later])),
+            float(np.nanmax((mean + 3.0 * sigma)[later])),
         ]
         if name in reference and reference[name][1] is not None:
-            value, reference_std = (unit.factor * float(entry or 0.0) for entry in reference[name])
+            value, reference_std = (unit.factor * float(part or 0.0) for part in reference[name])
             panel.axhspan(
                 value - 2.0 * reference_std,
                 value + 2.0 * reference_std,
@@ -161,7 +152,7 @@ def figure_watched(
             ends += [value - 2.5 * reference_std, value + 2.5 * reference_std]
         if np.all(np.isfinite(ends)) and max(ends) > min(ends):
             panel.set_ylim(min(ends), max(ends))
-    for panel in sheet.panels[-columns:]:
+    for panel in sheet.panels[-len(sheet.widths) :]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
 
@@ -179,40 +170,45 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
     """
     sheet = make_sheet([2.6], left=0.75)
     panel = sheet.panels[0]
-    cloud, shown = (np.ravel(roots)[np.ravel(roots).imag >= -1e-9] for roots in (draws, poles))
+    drawn, estimated = (roots[roots.imag >= -1e-9] for roots in (np.ravel(draws), np.ravel(poles)))
     panel.axvline(0.0, **ZERO)
     panel.axhline(0.0, **ZERO)
-    panel.plot(
-        cloud.real,
-        cloud.imag,
-        linestyle="none",
-        marker=".",
-        markersize=3.5,
-        markeredgewidth=0.0,
-        color=SKY,
-        label="drawn from the covariance",
-    )
-    panel.plot(
-        shown.real,
-        shown.imag,
-        linestyle="none",
-        marker="x",
-        markersize=7.0,
-        markeredgewidth=1.6,
-        color=BLUE,
-        label="estimate",
-    )
+    for roots, colour, marker, size, edge, label in (
+        (drawn, SKY, ".", 3.5, 0.0, "drawn from the covariance"),
+        (estimated, BLUE, "x", 7.0, 1.6, "estimate"),
+    ):
+        panel.plot(
+            roots.real,
+            roots.imag,
+            linestyle="none",
+            marker=marker,
+            markersize=size,
+            markeredgewidth=edge,
+            color=colour,
+            label=label,
+        )
     panel.set_xlabel("real part (1/s)", fontsize=LABEL_SIZE)
     y_label(panel, "imaginary part (rad/s)")
-    reach = max(float(np.abs(shown).max(initial=0.0)), 1e-3)
-    low, high = float(shown.real.min(initial=0.0)), float(shown.real.max(initial=0.0))
+    reach = max(float(np.abs(estimated).max(initial=0.0)), 1e-3)
+    low, high = float(estimated.real.min(initial=0.0)), float(estimated.real.max(initial=0.0))
     panel.set_xlim(low - 0.25 * reach, high + 0.25 * reach)
-    panel.set_ylim(-0.1 * reach, 1.3 * float(shown.imag.max(initial=0.0)) + 0.1 * reach)
+    panel.set_ylim(-0.1 * reach, 1.3 * float(estimated.imag.max(initial=0.0)) + 0.1 * reach)
     return finish(sheet, title, head=0.2)
 
 
+def _parameter_sheet(count: int) -> Sheet:
+    """Return a sheet with a panel for each of ``count`` parameters."""
+    columns = 2 if count <= 4 else 3
+    rows = -(-count // columns)
+    return make_sheet(
+        [1.15] * rows, (1.0,) * columns, count=count, row_gap=0.36, column_gap=0.58, left=0.6
+    )
+
+
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """Return the unit, with a power of a thousand that suits the true and the later values."""
+    """Return the display unit, with a power of a thousand that suits the true value and the second
+    half of the estimates.
+    """
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     upper_edge = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -229,22 +225,21 @@ def _panel(
     true: float | None,
     true_label: str,
 ) -> None:
-    """Draw the course of a parameter with its true, published and prior value."""
+    """Draw a parameter over time, with its true, published and prior value."""
+    draw_estimate(panel, path.time, path.mean, path.std)
     low, high = path.mean - 2.0 * path.std, path.mean + 2.0 * path.std
-    panel.fill_between(path.time, low, high, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
-    panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
-    marks = [] if true is None else [unit.factor * true]
+    shown_values = [] if true is None else [unit.factor * true]
     if true is not None:
-        panel.axhline(marks[0], label=true_label, zorder=3, **TRUE)
-    bottom, top = settled_limits(low, path.mean, high, marks)
+        panel.axhline(unit.factor * true, label=true_label, zorder=3, **TRUE)
+    bottom, top = settled_limits(low, path.mean, high, shown_values)
     first, last = float(history.time[0]), float(history.time[-1])
     pad = 0.05 * (last - first)
     span = top - bottom
-    for entry in (published, prior):
-        if entry is None:
+    for mark in (published, prior):
+        if mark is None:
             continue
         # A near mark widens the axis. A far mark does not: it would compress the curve.
-        value = unit.factor * entry[0]
+        value = unit.factor * mark[0]
         if bottom - 0.6 * span <= value <= top + 0.6 * span:
             bottom, top = min(bottom, value - 0.05 * span), max(top, value + 0.05 * span)
     panel.set_ylim(bottom, top)
@@ -256,17 +251,17 @@ def _panel(
 def _mark(
     panel: Axes,
     x: float,
-    entry: ValueAndStd | None,
+    mark: ValueAndStd | None,
     unit: DisplayUnit,
     marker: str,
     colour: str,
     label: str,
 ) -> None:
     """Draw a value with a bar of two standard deviations; an arrow if it is outside the panel."""
-    if entry is None:
+    if mark is None:
         return
-    value = unit.factor * entry[0]
-    bar = None if entry[1] is None else [2.0 * unit.factor * entry[1]]
+    value = unit.factor * mark[0]
+    bar = None if mark[1] is None else [2.0 * unit.factor * mark[1]]
     bottom, top = panel.get_ylim()
     inside = bottom <= value <= top
     panel.errorbar(
@@ -356,7 +351,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
             panel.text(
                 column,
                 row,
-                _short(value),
+                f"{value:.2f}".replace("-", "−").replace("0.", "."),  # such as ".87"
                 ha="center",
                 va="center",
                 fontsize=number_size,
@@ -383,11 +378,6 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     draw_title(figure, title, width, height)
     figure.text(0.15 / width, 1.0 - (head + 0.04) / height, counted, fontsize=TICK_SIZE, va="top")
     return figure
-
-
-def _short(value: float) -> str:
-    """Return a short text of a correlation: ``.87``, ``−.95``."""
-    return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
 # ---- Innovations of a filter with their bounds, and their autocorrelation
@@ -446,7 +436,7 @@ def figure_innovations(
 
 
 def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.ndarray) -> None:
-    """Draw innovations with two-sigma bounds; those beyond the axis become marks at its edge."""
+    """Draw innovations with two-sigma bounds, and marks for innovations beyond the axis."""
     panel.axhline(0.0, **ZERO)
     panel.plot(
         time,
@@ -464,7 +454,6 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
     beyond = np.abs(innovation) > limit
     if beyond.any():
         edge = 0.97 * limit * np.sign(innovation[beyond])
-        label = "innovation beyond the axis"
         panel.plot(
             time[beyond],
             edge,
@@ -473,13 +462,13 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
             marker="d",
             markersize=5.0,
             markeredgewidth=0.0,
-            label=label,
+            label="innovation beyond the axis",
         )
     panel.set_ylim(-limit, limit)
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Return the axis limit; early bounds, which come from the wide prior, do not count."""
+    """Return the limit of the axis; wide early bounds, which come from the prior, do not count."""
     usual = float(np.quantile(std, 0.9))
     of_prior = std > PRIOR_BOUND_RATIO * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
@@ -491,6 +480,9 @@ def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lag
     The band depends on the number of pairs of samples at each lag. ``normalised``: ``(N,)``, zero
     at missing samples.
     """
+    # Imported here, since the module of the margins loads slowly.
+    from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
+
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)
     power = float(np.sum(normalised**2))
@@ -500,7 +492,7 @@ def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lag
     lag = np.arange(1, last + 1)
     r = autocovariance(normalised, last)[1:] * n / power
     pairs = np.maximum(autocovariance(valid.astype(float), last)[1:] * n, 0.0)
-    band = 1.96 * np.sqrt(pairs) / used
+    band = NORMAL_HALF_WIDTH * np.sqrt(pairs) / used
     panel.fill_between(
         lag, -band, band, color=SKY, alpha=0.35, linewidth=0, label="95 % band of white noise"
     )

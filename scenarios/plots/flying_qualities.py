@@ -14,6 +14,11 @@ from matplotlib.figure import Figure
 from ident.flying_qualities.attitude_criteria import LEVELS as RESONANCES
 from ident.flying_qualities.attitude_criteria import PITCH_LEVELS, step_response
 from ident.flying_qualities.levels import criteria
+from ident.flying_qualities.stability_margins import (
+    NORMAL_HALF_WIDTH,
+    REQUIRED_GAIN,
+    REQUIRED_PHASE,
+)
 from ident.frequency_response.transfer_function import unnoticeable
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
@@ -37,8 +42,8 @@ from scenarios.plots.style import (
 from sim.errors import DeclarationError
 
 _LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB or deg; wider half-bands are clipped
-_NORMAL_HALF_WIDTH = 1.96  # sigmas, half width of a 95 % interval
 _SMALLEST_SIZE = 1e-300  # keeps a logarithm finite
+_BAND: dict[str, Any] = {"color": SKY, "alpha": 0.45, "linewidth": 0.0}  # of 95 %
 
 
 class SignalNames(Protocol):
@@ -51,7 +56,7 @@ class SignalNames(Protocol):
 
 
 class EstimatedResponses(Protocol):
-    """Frequency responses of records."""
+    """Frequency responses of records, with fits and flying qualities if they were asked for."""
 
     @property
     def names(self) -> SignalNames: ...
@@ -83,12 +88,12 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     magnitudes, phases, coherences = sheet.panels
     f, response, usable = result.frequency, result.response[row, column], result.usable[row, column]
     magnitude, low, high = _decibels(response, result.half_width()[row, column])
-    magnitudes.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
+    magnitudes.fill_between(f, low, high, label="95 % band", **_BAND)
     label = "joint" if result.joint else "estimate"
     magnitudes.plot(f, magnitude, color=BLUE, linewidth=1.2, label=label)
     phase = np.degrees(result.phase()[row, column])
     half = np.minimum(np.degrees(result.phase_half_width()[row, column]), _LARGEST_DRAWN_HALF_WIDTH)
-    phases.fill_between(f, phase - half, phase + half, color=SKY, alpha=0.45, linewidth=0.0)
+    phases.fill_between(f, phase - half, phase + half, **_BAND)
     phases.plot(f, phase, color=BLUE, linewidth=1.2)
     # Phases of other curves are drawn within half a turn of that of the estimate.
     if estimate.direct is not None:
@@ -154,7 +159,7 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     )
     for panel, (value, error, low, high, label) in zip(sheet.panels, rows, strict=True):
         error = np.minimum(error, _LARGEST_DRAWN_HALF_WIDTH)
-        panel.fill_between(f, value - error, value + error, color=SKY, alpha=0.45, linewidth=0.0)
+        panel.fill_between(f, value - error, value + error, **_BAND)
         panel.plot(f, value, color=BLUE, linewidth=1.2, label="estimate over fitted")
         for limit, text in ((low, "unnoticeable within"), (high, None)):
             envelope = np.where(mismatch.piloted, limit, np.nan)
@@ -180,7 +185,7 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
 
     ``number`` counts the responses with a bandwidth. Raise DeclarationError without a bandwidth.
     """
-    with_curve = [item for item in estimate.qualities if item.curve is not None]
+    with_curve = [each for each in estimate.qualities if each.curve is not None]
     if not 0 <= number < len(with_curve):
         remedy = "say what the outputs are (bandwidth), rate or attitude"
         raise DeclarationError("there is no bandwidth to draw", where="bandwidth", remedy=remedy)
@@ -192,10 +197,8 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         (gains, curve.gain, curve.gain_std),
         (phases, curve.phase, curve.phase_std),
     ):
-        half = np.minimum(_NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
-        panel.fill_between(
-            curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
-        )
+        half = np.minimum(NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
+        panel.fill_between(curve.omega, value - half, value + half, **_BAND)
         panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="attitude")
         panel.set_xscale("log")
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
@@ -207,8 +210,8 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         ):
             if quantity is not None:
                 panel.axvspan(
-                    quantity.value - _NORMAL_HALF_WIDTH * quantity.std,
-                    quantity.value + _NORMAL_HALF_WIDTH * quantity.std,
+                    quantity.value - NORMAL_HALF_WIDTH * quantity.std,
+                    quantity.value + NORMAL_HALF_WIDTH * quantity.std,
                     color=colour,
                     alpha=0.25,
                     linewidth=0.0,
@@ -255,10 +258,8 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         (curve.distance, curve.distance_std, "distance (dB)", (), 0.0),
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
-        half = np.minimum(_NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
-        panel.fill_between(
-            curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
-        )
+        half = np.minimum(NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
+        panel.fill_between(curve.omega, value - half, value + half, **_BAND)
         panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="broken loop")
         panel.axhline(0.0, color=GREY, linewidth=0.7, linestyle=":")
         panel.set_xscale("log")
@@ -300,7 +301,7 @@ def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, float]]:
-    """Return the bands of frequency below and above the usable band."""
+    """Return the frequency bands below and above the usable band, Hz."""
     inside = np.flatnonzero(usable)
     if not inside.size:
         return [(float(frequency[0]), float(frequency[-1]))]
@@ -309,7 +310,7 @@ def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, flo
 
 
 def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
-    """Set axis limits by the line, not by a wide band; ``least`` is the least margin."""
+    """Limit an axis to the line, not to its wide band; the margin is at least ``least``."""
     low, high = float(np.min(values)), float(np.max(values))
     margin = max(0.15 * (high - low), least)
     if math.isfinite(low + high):
@@ -320,7 +321,7 @@ def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
 
 
 class TimedMargins(Protocol):
-    """Margins at a time, s."""
+    """Margins of a loop, estimated from a stream up to a time, s."""
 
     @property
     def time(self) -> float: ...
@@ -328,10 +329,10 @@ class TimedMargins(Protocol):
     def margins(self) -> Any: ...
 
 
-_ROWS = (  # margin, label, requirement
-    ("gain_increase", "gain increase (dB)", 6.0),
-    ("gain_decrease", "gain decrease (dB)", -6.0),
-    ("phase_margin", "phase margin (deg)", 45.0),
+_MARGINS = (  # margin, label, requirement of MIL-F-9490D
+    ("gain_increase", "gain increase (dB)", REQUIRED_GAIN),
+    ("gain_decrease", "gain decrease (dB)", -REQUIRED_GAIN),
+    ("phase_margin", "phase margin (deg)", REQUIRED_PHASE),
     ("distance", "distance from -1 (–)", None),
 )
 
@@ -342,18 +343,18 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
     Dashed lines are the requirements of MIL-F-9490D. A margin that is never known has no panel.
     """
     by_point = [point.margins.named if point.margins is not None else {} for point in points]
-    rows = [row for row in _ROWS if any(row[0] in named for named in by_point)]
+    rows = [row for row in _MARGINS if any(row[0] in named for named in by_point)]
     sheet = make_sheet([1.15] * max(len(rows), 1), row_gap=0.16)
     time = np.array([point.time for point in points])
     for panel, (name_of_margin, label, required) in zip(sheet.panels, rows, strict=False):
         margins = [named.get(name_of_margin) for named in by_point]
         value, low, high = np.array(
             [
-                (np.nan, np.nan, np.nan) if item is None else (item.size.value, item.low, item.high)
-                for item in margins
+                (np.nan,) * 3 if margin is None else (margin.size.value, margin.low, margin.high)
+                for margin in margins
             ]
         ).T
-        panel.fill_between(time, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 %")
+        panel.fill_between(time, low, high, label="95 %", **_BAND)
         panel.plot(
             time, value, color=BLUE, linewidth=1.2, marker=".", markersize=3.0, label="margin"
         )
@@ -387,7 +388,7 @@ def figure_qualities(estimate: Any, number: int = 0) -> Figure:
     overshoot of a fitted pitch rate. A chart without published limits says so. Raise
     DeclarationError without any chart.
     """
-    with_charts = [item for item in estimate.qualities if charts_of(item)]
+    with_charts = [each for each in estimate.qualities if charts_of(each)]
     if not 0 <= number < len(with_charts):
         remedy = "fit pitch with --airspeed and --levels, or name --bandwidth or --pilot"
         raise DeclarationError("there is no chart to draw", where="qualities", remedy=remedy)
@@ -417,6 +418,7 @@ def charts_of(qualities: Any) -> list[Callable[[Any, Any], None]]:
 
 
 def _draw_anticipation(panel: Any, qualities: Any) -> None:
+    """Draw damping ratio and control anticipation parameter with the limits of MIL-STD-1797A."""
     names = ("damping_ratio", "control_anticipation")
     damping, cap = (qualities.numbers[name][0] for name in names)
     largest_damping, largest_cap = 5.0, 20.0
@@ -444,12 +446,13 @@ def _draw_anticipation(panel: Any, qualities: Any) -> None:
 
 
 def _draw_bandwidth(panel: Any, qualities: Any) -> None:
+    """Draw bandwidth and phase delay with the limits of MIL-STD-1797A."""
     band, delay = (qualities.numbers[name][0] for name in ("bandwidth", "phase_delay"))
     largest_band, largest_delay = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
     for level, points in enumerate(() if qualities.of_pitch is False else PITCH_LEVELS):
         x, y = (list(values) for values in zip(*points, strict=True))
         _draw_limit(panel, x, y, level)
-        # The published limit ends; it is continued at the same delay.
+        # Beyond the end of the published limit, the same delay is drawn dashed.
         style = {"color": _LEVEL_COLOURS[level], "linewidth": 1.0, "linestyle": (0, (4, 3))}
         panel.plot([x[-1], largest_band], [y[-1], y[-1]], **style)
     panel.set_xlim(0.0, largest_band)
@@ -460,13 +463,14 @@ def _draw_bandwidth(panel: Any, qualities: Any) -> None:
 
 
 def _limits_of_pitch(qualities: Any, words: str) -> str:
-    """Return the source of limits, or that there are none of a response that is not in pitch."""
+    """Return ``words`` on the source of the limits, or a remark if the response is not in pitch."""
     if qualities.of_pitch is False:
         return "no limits drawn: known ones are for pitch"
     return words if qualities.of_pitch else f"{words}; if this is pitch"
 
 
 def _draw_pilot(panel: Any, qualities: Any) -> None:
+    """Draw compensation and resonance of the Neal-Smith criterion with the limits of its levels."""
     result = qualities.pilot
     phase, resonance = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(phase.value))
@@ -483,6 +487,7 @@ def _draw_pilot(panel: Any, qualities: Any) -> None:
 
 
 def _draw_dropback(panel: Any, qualities: Any) -> None:
+    """Draw dropback and overshoot of the pitch rate."""
     names = ("dropback", "pitch_rate_overshoot")
     dropback, overshoot = (qualities.numbers[name][0] for name in names)
     panel.axvline(0.0, color=GREY, linewidth=0.9, linestyle=":")
@@ -495,7 +500,7 @@ def _draw_dropback(panel: Any, qualities: Any) -> None:
 
 
 def _draw_limit(panel: Any, x: Sequence[float], y: Sequence[float], level: int) -> None:
-    """Draw the limit of a level (from 0) with its name."""
+    """Draw the limit of a level with its name; ``level``: 0 for level 1, 1 for level 2."""
     panel.plot(x, y, color=_LEVEL_COLOURS[level], linewidth=1.2)
     panel.annotate(
         f"limit of level {level + 1}",
@@ -526,6 +531,7 @@ def _draw_point(
 
 
 def _name_axes(panel: Any, x_label: str, y_label_text: str, words: str) -> None:
+    """Label the axes of a chart, and write the source of its limits above it."""
     panel.set_xlabel(x_label, fontsize=LABEL_SIZE)
     y_label(panel, y_label_text)
     caption(panel, words)
@@ -543,16 +549,8 @@ def figure_steps(estimate: Any, row: int = 0, column: int = 0) -> Figure:
         raise DeclarationError(what, where="step", remedy="name a form (fit)")
     sheet = make_sheet([2.4])
     panel = sheet.panels[0]
-    half = _NORMAL_HALF_WIDTH * step.std
-    panel.fill_between(
-        step.time,
-        step.value - half,
-        step.value + half,
-        color=SKY,
-        alpha=0.45,
-        linewidth=0.0,
-        label="95 %",
-    )
+    half = NORMAL_HALF_WIDTH * step.std
+    panel.fill_between(step.time, step.value - half, step.value + half, label="95 %", **_BAND)
     panel.plot(step.time, step.value, color=BLUE, linewidth=1.3, label="step over steady value")
     panel.axhline(1.0, color=GREY, linewidth=0.7, linestyle=":")
     panel.set_xlim(0.0, float(step.time[-1]))

@@ -1,4 +1,4 @@
-"""Figures in frequency: low-order equivalents and closed loops."""
+"""Figures of low-order equivalent systems: estimates, states, delays, linear responses, margins."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from scenarios.plots.style import (
     VERMILION,
     ZERO,
     caption,
+    draw_estimate,
     finish,
     folded,
     make_sheet,
@@ -35,11 +36,9 @@ from scenarios.plots.style import (
     y_label,
 )
 
-# ---- Figures of low-order equivalents and of the closed loop behind them
-
 _LARGEST_DRAWN_DIFFERENCE = 1e4  # largest drawn difference of a log-likelihood from the maximum
-_LABEL_WIDTH = 2.6  # inches, of the names beside bars
-_VALUE_LABEL_WIDTH = 2.1  # inches, of the names of open values beside bars
+_LABEL_WIDTH = 2.6  # inches, of the labels of bars
+_VALUE_LABEL_WIDTH = 2.1  # inches, of the labels of unpublished values
 _LEAST_MISFIT = 1e-16  # a smaller misfit is drawn at this value, since the axis is logarithmic
 
 
@@ -58,8 +57,8 @@ class LikelihoodCurve:
 
     Attributes
     ----------
-    delays : s, ``(B,)``.
-    log_likelihood : ``(B,)``.
+    delays : delays of the filters, s, ``(B,)``.
+    log_likelihood : log-likelihood of each delay, ``(B,)``.
     most_likely, weighted_mean, refined : estimates of the delay, s.
     refined_std : standard deviation of ``refined``, s; 0 if it has none.
     """
@@ -80,10 +79,15 @@ def figure_side_by_side(
     title: str = "",
     printed: Sequence[Mapping[str, float]] = (),
 ) -> Figure:
-    """Plot two estimates with bounds of two standard deviations, a small panel for each quantity
-    (as fig. 8 of NASA TM-101722).
+    """Plot two estimates with bars of two standard deviations, a panel for each common quantity.
 
-    ``printed`` : published values of both in the same units, drawn beside the estimates.
+    The layout is that of fig. 8 of NASA TM-101722.
+
+    Parameters
+    ----------
+    first, second : the two estimates by quantity.
+    first_label, second_label : their labels in the legend.
+    printed : published values of both in the same units, drawn beside the estimates.
     """
     names = [name for name in first if name in second]
     columns = 4
@@ -108,11 +112,10 @@ def figure_side_by_side(
             (0.0, first[name], BLUE, "o", first_label),
             (1.0, second[name], VERMILION, "s", second_label),
         ):
-            yerr = [2.0 * unit.factor * bar.std]
             panel.errorbar(
                 [x],
                 [unit.factor * bar.value],
-                yerr=yerr,
+                yerr=[2.0 * unit.factor * bar.std],
                 fmt=marker,
                 color=colour,
                 markersize=4.5,
@@ -120,12 +123,11 @@ def figure_side_by_side(
                 linewidth=1.2,
                 label=escaped_dollars(f"{label} ±2σ"),
             )
-        for x, cells in zip((0.25, 1.25), printed, strict=False):
-            if name in cells:
-                value = [unit.factor * cells[name]]
+        for x, published in zip((0.25, 1.25), printed, strict=False):
+            if name in published:
                 panel.plot(
                     [x],
-                    value,
+                    [unit.factor * published[name]],
                     color=BLACK,
                     linestyle="none",
                     marker="D",
@@ -147,24 +149,17 @@ def figure_states(
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = display_unit(unit)
         path = course(history, name, shown.factor)
-        panel.fill_between(
-            path.time,
-            path.mean - 2.0 * path.std,
-            path.mean + 2.0 * path.std,
-            color=SKY,
-            alpha=0.5,
-            linewidth=0,
-            label="±2σ",
-        )
-        panel.plot(path.time, path.mean, color=BLUE, linewidth=1.0, label="estimate")
+        draw_estimate(panel, path.time, path.mean, path.std)
         y_label(panel, axis_label(name, shown))
     time_axis(sheet.panels[-1])
     return finish(sheet, title)
 
 
 def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
-    """Plot the largest log-likelihood minus that of each delay, on a logarithmic axis, with the
-    most likely, the likelihood-weighted and the refined delay.
+    """Plot how far the log-likelihood of each delay is below the largest one.
+
+    Lines mark the most likely, the likelihood-weighted and the refined delay. The axis is
+    logarithmic.
     """
     sheet = make_sheet([2.0], right=0.3)
     panel = sheet.panels[0]
@@ -197,14 +192,8 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
         label="refined" + (" ±2σ" if curve.refined_std > 0 else ""),
     )
     if curve.refined_std > 0:
-        half = 2e3 * curve.refined_std
-        panel.axvspan(
-            1e3 * curve.refined - half,
-            1e3 * curve.refined + half,
-            color=SKY,
-            alpha=0.4,
-            linewidth=0,
-        )
+        low, high = (1e3 * (curve.refined + sign * curve.refined_std) for sign in (-2.0, 2.0))
+        panel.axvspan(low, high, color=SKY, alpha=0.4, linewidth=0)
     panel.set_yscale("symlog", linthresh=10.0)
     panel.set_ylim(1.6 * max(float(below.max()), 10.0), -3.0)
     panel.set_xlabel("delay (ms)", fontsize=LABEL_SIZE)
@@ -213,10 +202,12 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
 
 
 def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "") -> Figure:
-    """Plot one number for each variant as a horizontal bar.
+    """Plot one number for each variant as a horizontal bar; the first bar is red.
 
-    ``rows``: label and value of each variant. ``words``: label of the axis. Signs are shown if a
-    value is negative.
+    Parameters
+    ----------
+    rows : label and value of each variant. All values have signs if one is negative.
+    words : label of the axis.
     """
     n, sign = len(rows), "+" if any(round(value, 2) < 0 for _, value in rows) else ""
     sheet = make_sheet([0.38 * n + 0.1], left=_LABEL_WIDTH + 0.2, right=0.5)
@@ -261,20 +252,24 @@ def figure_linear(
 ) -> Figure:
     """Plot nonlinear and linear responses over time, and the misfit of q over the stick amplitude.
 
-    ``time (F,)`` in s. ``simulated``, ``linear``: responses ``(m, F)`` of the outputs ``names``,
-    SI. ``sticks``: stick amplitudes, inches. ``curves``: relative misfit of q at each amplitude,
-    by label.
+    Parameters
+    ----------
+    time : shape ``(F,)``, s.
+    simulated, linear : responses of the outputs ``names``, which include q, ``(m, F)``, SI.
+    sticks : stick amplitudes, inches.
+    curves : relative misfit of q at each amplitude, by label.
     """
     sheet = make_sheet([1.05] * (len(names) + 1) + [1.9], row_gap=0.45, share_x=False)
-    for name, unit, one, other, panel in zip(
+    for name, unit, flown, predicted, panel in zip(
         names, units, simulated, linear, sheet.panels, strict=False
     ):
         shown = display_unit(unit)
-        panel.plot(time, shown.factor * one, color=BLUE, linewidth=2.4, label="flown, noise-free")
-        panel.plot(time, shown.factor * other, label="linear, python-control", **TRUE)
+        panel.plot(time, shown.factor * flown, color=BLUE, linewidth=2.4, label="flown, noise-free")
+        panel.plot(time, shown.factor * predicted, label="linear, python-control", **TRUE)
         y_label(panel, axis_label(name, shown))
         panel.set_xlim(time[0], time[-1])
-    shown, row = display_unit(units[names.index("q")]), names.index("q")
+    row = names.index("q")
+    shown = display_unit(units[row])
     panel = sheet.panels[len(names)]
     panel.plot(
         time,
@@ -316,11 +311,15 @@ def figure_open_margins(
     effects: Sequence[tuple[str, float]],
     title: str = "",
 ) -> Figure:
-    """Plot phase margins in flight over those of the simulation (deg), and the effect of each
-    unpublished value on their difference.
+    """Plot phase margins of the flight over those of the simulation.
 
-    ``clouds``, ``declared`` : label, margins of the simulation and margins of the flight, deg.
-    ``effects`` : label and change of the difference (deg) of each unpublished value.
+    A second panel has the effect of each unpublished value on their difference.
+
+    Parameters
+    ----------
+    clouds : two sets, each with a label and the margins of simulation and flight, ``(N,)``, deg.
+    declared : single points, each with a label and the margins of simulation and flight, deg.
+    effects : label of each unpublished value, and the change of the difference that it makes, deg.
     """
     heights = [3.4, 0.3 * len(effects) + 0.1] if effects else [3.4]
     sheet = make_sheet(
@@ -339,11 +338,10 @@ def figure_open_margins(
             linestyle="none",
             label=label,
         )
-    every = np.concatenate(
-        [np.concatenate([simulation, flight]) for _, simulation, flight in clouds]
-        + [np.array(d[1:]) for d in declared]
+    margins = np.concatenate(
+        [np.ravel([simulation, flight]) for _, simulation, flight in (*clouds, *declared)]
     )
-    ends = np.array([every.min() - 2.0, every.max() + 2.0])
+    ends = np.array([margins.min() - 2.0, margins.max() + 2.0])
     panel.plot(ends, ends, label="equal: above it the paper's sign", **TRUE)
     for (label, x, y), marker in zip(declared, ("D", "*"), strict=False):
         panel.plot(

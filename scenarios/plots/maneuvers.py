@@ -58,7 +58,7 @@ ENVELOPE_BINS = 1500  # along a panel, more than it has pixels
 
 
 class Numbered(Protocol):
-    """A maneuver with its number."""
+    """A maneuver with its number in the table."""
 
     @property
     def number(self) -> int: ...
@@ -67,7 +67,7 @@ class Numbered(Protocol):
 
 
 class Searched(Protocol):
-    """A record with its maneuvers."""
+    """A record with the maneuvers that were found in it."""
 
     @property
     def record(self) -> Record: ...
@@ -78,36 +78,41 @@ class Searched(Protocol):
 
 
 def figure_flight(search: Searched, title: str = "") -> Figure:
-    """Controls and motion of a whole record, each as the band between its least and largest values,
-    maneuvers as coloured spans.
+    """Plot controls and motion of a whole record, with maneuvers as coloured spans.
 
-    A maneuver is marked in the panel of its input, with its number above; trim points are grey in
-    all panels. Angles in degrees. Long pauses in the rows are cut out: a column of panels for each
-    part, wide as it is long.
+    Each channel is drawn as a band between the least and the largest value of short blocks of
+    samples (``envelope``). A maneuver is marked in the panel of its input, with its number above;
+    trim points are grey in all panels. Angles are in degrees. Long pauses in the record are cut
+    out: each part between them has a column of panels, whose width is in proportion to its length.
     """
     record = search.record
     names = [name for name in (*AXES, *SHOWN) if name in record.output_names]
-    parts = _parts(record.time)
+    pauses = _pauses(record.time)
+    parts = _parts(record.time, pauses)
     lengths = [last - first for first, last in parts]
     widths = [max(length, NARROWEST_PANEL_SHARE * max(lengths)) for length in lengths]
     sheet = make_sheet([0.95] * len(names), widths, row_gap=0.2, column_gap=0.12)
     for name, panels in zip(names, sheet.axes, strict=True):
         unit = display_unit(record[name].unit, name)
-        time, low, high = _parted(*envelope(record.time, unit.factor * record[name].with_gaps()))
+        middles, low, high = envelope(record.time, unit.factor * record[name].with_gaps())
+        gaps = _pauses(middles) + 1
+        # Only the values have a hole at a pause: a page draws a line only over rising times.
+        times = np.insert(middles, gaps, middles[gaps])
+        low, high = np.insert(low, gaps, np.nan), np.insert(high, gaps, np.nan)
         marked = [
-            each
-            for each in search.maneuvers
-            if each.found.axis == "all"
-            or each.found.channel == name
-            or each.found.channel not in names
+            maneuver
+            for maneuver in search.maneuvers
+            if maneuver.found.axis == "all"
+            or maneuver.found.channel == name
+            or maneuver.found.channel not in names
         ]
         for panel, (first, last) in zip(panels, parts, strict=True):
             if np.any(high > low):
-                panel.fill_between(time, low, high, color=BLUE, linewidth=0.6, step=None)
-            panel.plot(_filled(time), 0.5 * (low + high), color=BLUE, linewidth=0.6)
-            for each in marked:
-                if first <= each.found.start <= last:
-                    _mark(panel, each)
+                panel.fill_between(times, low, high, color=BLUE, linewidth=0.6)
+            panel.plot(times, 0.5 * (low + high), color=BLUE, linewidth=0.6)
+            for maneuver in marked:
+                if first <= maneuver.found.start <= last:
+                    _mark(panel, maneuver)
             panel.set_xlim(first, last)
         limits = [panel.get_ylim() for panel in panels]
         for panel in panels:
@@ -126,26 +131,19 @@ def figure_flight(search: Searched, title: str = "") -> Figure:
     )
 
 
-def _mark(panel: Axes, each: Numbered) -> None:
-    """A maneuver as a span with its number above it; a trim point as a grey span."""
-    one = each.found
-    if one.axis == "all":
-        panel.axvspan(one.start, one.end, color=LIGHT, alpha=0.6, linewidth=0.0, zorder=0.5)
+def _mark(panel: Axes, maneuver: Numbered) -> None:
+    """Draw a maneuver as a span with its number above it, a trim point as a grey span."""
+    axis, start, end = maneuver.found.axis, maneuver.found.start, maneuver.found.end
+    if axis == "all":
+        panel.axvspan(start, end, color=LIGHT, alpha=0.6, linewidth=0.0, zorder=0.5)
         return
-    colour = COLOURS[one.axis]
-    panel.axvspan(
-        *(one.start, one.end),
-        color=colour,
-        alpha=0.3,
-        linewidth=0.0,
-        zorder=0.6,
-        label=f"{one.axis} maneuver",
-    )
-    panel.axvline(one.start, color=colour, linewidth=0.7, zorder=0.7)
-    middle = (0.5 * (one.start + one.end), 1.0)
+    colour = COLOURS[axis]
+    label = f"{axis} maneuver"
+    panel.axvspan(start, end, color=colour, alpha=0.3, linewidth=0.0, zorder=0.6, label=label)
+    panel.axvline(start, color=colour, linewidth=0.7, zorder=0.7)
     panel.annotate(
-        str(each.number),
-        middle,
+        str(maneuver.number),
+        (0.5 * (start + end), 1.0),
         xycoords=("data", "axes fraction"),
         ha="center",
         va="bottom",
@@ -155,46 +153,32 @@ def _mark(panel: Axes, each: Numbered) -> None:
     )
 
 
-def _parts(time: np.ndarray) -> list[tuple[float, float]]:
-    """Begin and end of the parts between long pauses, s; the longest pauses where there are more
-    than a figure has columns for.
-    """
+def _pauses(time: np.ndarray) -> np.ndarray:
+    """Return the index of the last sample before each pause in ``time``, ``(N,)``, s."""
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
-    pauses = np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * usual))
-    recorded = float(time[-1] - time[0] - np.sum(steps[pauses]))
-    long = pauses[steps[pauses] > LONG_PAUSE * recorded]
-    cuts = np.sort(long[np.argsort(steps[long])[::-1][: MOST_COLUMNS - 1]])
-    first, last = [time[0], *time[cuts + 1]], [*time[cuts], time[-1]]
-    return [(float(begin), float(end)) for begin, end in zip(first, last, strict=True)]
+    return np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * usual))
 
 
-def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the band with a hole at each pause in the rows."""
-    steps = np.diff(time)
-    pauses = (
-        np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * float(np.median(steps)))) + 1
-        if steps.size
-        else np.array([], dtype=int)
-    )
-    return tuple(np.insert(values, pauses, np.nan) for values in (time, low, high))
+def _parts(time: np.ndarray, pauses: np.ndarray) -> list[tuple[float, float]]:
+    """Return start and end of the parts of a record between its long pauses, s.
 
-
-def _filled(time: np.ndarray) -> np.ndarray:
-    """Return the times with the holes at the moment after them, so that a line over them is rising
-    and its values alone have holes.
+    Only the longest pauses part the record if there are more than a figure has columns for.
     """
-    holes = np.flatnonzero(np.isnan(time))
-    filled = time.copy()
-    filled[holes] = time[holes + 1]
-    return filled
+    lengths = np.diff(time)[pauses]
+    recorded = float(time[-1] - time[0] - np.sum(lengths))
+    longest = np.argsort(lengths)[::-1][: MOST_COLUMNS - 1]
+    cuts = np.sort(pauses[longest[lengths[longest] > LONG_PAUSE * recorded]])
+    starts, ends = [time[0], *time[cuts + 1]], [*time[cuts], time[-1]]
+    return [(float(start), float(end)) for start, end in zip(starts, ends, strict=True)]
 
 
 def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, least and largest value of at most ``ENVELOPE_BINS`` successive blocks of samples;
-    blocks without a sample are left out.
+    """Return middle time, least and largest value of successive blocks of samples.
 
-    Neighbouring blocks share a sample, so that the band has no holes.
+    There are at most ``ENVELOPE_BINS`` blocks. Samples without a value, NaN, are left out.
+    Neighbouring blocks share a sample, so that the band has no holes. A signal with few samples is
+    returned as it is.
     """
     finite = np.isfinite(values)
     time, values = time[finite], values[finite]
@@ -205,21 +189,21 @@ def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
     before = values[np.maximum(first - 1, 0)]
     return (
-        time[(edges[:-1] + edges[1:] - 1) // 2],
+        time[(first + edges[1:] - 1) // 2],
         np.minimum(low, before),
         np.maximum(high, before),
     )
 
 
-# ---- Maneuvers that are compared: inputs and responses over time, with limits
+# ---- Designed maneuvers in comparison: inputs and responses over time, with limits
 
 _LIMIT: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
-_IN_SIGHT = 1.6  # limits beyond this multiple of the motion are not drawn
+_IN_SIGHT = 1.6  # limits beyond this multiple of the largest value are not drawn
 
 
 @dataclass(frozen=True, eq=False)
 class ManeuverCourse:
-    """A maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
+    """Inputs and outputs of a maneuver by name, ``(N,)`` each, SI; load factors are totals."""
 
     label: str
     inputs: Mapping[str, np.ndarray]
@@ -233,28 +217,33 @@ def figure_maneuvers(
     units: Mapping[str, str],
     title: str = "",
 ) -> Figure:
-    """Return one column per maneuver, the first the best; one row per input, held between samples,
-    and an
-    output; angles in degrees.
+    """Plot maneuvers, a column for each (the best first) and a row for each input and output.
 
-    ``limits``: lowest and highest by name, drawn where they are near what is flown.
+    Inputs are held between samples. Angles are in degrees.
+
+    Parameters
+    ----------
+    time : shape ``(N,)``, s.
+    limits : lowest and highest permitted value by name, SI, drawn if the maneuvers come near them.
+    units : SI unit by name.
     """
     names = [*courses[0].inputs, *courses[0].outputs]
     count = len(courses)
     sheet = make_sheet([1.0] * len(names), (1.0,) * count, column_gap=0.25, row_gap=0.12)
     for row, name in enumerate(names):
         unit = display_unit(units.get(name, ""), name)
-        flown = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]
-        low, high = (
-            min(float(each.min()) for each in flown),
-            max(float(each.max()) for each in flown),
-        )
-        near = [unit.factor * end for end in limits.get(name, ()) if np.isfinite(end)]
+        signals = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]
+        low = min(float(values.min()) for values in signals)
+        high = max(float(values.max()) for values in signals)
         reach = _IN_SIGHT * (max(abs(low), abs(high)) or 1.0)
-        shown = [end for end in near if abs(end) <= reach]
+        shown = [
+            unit.factor * limit
+            for limit in limits.get(name, ())
+            if abs(unit.factor * limit) <= reach
+        ]
         low, high = min([low, *shown]), max([high, *shown])
         margin = 0.06 * (high - low) or 1.0
-        for column, (course, values) in enumerate(zip(courses, flown, strict=True)):
+        for column, (course, values) in enumerate(zip(courses, signals, strict=True)):
             panel = sheet.axes[row][column]
             style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
             look = method_style(column, alone=True)
@@ -266,8 +255,8 @@ def figure_maneuvers(
                 linewidth=1.0,
                 **style,
             )
-            for end in shown:
-                panel.axhline(end, **_LIMIT)
+            for limit in shown:
+                panel.axhline(limit, **_LIMIT)
             panel.set_ylim(low - margin, high + margin)
             if column:
                 panel.tick_params(labelleft=False)
@@ -278,7 +267,10 @@ def figure_maneuvers(
 
 
 class Expected(Protocol):
-    """Frequency responses that are expected of one flight."""
+    """Frequency responses that are expected from one flight.
+
+    ``frequency`` in Hz, ``(F,)``; ``coherence``, ``(outputs, inputs, F)``.
+    """
 
     @property
     def frequency(self) -> np.ndarray: ...
@@ -291,23 +283,26 @@ class Expected(Protocol):
 
 
 def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figure:
-    """Expected coherence over frequency: one row per output, one column per input, a line a
-    maneuver.
+    """Plot expected coherence over frequency, a line for each maneuver.
 
-    ``kinds`` : name of the maneuver and its ``Expected`` responses.
+    Each output has a row of panels, each input a column.
+
+    Parameters
+    ----------
+    kinds : name of each maneuver and its ``Expected`` responses.
     """
     first: Expected = kinds[0][1]
     sheet = make_sheet(
         [1.0] * len(first.outputs), (1.0,) * len(first.inputs), column_gap=0.25, row_gap=0.12
     )
-    for m, output in enumerate(first.outputs):
-        for q, name in enumerate(first.inputs):
-            panel = sheet.axes[m][q]
+    for row, output in enumerate(first.outputs):
+        for column, name in enumerate(first.inputs):
+            panel = sheet.axes[row][column]
             for number, (kind, result) in enumerate(kinds):
                 look = method_style(number, alone=True)
                 panel.plot(
                     result.frequency,
-                    result.coherence[m, q],
+                    result.coherence[row, column],
                     label=escaped_dollars(kind),
                     color=look["color"],
                     linewidth=1.2,
@@ -317,11 +312,11 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
             panel.set_xlim(float(first.frequency[0]), float(first.frequency[-1]))
             panel.set_ylim(0.0, 1.02)
             decades(panel.xaxis, (1.0, 2.0, 5.0))
-            if q:
+            if column:
                 panel.tick_params(labelleft=False)
-            if m == len(first.outputs) - 1:
+            if row == len(first.outputs) - 1:
                 panel.set_xlabel(f"frequency (Hz), {escaped_dollars(name)}", fontsize=LABEL_SIZE)
-        y_label(sheet.axes[m][0], f"coherence of {escaped_dollars(output)} (–)")
+        y_label(sheet.axes[row][0], f"coherence of {escaped_dollars(output)} (–)")
     return finish(sheet, title, head=0.12)
 
 
@@ -329,16 +324,19 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
 
 _PANEL_HEIGHT = 1.15  # inches, height of a panel
 _ROW_HEIGHT = 0.3  # inches, height of a row
-# inner spreads of the values, beyond which an error bar that tells nothing is cut
-_LARGEST_DRAWN_SPREADS = 5.0
-_MOST_FLIGHT_NAMES = 45  # most names at an axis without overlap
-_LONGEST_AXIS_NAME = 12  # letters of a name at an axis
+_MOST_FLIGHT_NAMES = 45  # with more flights, the axis has their numbers
+_LONGEST_AXIS_NAME = 12  # letters; with a longer name, the axis has the numbers of the flights
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line ``(k,)`` over ``along (k,)`` with its sigma ``(k,)``, and the scatter of flights about
-    it.
+    """Pooled line of a derivative over a condition, SI.
+
+    Attributes
+    ----------
+    along : values of the condition, ``(k,)``.
+    middle, sigma : values of the line and their standard deviations, ``(k,)``.
+    scatter : standard deviation of the flights about the line.
     """
 
     along: np.ndarray
@@ -349,8 +347,15 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class OverCondition:
-    """A derivative of n flights over a condition: values and sigmas ``(n,)``, outlying flights, and
-    the pooled line.
+    """A derivative of n flights over a condition, SI.
+
+    Attributes
+    ----------
+    name, unit : the derivative and its unit.
+    condition : value of the condition in each flight, ``(n,)``.
+    values, sigmas : estimate of each flight and its standard deviation, ``(n,)``.
+    out : whether each flight is an outlier, ``(n,)``.
+    line : the pooled line.
     """
 
     name: str
@@ -364,8 +369,15 @@ class OverCondition:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """A parameter that flights share: each flight's own value and sigma ``(n,)`` over the condition
-    ``(n,)``, which have it, and the common one.
+    """A parameter of an effect that several of n flights have, SI.
+
+    Attributes
+    ----------
+    name, unit : effect and parameter, and its unit.
+    condition : value of the condition in each flight, ``(n,)``.
+    values, sigmas : estimate of each flight and its standard deviation, ``(n,)``.
+    has : whether each flight has the effect, ``(n,)``.
+    common, common_sigma : common estimate of the flights with the effect.
     """
 
     name: str
@@ -381,9 +393,14 @@ class Shared:
 def figure_over_condition(
     rows: Sequence[OverCondition], condition: str, unit: str, title: str = ""
 ) -> Figure:
-    """Return one panel per derivative: each flight with two sigmas, the pooled line with its band,
-    and
-    the scatter of the flights about it.
+    """Plot each derivative over a condition, such as airspeed, a panel for each.
+
+    Flights have bars of two standard deviations. The pooled line has its band, and a wider band
+    that includes the scatter of the flights.
+
+    Parameters
+    ----------
+    condition, unit : name of the condition and its SI unit.
     """
     sheet = make_sheet(
         [_PANEL_HEIGHT] * (-(-len(rows) // 2)),
@@ -396,46 +413,20 @@ def figure_over_condition(
         shown = display_unit(row.unit, row.name)
         at, along = across.factor * row.condition, across.factor * row.line.along
         middle, sigma = shown.factor * row.line.middle, shown.factor * row.line.sigma
-        wide = 2.0 * np.hypot(sigma, shown.factor * row.line.scatter)
-        panel.fill_between(
-            along,
-            middle - wide,
-            middle + wide,
-            color=LIGHT,
-            alpha=0.6,
-            linewidth=0,
-            label="flights within ±2σ",
-        )
-        panel.fill_between(
-            along,
-            middle - 2 * sigma,
-            middle + 2 * sigma,
-            color=BLUE,
-            alpha=0.3,
-            linewidth=0,
-            label="pooled ±2σ",
-        )
-        panel.plot(along, middle, "-", color=BLUE, linewidth=1.2, label="pooled")
-        for chosen, colour, label in (
-            (~row.out, BLACK, "one flight ±2σ"),
-            (row.out, VERMILION, "stands out"),
+        total = np.hypot(sigma, shown.factor * row.line.scatter)
+        for std, colour, alpha, label in (
+            (total, LIGHT, 0.6, "flights within ±2σ"),
+            (sigma, BLUE, 0.3, "pooled ±2σ"),
         ):
-            if np.any(chosen):
-                values, sigmas = (
-                    shown.factor * row.values[chosen],
-                    shown.factor * row.sigmas[chosen],
-                )
-                panel.errorbar(
-                    at[chosen],
-                    values,
-                    2 * sigmas,
-                    fmt=".",
-                    color=colour,
-                    markersize=4.5,
-                    elinewidth=0.7,
-                    label=label,
-                )
-        _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
+            low, high = middle - 2.0 * std, middle + 2.0 * std
+            panel.fill_between(
+                along, low, high, color=colour, alpha=alpha, linewidth=0, label=label
+            )
+        panel.plot(along, middle, "-", color=BLUE, linewidth=1.2, label="pooled")
+        values, sigmas = shown.factor * row.values, shown.factor * row.sigmas
+        _draw_flights(panel, at, values, sigmas, ~row.out, BLACK, "one flight ±2σ")
+        _draw_flights(panel, at, values, sigmas, row.out, VERMILION, "stands out")
+        _limits(panel, values, sigmas)
         y_label(panel, axis_label(row.name, shown))
     for panel in sheet.panels[-len(sheet.widths) :]:
         panel.set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
@@ -443,8 +434,10 @@ def figure_over_condition(
 
 
 def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
-    """Return one panel per effect: the value of each flight by itself over the condition, and the
-    common one of the flights that have it.
+    """Plot each parameter of a shared effect over a condition, a panel for each.
+
+    Each flight has its own estimate with a bar of two standard deviations. The line and its band
+    are the common estimate of the flights with the effect.
     """
     sheet = make_sheet([1.35] * len(rows), row_gap=0.2)
     across = display_unit(unit, condition)
@@ -453,26 +446,11 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
         low, high = (shown.factor * (row.common + side * 2 * row.common_sigma) for side in (-1, 1))
         panel.axhspan(low, high, color=BLUE, alpha=0.3, linewidth=0, label="common value ±2σ")
         panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
-        for chosen, colour, label in (
-            (row.has, BLACK, "has it, ±2σ"),
-            (~row.has, GREY, "does not have it, or undecided"),
-        ):
-            if np.any(chosen):
-                values, sigmas = (
-                    shown.factor * row.values[chosen],
-                    shown.factor * row.sigmas[chosen],
-                )
-                panel.errorbar(
-                    across.factor * row.condition[chosen],
-                    values,
-                    2 * sigmas,
-                    fmt=".",
-                    color=colour,
-                    markersize=4.5,
-                    elinewidth=0.7,
-                    label=label,
-                )
-        _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
+        at = across.factor * row.condition
+        values, sigmas = shown.factor * row.values, shown.factor * row.sigmas
+        _draw_flights(panel, at, values, sigmas, row.has, BLACK, "has it, ±2σ")
+        _draw_flights(panel, at, values, sigmas, ~row.has, GREY, "does not have it, or undecided")
+        _limits(panel, values, sigmas)
         y_label(panel, escaped_dollars(f"{row.name} ({shown.text})"))
     sheet.panels[-1].set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
     return finish(sheet, title)
@@ -481,10 +459,19 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
 def figure_effects(
     flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = ""
 ) -> Figure:
-    """Plot a row for each effect and a column for each flight: filled if present, open if absent,
-    half if undecided.
+    """Plot which flights have which effect, a row for each effect and a column for each flight.
+
+    A mark is filled if the flight has the effect (probability above 0.95), open if it does not
+    (below 0.05), and grey if that is undecided.
+
+    Parameters
+    ----------
+    flights : names of the n flights.
+    probabilities : probability of each effect in each flight, ``(n,)``.
     """
     names = list(probabilities)
+    flight_labels = [escaped_dollars(flight) for flight in flights]
+    numbers = 1 + np.arange(len(flights))
     named = len(flights) <= _MOST_FLIGHT_NAMES and max(map(len, flights)) <= _LONGEST_AXIS_NAME
     sheet = make_sheet(
         [_ROW_HEIGHT * len(names) + 0.15],
@@ -492,18 +479,16 @@ def figure_effects(
     )
     panel = sheet.panels[0]
     for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
-        p = probabilities[name]
-        x = 1 + np.arange(len(flights))
+        probability = probabilities[name]
         for chosen, face, label in (
-            (p > 0.95, BLUE, "has it"),
-            ((p >= 0.05) & (p <= 0.95), LIGHT, "undecided"),
-            (p < 0.05, "white", "does not have it"),
+            (probability > 0.95, BLUE, "has it"),
+            ((probability >= 0.05) & (probability <= 0.95), LIGHT, "undecided"),
+            (probability < 0.05, "white", "does not have it"),
         ):
             if np.any(chosen):
-                at = x[chosen]
                 panel.plot(
-                    at,
-                    np.full(len(at), y),
+                    numbers[chosen],
+                    np.full(np.count_nonzero(chosen), y),
                     "s",
                     color=BLUE,
                     markerfacecolor=face,
@@ -517,29 +502,44 @@ def figure_effects(
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
     if named:
         panel.grid(False)
-        panel.set_xticks(
-            1 + np.arange(len(flights)),
-            [escaped_dollars(flight) for flight in flights],
-            rotation=90,
-        )
+        panel.set_xticks(numbers, flight_labels, rotation=90)
+        bottom = 0.2 + max(text_width(label, TICK_SIZE) for label in flight_labels)
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
-            f"number of the flight (1: {escaped_dollars(flights[0])}, "
-            f"{len(flights)}: {escaped_dollars(flights[-1])})",
+            f"number of the flight (1: {flight_labels[0]}, {len(flights)}: {flight_labels[-1]})",
             fontsize=LABEL_SIZE,
         )
-    return finish(
-        sheet,
-        title,
-        bottom=0.2 + max(text_width(escaped_dollars(flight), TICK_SIZE) for flight in flights)
-        if named
-        else 0.5,
-    )
+        bottom = 0.5
+    return finish(sheet, title, bottom=bottom)
 
 
-def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:
-    """Set axis limits for all values, and for error bars up to the spread of the values."""
+def _draw_flights(
+    panel: Axes,
+    condition: np.ndarray,
+    values: np.ndarray,
+    sigmas: np.ndarray,
+    chosen: np.ndarray,
+    colour: str,
+    label: str,
+) -> None:
+    """Draw the ``chosen`` flights, ``(n,)``, with bars of two standard deviations."""
+    if np.any(chosen):
+        panel.errorbar(
+            condition[chosen],
+            values[chosen],
+            2.0 * sigmas[chosen],
+            fmt=".",
+            color=colour,
+            markersize=4.5,
+            elinewidth=0.7,
+            label=label,
+        )
+
+
+def _limits(panel: Axes, values: np.ndarray, sigmas: np.ndarray) -> None:
+    """Limit the y axis to all values and twice their median sigma; longer bars are cut off."""
     reach = 2.0 * float(np.median(sigmas)) + 1e-12
     low, high = float(np.min(values)) - reach, float(np.max(values)) + reach
-    panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # type: ignore[attr-defined]
+    margin = 0.05 * (high - low)
+    panel.set_ylim(low - margin, high + margin)

@@ -38,6 +38,7 @@ from scenarios.plots.style import (
     PanelsOverNames,
     caption,
     decades,
+    draw_bar,
     finish,
     folded,
     make_sheet,
@@ -262,18 +263,12 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
                 markersize=4.5,
                 label="condensed",
             )
-            _bar(panel, x, row.estimate, row.std, unit.factor, "o", BLUE, "estimated ±2σ")
+            factor = unit.factor
+            estimate, std = factor * row.estimate, factor * row.std
+            draw_bar(panel, x, estimate, std, "o", BLUE, "estimated ±2σ")
             if row.published is not None:
-                _bar(
-                    panel,
-                    x + 0.2,
-                    row.published,
-                    row.published_std,
-                    unit.factor,
-                    "s",
-                    VERMILION,
-                    "published ±2σ",
-                )
+                value, std = factor * row.published, factor * (row.published_std or 0.0)
+                draw_bar(panel, x + 0.2, value, std, "s", VERMILION, "published ±2σ")
     return panels.finished(head=0.26)
 
 
@@ -321,31 +316,6 @@ def _percent(panel: Axes, x: float, y: float, value: float, true: float, colour:
     )
 
 
-def _bar(
-    panel: Axes,
-    x: float,
-    value: float,
-    std: float | None,
-    factor: float,
-    marker: str,
-    colour: str,
-    label: str,
-) -> None:
-    """Draw a value with a bar of two standard deviations, both times ``factor``."""
-    bar = None if std is None else [2.0 * factor * std]
-    panel.errorbar(
-        [x],
-        [factor * value],
-        yerr=bar,
-        fmt=marker,
-        color=colour,
-        markersize=4.5,
-        linewidth=1.2,
-        capsize=2.5,
-        label=label,
-    )
-
-
 # ---- Residuals and spectra before and after effects are added, and the held-out record
 
 _BAND = "±2σ of the sensor noise"
@@ -365,12 +335,12 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     else:
         sides = [("before", fitted.before), ("after", fitted.after)]
     sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
-    for line, (row, name) in zip(sheet.axes, shown, strict=True):
+    for panels, (row, name) in zip(sheet.axes, shown, strict=True):
         channel = fitted.record[name]
         unit, valid = display_unit(channel.unit), channel.valid
         set_aside = valid & ~fitted.used[row]
         limit = 0.0
-        for panel, (model, residuals) in zip(line, sides, strict=True):
+        for panel, (model, residuals) in zip(panels, sides, strict=True):
             values = unit.factor * residuals[row]
             _few_ticks(panel)
             _band(panel, unit.factor * noise.get(name, 0.0))
@@ -403,11 +373,11 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
             used = valid & fitted.used[row]
             rms = float(np.sqrt(np.mean(values[used] ** 2))) if np.any(used) else 0.0
             caption(panel, f"{model}: rms {rms:#.3g} {unit.text}")
-        for panel in line:
+        for panel in panels:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
-        for panel in line[1:]:
+        for panel in panels[1:]:
             panel.tick_params(labelleft=False)
-        y_label(line[0], axis_label(name, unit))
+        y_label(panels[0], axis_label(name, unit))
     for panel in sheet.axes[-1]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
@@ -475,8 +445,8 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
         both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
-        alone = ((fitted.after[row], "residual", 0),)
-        lines = alone if same else both
+        single = ((fitted.after[row], "residual", 0),)
+        lines = single if same else both
         for residual, label, order in lines:
             hertz, power = spectrum(
                 np.where(used, residual, 0.0), interval, int(np.count_nonzero(used))
@@ -530,11 +500,12 @@ def input_coherence(
     segments = segments - segments.mean(axis=2, keepdims=True)
     transforms = np.fft.rfft(segments * np.hanning(length), axis=2)
     matrix = np.einsum("asf,bsf->fab", transforms.conj(), transforms) / len(starts)
-    own, cross, power = matrix[:, :-1, :-1], matrix[:, :-1, -1], matrix[:, -1, -1].real
+    # Cross spectra of the inputs, of inputs and residual, and the spectrum of the residual.
+    of_inputs, cross, power = matrix[:, :-1, :-1], matrix[:, :-1, -1], matrix[:, -1, -1].real
     unit = np.eye(len(inputs))
-    trace = np.trace(own, axis1=1, axis2=2).real[:, None, None]
-    own = own + INPUT_REGULARIZATION * trace * unit
-    solved = np.linalg.solve(own + SMALLEST_POWER * unit, cross[..., None])[..., 0]
+    trace = np.trace(of_inputs, axis1=1, axis2=2).real[:, None, None]
+    of_inputs = of_inputs + INPUT_REGULARIZATION * trace * unit
+    solved = np.linalg.solve(of_inputs + SMALLEST_POWER * unit, cross[..., None])[..., 0]
     share = np.sum(cross.conj() * solved, axis=1).real / np.where(power > 0.0, power, np.inf)
     hertz = np.fft.rfftfreq(length, interval)
     return hertz[1:], np.clip(share, 0.0, 1.0)[1:]

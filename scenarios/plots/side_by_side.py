@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +19,7 @@ from scenarios.plots.display import (
     signed,
     symbol,
 )
+from scenarios.plots.residuals import CLIPPED_SIGMAS
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -30,6 +31,7 @@ from scenarios.plots.style import (
     ZERO,
     PanelsOverNames,
     caption,
+    draw_bar,
     finish,
     make_sheet,
     method_style,
@@ -38,59 +40,55 @@ from scenarios.plots.style import (
     y_label,
 )
 
-CLIPPED_SIGMAS, CLIPPED_PERCENT = 8.0, 40.0  # larger errors are drawn as arrows
+CLIPPED_PERCENT = 40.0  # larger errors are drawn as arrows
 _LINE_HEIGHT = 0.14  # inches, height of a mark
 _PANEL_GAP_LINES = 0.8  # space between parameters, in lines
 
 
-@dataclass(frozen=True)
-class ParameterColumn:
-    """A parameter in one study.
+class StudyValue(Protocol):
+    """Estimate of a parameter in one study, with errors from its reference value.
 
-    Attributes
-    ----------
-    estimate, std : estimate and its sigma; 0 if the sigma is unknown.
-    true : true value, or None.
-    condensed : value with the elastic modes statically condensed, or None.
-    published : published value and its sigma, or None.
+    The reference value is the value with the elastic modes statically condensed if the study has
+    it, else the true value.
     """
-
-    estimate: float
-    std: float
-    true: float | None = None
-    condensed: float | None = None
-    published: tuple[float, float] | None = None
 
     @property
-    def reference(self) -> float | None:
-        """Value from which errors count: the condensed value if there is one, else the true one."""
-        return self.true if self.condensed is None else self.condensed
+    def estimate(self) -> float: ...
+    @property
+    def std(self) -> float: ...
+    @property
+    def true(self) -> float | None: ...
+    @property
+    def condensed(self) -> float | None: ...
+    @property
+    def reference(self) -> float | None: ...
+    @property
+    def percent(self) -> float | None: ...
+    @property
+    def sigmas(self) -> float | None: ...
+    @property
+    def published_value(self) -> StudyValue | None: ...
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResponse:
-    """Signals of one study, ``(N,)`` each, SI.
+class StudyOutputs(Protocol):
+    """Signals of one study in SI units, ``(N,)`` each, by name, over ``time`` in s."""
 
-    Attributes
-    ----------
-    label : label of the study.
-    time : times, s.
-    inputs, measured, predicted : inputs, and measured and predicted outputs, by name.
-    units : unit of each channel.
-    simulated : whether the record is simulated.
-    """
-
-    label: str
-    time: np.ndarray
-    inputs: Mapping[str, np.ndarray]
-    measured: Mapping[str, np.ndarray]
-    predicted: Mapping[str, np.ndarray]
-    units: Mapping[str, str]
-    simulated: bool = False
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def inputs(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def measured(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def predicted(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def units(self) -> Mapping[str, str]: ...
+    @property
+    def simulated(self) -> bool: ...
 
 
-# Parameter -> its column in each study; None if a study does not have it.
-Rows = Mapping[str, Sequence[ParameterColumn | None]]
+# Parameter -> its value in each study; None if a study does not have it.
+Rows = Mapping[str, Sequence[StudyValue | None]]
 
 
 def figure_studies_estimates(
@@ -103,20 +101,20 @@ def figure_studies_estimates(
     """
     panels = PanelsOverNames.of(len(rows), labels, "study", title)
     for (name, row), panel in zip(rows.items(), panels.sheet.panels, strict=True):
-        columns = [column for column in row if column is not None]
-        values = [
-            value
-            for column in columns
-            for value in (column.estimate, column.true, column.condensed)
+        numbers = [
+            number
+            for value in row
             if value is not None
+            for number in (value.estimate, value.true, value.condensed)
+            if number is not None
         ]
         base_unit = display_unit(units[name], name)
-        unit = scaled_unit(base_unit, base_unit.factor * max(map(abs, values)))
+        unit = scaled_unit(base_unit, base_unit.factor * max(map(abs, numbers)))
         label = axis_label(name, unit)
         caption(panel, label if "$" in label else label.replace("_", " "))
-        for number, column in enumerate(row):
-            if column is not None:
-                _draw_estimate(panel, float(number), column, unit.factor)
+        for place, value in enumerate(row):
+            if value is not None:
+                _draw_estimate(panel, float(place), value, unit.factor)
     return panels.finished(head=0.24)
 
 
@@ -127,9 +125,9 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
     """
     n, studies = len(rows), len(labels)
     has_published = any(
-        column is not None and column.published is not None
+        value is not None and value.published_value is not None
         for row in rows.values()
-        for column in row
+        for value in row
     )
     lines = studies * (2 if has_published else 1)
     height = lines + _PANEL_GAP_LINES  # of a parameter, in lines
@@ -141,8 +139,8 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
     sigmas.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     step = 1.0 / height
     for place, row in enumerate(rows.values()):
-        for number, column in enumerate(row):
-            if column is None or column.reference is None:
+        for number, value in enumerate(row):
+            if value is None:
                 continue
             y = n - 1 - place + 0.5 - step * (0.9 + number * lines / studies)
             style = {
@@ -150,12 +148,11 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
                 "marker": "o",
                 "label": escaped_dollars(labels[number]),
             }
-            _draw_errors(percent, sigmas, column, y, style)
-            if column.published is not None:
-                value, std = column.published
-                published = replace(column, estimate=value, std=std)
+            _draw_errors(percent, sigmas, value, y, style)
+            if value.published_value is not None:
                 open_square = {"marker": "s", "markerfacecolor": "white", "label": ""}
-                _draw_errors(percent, sigmas, published, y - step, {**style, **open_square})
+                published_style = {**style, **open_square}
+                _draw_errors(percent, sigmas, value.published_value, y - step, published_style)
         if place:
             for panel in sheet.panels:
                 panel.axhline(n - place - 0.5, color=LIGHT, linewidth=0.6)
@@ -181,23 +178,24 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
 
 
 def figure_studies_responses(
-    studies: Sequence[StudyResponse], outputs: Sequence[str], title: str = ""
+    studies: Mapping[str, StudyOutputs], outputs: Sequence[str], title: str = ""
 ) -> Figure:
     """Plot recorded (dots) and predicted outputs (lines) of several studies over time.
 
-    The inputs common to all studies are above. Angles are in degrees.
+    The inputs common to all studies are above. Angles are in degrees. ``studies``: by label.
     """
-    inputs = [name for name in studies[0].inputs if all(name in study.inputs for study in studies)]
+    signals = list(studies.values())
+    inputs = [name for name in signals[0].inputs if all(name in study.inputs for study in signals)]
     sheet = make_sheet([1.15] * len(inputs) + [1.9] * len(outputs), row_gap=0.16)
     for name, panel in zip((*inputs, *outputs), sheet.panels, strict=True):
         unit = display_unit(
             next(
                 study.units.get(name, "")
-                for study in studies
+                for study in signals
                 if name in study.inputs or name in study.measured
             )
         )
-        for number, study in enumerate(studies):
+        for number, (label, study) in enumerate(studies.items()):
             style = method_style(number)
             if name in inputs:
                 panel.plot(
@@ -216,11 +214,11 @@ def figure_studies_responses(
                 panel.plot(
                     study.time,
                     unit.factor * study.predicted[name],
-                    label=escaped_dollars(study.label),
+                    label=escaped_dollars(label),
                     **style,
                 )
         y_label(panel, axis_label(name, unit))
-    kinds = sorted({SIMULATED_DATA if study.simulated else MEASURED_DATA for study in studies})
+    kinds = sorted({SIMULATED_DATA if study.simulated else MEASURED_DATA for study in signals})
     sheet.panels[-1].plot(
         [], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds)
     )
@@ -232,61 +230,37 @@ def figure_studies_responses(
     )
 
 
-def _draw_estimate(panel: Axes, x: float, column: ParameterColumn, factor: float) -> None:
+def _draw_estimate(panel: Axes, x: float, value: StudyValue, factor: float) -> None:
     """Draw the values of a parameter in one study, times ``factor``."""
-    if column.true is not None:
-        panel.plot([x - 0.4, x + 0.4], [factor * column.true] * 2, label="true", **TRUE)
-    if column.condensed is not None:
+    if value.true is not None:
+        panel.plot([x - 0.4, x + 0.4], [factor * value.true] * 2, label="true", **TRUE)
+    if value.condensed is not None:
         panel.plot(
             [x - 0.22],
-            [factor * column.condensed],
+            [factor * value.condensed],
             "D",
             color=BLACK,
             markersize=4.5,
             label="condensed",
         )
-    _bar(panel, x, (column.estimate, column.std), factor, "o", BLUE, "estimated ±2σ")
-    if column.published is not None:
-        _bar(panel, x + 0.22, column.published, factor, "s", VERMILION, "published ±2σ")
-
-
-def _bar(
-    panel: Axes,
-    x: float,
-    estimate: tuple[float, float],
-    factor: float,
-    marker: str,
-    colour: str,
-    label: str,
-) -> None:
-    """Draw a value with a bar of two sigmas; without a bar if the sigma is unknown."""
-    value, std = estimate
-    bar = [2.0 * factor * std] if std > 0.0 else None
-    panel.errorbar(
-        [x],
-        [factor * value],
-        yerr=bar,
-        fmt=marker,
-        color=colour,
-        markersize=4.5,
-        linewidth=1.2,
-        capsize=2.5,
-        label=label,
-    )
+    published = value.published_value
+    for place, shown, marker, colour, label in (
+        (x, value, "o", BLUE, "estimated ±2σ"),
+        (x + 0.22, published, "s", VERMILION, "published ±2σ"),
+    ):
+        if shown is not None:
+            number, std = factor * shown.estimate, factor * shown.std
+            draw_bar(panel, place, number, std, marker, colour, label)
 
 
 def _draw_errors(
-    percent: Axes, sigmas: Axes, column: ParameterColumn, y: float, style: Mapping
+    percent: Axes, sigmas: Axes, value: StudyValue, y: float, style: Mapping[str, Any]
 ) -> None:
     """Draw the error of one value in both panels, if it is known."""
-    if column.reference is None:
-        return
-    error = column.estimate - column.reference
-    if column.reference:
-        relative = 100.0 * error / abs(column.reference)
-        _mark(percent, relative, CLIPPED_PERCENT, y, style, "%")
-    if column.std > 0.0:
-        _mark(sigmas, error / column.std, CLIPPED_SIGMAS, y, style, "σ")
+    if value.percent is not None:
+        _mark(percent, value.percent, CLIPPED_PERCENT, y, style, "%")
+    if value.sigmas is not None:
+        _mark(sigmas, value.sigmas, CLIPPED_SIGMAS, y, style, "σ")
 
 
 def _mark(panel: Axes, error: float, limit: float, y: float, style: Mapping, unit: str) -> None:

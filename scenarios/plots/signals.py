@@ -40,6 +40,7 @@ from scenarios.plots.style import (
     ZERO,
     Sheet,
     caption,
+    draw_estimate,
     finish,
     folded,
     make_sheet,
@@ -70,12 +71,12 @@ class MethodOutputs:
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
     """Return the outputs of an estimate for one of its records.
 
-    Those of a filter are one-step predictions, NaN if a sample was missing or the filter had
-    diverged.
+    The outputs of a filter are one-step predictions. They are NaN if a sample was missing or the
+    filter had diverged.
 
     Parameters
     ----------
-    label : label of the method; empty: its name.
+    label : label of the method; empty: the name of the method.
     record : number of the record, from 0.
     """
     values = np.array(estimate.fitted[record], dtype=float)
@@ -133,7 +134,7 @@ def figure_fit(
     data: str = MEASURED_DATA,
     above: Sequence[Channel] = (),
 ) -> Figure:
-    """Plot recorded (dots) and estimated outputs, with the residual (record minus estimate) below.
+    """Plot recorded (dots) and estimated outputs, with the residual (record minus estimate) lower.
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ def figure_fit(
     _draw_channels(sheet.panels, record, above)
     for number, channel in enumerate(shown):
         unit = display_unit(channel.unit)
-        upper, below = sheet.panels[len(above) + 2 * number :][:2]
+        upper, lower = sheet.panels[len(above) + 2 * number :][:2]
         _dots(upper, record, channel, unit.factor, data)
         if truth is not None and channel.name in truth.outputs:
             upper.plot(
@@ -169,10 +170,10 @@ def figure_fit(
             )
         if noise_std is not None and channel.name in noise_std:
             band = 2.0 * unit.factor * noise_std[channel.name]
-            below.axhspan(
+            lower.axhspan(
                 -band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the sensor noise"
             )
-        below.axhline(0.0, **ZERO)
+        lower.axhline(0.0, **ZERO)
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:
                 continue
@@ -180,7 +181,7 @@ def figure_fit(
             values = unit.factor * response.outputs[channel.name]
             upper.plot(record.time, values, label=escaped_dollars(response.label), **line_style)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
-            below.plot(
+            lower.plot(
                 record.time,
                 residual,
                 linestyle="none",
@@ -189,9 +190,9 @@ def figure_fit(
                 markeredgewidth=0.0,
                 color=line_style["color"],
             )
-        _limit_to_measured(upper, below, unit.factor * channel.values[channel.valid])
+        _limit_to_measured(upper, lower, unit.factor * channel.values[channel.valid])
         y_label(upper, axis_label(channel.name, unit))
-        y_label(below, f"residual ({unit.text})", TICK_SIZE)
+        y_label(lower, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])
     return finish(sheet, title, head=0.16)
 
@@ -217,19 +218,19 @@ def _draw_channels(panels: Sequence[Axes], record: Record, channels: Sequence[Ch
         y_label(panel, axis_label(channel.name, unit))
 
 
-def _limit_to_measured(above: Axes, below: Axes, measured: np.ndarray) -> None:
-    """Limit a panel and its residual to a range about the measured values, ``(N,)``.
+def _limit_to_measured(upper: Axes, lower: Axes, measured: np.ndarray) -> None:
+    """Limit a panel and the panel of its residual to a range about the measured values, ``(N,)``.
 
-    A response that diverges leaves the panel, and a caption says so.
+    A diverging response is cut off, and a caption says so.
     """
     low, high = float(measured.min()), float(measured.max())
     margin = 1.5 * (high - low) or 1.0
-    bottom, top = above.get_ylim()
-    above.set_ylim(max(bottom, low - margin), min(top, high + margin))
+    bottom, top = upper.get_ylim()
+    upper.set_ylim(max(bottom, low - margin), min(top, high + margin))
     if bottom < low - margin or top > high + margin:
-        caption(above, "a response leaves the panel")
-    bottom, top = below.get_ylim()
-    below.set_ylim(max(bottom, -margin), min(top, margin))
+        caption(upper, "a response leaves the panel")
+    bottom, top = lower.get_ylim()
+    lower.set_ylim(max(bottom, -margin), min(top, margin))
 
 
 def _dots(panel: Axes, record: Record, channel: Channel, factor: float, data: str) -> None:
@@ -296,12 +297,11 @@ def figure_ballistic_coefficient(
     true : true ballistic coefficient, kg/m2, a number or ``(N,)``.
     """
     unit = POUNDS_PER_SQUARE_FOOT
-    # Two methods stand beside each other in a block: a row of estimates and, with the truth, a
-    # row of errors.
-    count, per_row = len(histories), 1 if true is None else 2
+    # A block has two methods: a row of estimates and, if the truth is known, a row of errors.
+    count, block_rows = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
     sheet = make_sheet(
-        [1.9 if blocks == 1 else 1.4] * per_row * blocks,
+        [1.9 if blocks == 1 else 1.4] * block_rows * blocks,
         (1.0,) * min(count, 2),
         row_gap=0.36 if blocks == 1 else 0.62,
         column_gap=0.6,
@@ -311,9 +311,9 @@ def figure_ballistic_coefficient(
     errors: list[np.ndarray] = []
     lowest: list[Axes] = []
     for number, (label, path) in enumerate(paths.items()):
-        row, column = per_row * (number // 2), number % 2
+        row, column = block_rows * (number // 2), number % 2
         panel = sheet.axes[row][column]
-        lowest = [*lowest[-1:], sheet.axes[row + per_row - 1][column]]
+        lowest = [*lowest[-1:], sheet.axes[row + block_rows - 1][column]]
         lowest[-1].tick_params(labelbottom=True)
         heading = escaped_dollars(label)
         if not path.time.size:
@@ -323,38 +323,28 @@ def figure_ballistic_coefficient(
             y_label(panel, f"{symbol('beta')} ({unit.text})")
             if true is not None:
                 y_label(sheet.axes[row + 1][0], f"error in {symbol('beta')} ({unit.text})")
-        panel.fill_between(
-            path.time,
-            path.mean - 2.0 * path.std,
-            path.mean + 2.0 * path.std,
-            color=SKY,
-            alpha=0.35,
-            linewidth=0,
-            label="±2σ",
-        )
-        panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
+        draw_estimate(panel, path.time, path.mean, path.std)
         if true is not None:
-            actual = (
-                unit.factor * np.broadcast_to(true, len(histories[label].time))[: path.time.size]
-            )
+            count = len(histories[label].time)
+            actual = unit.factor * np.broadcast_to(true, count)[: path.time.size]
             panel.plot(path.time, actual, label="true", zorder=5, **TRUE)
             errors.append(path.mean - actual)
             _draw_error(sheet.axes[row + 1][column], path, errors[-1])
     if count % 2 and blocks > 1:  # the last block has no second method
-        for row in range(per_row * (blocks - 1), per_row * blocks):
+        for row in range(block_rows * (blocks - 1), block_rows * blocks):
             sheet.axes[row][1].set_visible(False)
     bands = [
         edge
         for path in paths.values()
         for edge in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)
     ]
-    _share_limits(sheet, 0, per_row, *_range(bands))
+    _share_limits(sheet, 0, block_rows, *_range(bands))
     if true is not None:
         limit = max(
             _settled_limit(error, path.std)
             for error, path in zip(errors, paths.values(), strict=True)
         )
-        _share_limits(sheet, 1, per_row, -limit, limit)
+        _share_limits(sheet, 1, block_rows, -limit, limit)
     for panel in lowest:
         time_axis(panel)
     return finish(sheet, title, head=0.24 if blocks == 1 else 0.38)
@@ -389,7 +379,7 @@ def _draw_errors(
     """Draw the errors of all methods with two-sigma bounds; ``actual``: true values, ``(N,)``."""
     panel.axhline(0.0, **ZERO)
     limit = 0.0
-    for number, (_, history) in enumerate(histories.items()):
+    for number, history in enumerate(histories.values()):
         path, line_style = course(history, name, unit.factor), method_style(number)
         error = path.mean - unit.factor * actual[: path.time.size]
         panel.plot(path.time, error, **line_style)
@@ -409,7 +399,10 @@ def _draw_errors(
 
 
 def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
-    """Return an axis limit that contains an error and its bounds after a share of the samples."""
+    """Return an axis limit that contains an error and its bounds.
+
+    The first samples, a share of ``after``, do not count.
+    """
     if error.size == 0:
         return 1.0
     start = int(after * error.size)
@@ -428,9 +421,9 @@ def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float) -> None:
-    """Set the same limits in every row ``first``, ``first + every`` ... of a sheet."""
-    for row in sheet.axes[first::every]:
+def _share_limits(sheet: Sheet, first: int, step: int, low: float, high: float) -> None:
+    """Set the same limits in the rows ``first``, ``first + step`` ... of a sheet."""
+    for row in sheet.axes[first::step]:
         for panel in row:
             panel.set_ylim(low, high)
 
@@ -439,34 +432,35 @@ def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float)
 
 
 def figure_reconstruction(
-    item: Reconstruction, title: str = "", data: str = MEASURED_DATA
+    reconstruction: Reconstruction, title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """Plot each output: recorded (dots), integrated from the measured inputs, and smoothed.
+    """Plot each output: recorded (dots), integrated from the other channels, and smoothed.
 
-    Residuals are below. The integrated curve drifts because of the noise of the inputs. Angles are
-    in degrees. ``data``: legend label of the samples.
+    Residuals are below. The integrated curve drifts because of the noise of these channels. Angles
+    are in degrees. ``data``: legend label of the samples.
     """
-    names = list(item.measured)
+    names = list(reconstruction.measured)
     sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)
     corrected = any(
-        not np.array_equal(item.recorded[name], item.integrated[name]) for name in names
+        not np.array_equal(reconstruction.recorded[name], reconstruction.integrated[name])
+        for name in names
     )
     for number, name in enumerate(names):
         unit = display_unit(UNITS[name])
-        above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
-        measured, used = unit.factor * item.measured[name], item.used[name]
-        above.plot(item.time[used], measured[used], label=data, **MEASURED)
-        below.axhline(0.0, **ZERO)
-        shown = [(item.recorded[name], "integrated from the other channels")]
+        upper, lower = sheet.panels[2 * number : 2 * number + 2]
+        measured, used = unit.factor * reconstruction.measured[name], reconstruction.used[name]
+        upper.plot(reconstruction.time[used], measured[used], label=data, **MEASURED)
+        lower.axhline(0.0, **ZERO)
+        shown = [(reconstruction.recorded[name], "integrated from the other channels")]
         if corrected:
-            shown.append((item.integrated[name], "with the faults found"))
-        shown.append((item.smoothed[name], "smoothed"))
+            shown.append((reconstruction.integrated[name], "with the faults found"))
+        shown.append((reconstruction.smoothed[name], "smoothed"))
         for order, (values, label) in enumerate(shown):
             line_style = method_style(order)
-            above.plot(item.time, unit.factor * values, label=label, **line_style)
+            upper.plot(reconstruction.time, unit.factor * values, label=label, **line_style)
             residual = np.where(used, measured - unit.factor * values, np.nan)
-            below.plot(
-                item.time,
+            lower.plot(
+                reconstruction.time,
                 residual,
                 linestyle="none",
                 marker=".",
@@ -474,7 +468,7 @@ def figure_reconstruction(
                 color=line_style["color"],
                 markeredgewidth=0.0,
             )
-        y_label(above, axis_label(name, unit))
-        y_label(below, f"residual ({unit.text})", TICK_SIZE)
+        y_label(upper, axis_label(name, unit))
+        y_label(lower, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])
     return finish(sheet, title, head=0.16)

@@ -1,8 +1,8 @@
 """Style of all figures: sizes for print at 100 %, a palette for colour-blind readers, a sheet of
 panels.
 
-Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known
-beforehand.
+The size of each panel is given in inches: a layout engine of matplotlib would draw every figure
+twice to find the sizes.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = (
     "#E69F00",
 )
 BLACK, GREY, LIGHT = "#000000", "#7F7F7F", "#D9D9D9"
-# Colour, dashes and width: each is thinner than the one before and lies upon it, so that lines that
-# coincide are all seen.
+# Colour, dashes and width of each line. Each is drawn over the one before and is thinner, so that
+# lines that coincide are all visible.
 _METHODS: tuple[tuple[str, Any, float], ...] = (
     (BLUE, "-", 2.2),
     (VERMILION, (0, (5, 2)), 1.6),
@@ -60,21 +60,27 @@ MEASURED: dict[str, Any] = {
 TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.9}
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
-_UNSEEN = str.maketrans("", "", "${}_^")
+_WITHOUT_WIDTH = str.maketrans("", "", "${}_^")  # characters of mathtext that are not drawn
 _SMALLEST_MARK = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW = 0.17  # inches
 _LEGEND_ROW = 0.16  # inches
 _CHARACTER_WIDTH = 0.066  # inches, width of a character
 _HANDLE_WIDTH = 0.55  # inches, width of a line in the legend
 _SMALLEST_LABEL = 6.0  # points, of a label that has little room
-_MOST = 8, 5  # numbers at an axis, along and up
+_MOST_TICKS = 8, 5  # along the x axis and the y axis
 _BOLD_WIDTH_RATIO = 1.1  # how much wider bold letters are
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A figure under construction: a grid of panels in rows, filled along the rows; sizes in
-    inches.
+    """A figure under construction: a grid of panels that is filled row by row.
+
+    Attributes
+    ----------
+    axes : panels by row.
+    heights : heights of the rows, inches.
+    widths : widths of the columns, in proportion to each other.
+    column_gap, row_gap, left, right : gaps and margins, inches.
     """
 
     figure: Figure
@@ -93,10 +99,10 @@ class Sheet:
 
 
 def method_style(number: int, *, alone: bool = False) -> dict[str, Any]:
-    """Colour, dashes and width of the method with this number, and its place above those before;
-    they repeat after six.
+    """Return colour, dashes, width and drawing order of the line of the method with this number.
 
-    ``alone``: nothing will lie upon it, so that it may be thin and let what is below be seen.
+    Colours and dashes repeat after six methods. ``alone``: no other line coincides with this one,
+    so that it may be thin and does not hide the data below it.
     """
     colour, line, width = _METHODS[number % len(_METHODS)]
     width = min(width, 1.3) if alone else width
@@ -114,11 +120,19 @@ def make_sheet(
     left: float = 0.72,
     right: float = 0.15,
 ) -> Sheet:
-    """Panels with rows of the given heights (inches) and columns of the given proportions.
+    """Return a grid of panels; ``finish`` must follow.
 
-    ``count`` leaves the last places of the last row empty. With ``share_x`` the panels of a column
-    have one x axis, with numbers at the lowest only. ``finish`` must follow. Raises ModelError when
-    there is no panel.
+    Parameters
+    ----------
+    heights : heights of the rows, inches.
+    widths : widths of the columns, in proportion to each other.
+    count : number of panels, so that the last places of the last row are empty. None: all.
+    share_x : whether the panels of a column have one x axis, with numbers at the lowest only.
+    column_gap, row_gap, left, right : gaps and margins, inches.
+
+    Raises
+    ------
+    ModelError : there is no panel.
     """
     rows, columns = len(heights), len(widths)
     total = rows * columns if count is None else count
@@ -129,20 +143,19 @@ def make_sheet(
     figure = Figure(figsize=(WIDTH, 1.0), dpi=DPI, facecolor="white")
     axes: list[tuple[Axes, ...]] = []
     for row in range(rows):
-        line = []
+        row_panels = []
         for column in range(min(columns, total - row * columns)):
-            # Rectangles that differ: equal ones would be taken for the same axes; finish() sets the
-            # real ones.
+            # Matplotlib takes equal rectangles for the same axes. finish() sets the real ones.
             panel = figure.add_axes(
                 (0.01 * column, 0.01 * row, 0.5, 0.5),
                 sharex=axes[0][column] if share_x and row else None,
             )
-            _dress(panel)
+            _set_up(panel)
             lowest = not share_x or (row + 1) * columns + column >= total
             panel.tick_params(labelbottom=lowest)
             panel.xaxis.get_offset_text().set_visible(lowest)
-            line.append(panel)
-        axes.append(tuple(line))
+            row_panels.append(panel)
+        axes.append(tuple(row_panels))
     return Sheet(
         figure, tuple(axes), tuple(heights), tuple(widths), column_gap, row_gap, left, right
     )
@@ -151,15 +164,19 @@ def make_sheet(
 def finish(
     sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 0.08, legend: bool = True
 ) -> Figure:
-    """Place the panels, with the title and one legend of everything labelled above them, where it
-    covers nothing.
+    """Place the panels below a title and a legend, and return the figure.
 
-    Of a title of several lines the first is bold; long lines are folded.
-    ``bottom`` and ``head`` (inches) are kept free for the labels below the last and above the first
-    row.
+    Parameters
+    ----------
+    title : its first line is bold; long lines are folded.
+    bottom, head : space for labels below the last row and above the first row, inches.
+    legend : whether there is a legend, with each label once.
     """
     figure = sheet.figure
-    handles = _labelled(sheet) if legend else {}
+    handles: dict[str, Any] = {}
+    for panel in sheet.panels if legend else ():
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
     inner = WIDTH - sheet.left - sheet.right
     columns = _legend_columns(list(handles), WIDTH - 0.3)
     legend_height = -(-len(handles) // columns) * _LEGEND_ROW + 0.06 if handles else 0.0
@@ -185,7 +202,7 @@ def finish(
                 )
     for row_height, row in zip(sheet.heights, sheet.axes, strict=True):
         for panel in row:
-            _fitted_label(panel, row_height + 0.9 * sheet.row_gap)
+            _fit_y_label(panel, row_height + 0.9 * sheet.row_gap)
     draw_title(figure, title, WIDTH, height)
     if handles:
         drawn = figure.legend(
@@ -202,14 +219,14 @@ def finish(
             handlelength=2.2,
             columnspacing=1.6,
         )
-        for handle in drawn.legend_handles:
-            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALLEST_MARK:
-                handle.set_markersize(2.5 * handle.get_markersize())
+        for mark in drawn.legend_handles:
+            if isinstance(mark, Line2D) and mark.get_markersize() < _SMALLEST_MARK:
+                mark.set_markersize(2.5 * mark.get_markersize())
     return figure
 
 
 def title_space(title: str, width: float) -> float:
-    """Height that a title takes in a figure of this width, inches; zero without one."""
+    """Return the height of a title in a figure of this width, inches; zero without a title."""
     return len(_title_lines(title, width)) * _TITLE_ROW + 0.11 if title else 0.0
 
 
@@ -236,7 +253,7 @@ def bold_title(figure: Figure) -> str:
 
 
 def hide_bold_title(figure: Figure) -> float:
-    """Hide the bold lines of a title; returns the height that they took at the top, inches."""
+    """Hide the bold lines of a title, and return the height that they had, inches."""
     bold = [text for text in figure.texts if text.get_gid() == TITLE]
     for text in bold:
         text.set_visible(False)
@@ -258,7 +275,7 @@ def text_width(text: str, points: float = LABEL_SIZE) -> float:
         _CHARACTER_WIDTH
         * points
         / TICK_SIZE
-        * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+        * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_WITHOUT_WIDTH))
     )
 
 
@@ -266,15 +283,15 @@ def text_width(text: str, points: float = LABEL_SIZE) -> float:
 class PanelsOverNames:
     """Small panels, up to three in a row, each with the same names along its x axis.
 
-    Names too long for the axis are numbered there and named under the title.
+    If the names are too long for the axis, it has numbers, and a list of names is below the title.
 
     Attributes
     ----------
     sheet : the panels.
-    names : along each axis.
-    kind : what a name is of, in a word.
-    title : with the numbered names.
-    numbered : whether they are.
+    names : names along each axis.
+    kind : what the names denote, in one word, such as "study".
+    title : the title, with the list of names if they are numbered.
+    numbered : whether the names are numbered.
     """
 
     sheet: Sheet
@@ -285,7 +302,7 @@ class PanelsOverNames:
 
     @classmethod
     def of(cls, count: int, names: Sequence[str], kind: str, title: str) -> PanelsOverNames:
-        """``count`` panels over ``names``."""
+        """Return ``count`` panels over ``names``."""
         columns = min(3, max(count, 1))
         sheet = make_sheet(
             [1.45] * -(-count // columns),
@@ -303,9 +320,10 @@ class PanelsOverNames:
         return cls(sheet, names, kind, title, numbered)
 
     def finished(self, head: float) -> Figure:
-        """Return the figure, its axes labelled; ``head``: inches above the first row."""
+        """Return the figure with labelled axes; ``head``: space above the first row, inches."""
         labels = [
-            str(i + 1) if self.numbered else escaped_dollars(n) for i, n in enumerate(self.names)
+            str(number) if self.numbered else escaped_dollars(name)
+            for number, name in enumerate(self.names, start=1)
         ]
         for panel in self.sheet.panels:
             panel.set_xticks(range(len(labels)), labels)
@@ -329,14 +347,44 @@ def y_label(panel: Axes, text: str, size: float = LABEL_SIZE) -> None:
     panel.set_ylabel(text, fontsize=size)
 
 
+def draw_estimate(panel: Axes, x: np.ndarray, mean: np.ndarray, std: np.ndarray) -> None:
+    """Draw an estimate over ``x`` as a line with its band of two standard deviations."""
+    low, high = mean - 2.0 * std, mean + 2.0 * std
+    panel.fill_between(x, low, high, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
+    panel.plot(x, mean, color=BLUE, linewidth=1.2, label="estimate")
+
+
+def draw_bar(
+    panel: Axes, x: float, value: float, std: float, marker: str, colour: str, label: str
+) -> None:
+    """Draw a value with a bar of two standard deviations; without a bar if ``std`` is 0."""
+    panel.errorbar(
+        [x],
+        [value],
+        yerr=[2.0 * std] if std > 0.0 else None,
+        fmt=marker,
+        color=colour,
+        markersize=4.5,
+        linewidth=1.2,
+        capsize=2.5,
+        label=label,
+    )
+
+
 def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
-    """A short line above a panel, at its left."""
+    """Write a short line above a panel, at its left."""
     panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)
 
 
 def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
-    """Return a square for each of ``values (rows, columns)``, centred on whole numbers, the first
-    row on top; masked ones stay open.
+    """Draw a square for each value and return the squares.
+
+    Squares are centred on whole numbers, and the first row is on top. A masked value has none.
+
+    Parameters
+    ----------
+    values : shape ``(rows, columns)``.
+    look : properties of ``pcolormesh``.
     """
     rows, columns = values.shape
     edges = (np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5)
@@ -352,7 +400,8 @@ def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
     axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
 
 
-def _dress(panel: Axes) -> None:
+def _set_up(panel: Axes) -> None:
+    """Give a new panel its grid, ticks and number format."""
     panel.grid(True, color=LIGHT, linewidth=0.5)
     panel.set_axisbelow(True)
     panel.tick_params(labelsize=TICK_SIZE, length=2.5, width=0.6)
@@ -361,38 +410,38 @@ def _dress(panel: Axes) -> None:
         spine.set_visible(side in ("left", "bottom"))
     # a title at a stated height: looking for a free one is half the cost of drawing
     panel.set_title("", loc="left", y=1.0)
-    for axis, bins in ((panel.xaxis, _MOST[0]), (panel.yaxis, _MOST[1])):
+    for axis, bins in ((panel.xaxis, _MOST_TICKS[0]), (panel.yaxis, _MOST_TICKS[1])):
         formatter = ScalarFormatter(useOffset=axis is panel.xaxis, useMathText=False)
         formatter.set_powerlimits((-3, 5))
         axis.set_major_formatter(formatter)
         axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))
         axis.get_offset_text().set_fontsize(TICK_SIZE)
-    # A power of ten stands above the numbers, clear of the caption.
+    # The power of ten of the numbers must not overlap the caption.
     panel.yaxis.get_offset_text().set_horizontalalignment("right")
     panel.yaxis.get_offset_text().set_x(-0.02)
 
 
 def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
-    """No more numbers at the axes than a panel of this size, in inches, has room for."""
+    """Limit the number of ticks to those that fit a panel of this size, inches."""
     for axis, most in (
-        (panel.xaxis, max(3, min(_MOST[0], int(width / 0.42)))),
-        (panel.yaxis, max(2, min(_MOST[1], int(height / 0.24)))),
+        (panel.xaxis, max(3, min(_MOST_TICKS[0], int(width / 0.42)))),
+        (panel.yaxis, max(2, min(_MOST_TICKS[1], int(height / 0.24)))),
     ):
         locator = axis.get_major_locator()
         if isinstance(locator, MaxNLocator):
             locator.set_params(nbins=most)
 
 
-def _fitted_label(panel: Axes, available_width: float) -> None:
-    """Make the label up the side smaller where it would reach into the next panel's."""
+def _fit_y_label(panel: Axes, available: float) -> None:
+    """Make the label of the y axis smaller if it is longer than ``available``, inches."""
     points = float(panel.yaxis.label.get_fontsize())
-    wide = text_width(panel.get_ylabel(), points)
-    if wide > available_width:
-        panel.yaxis.label.set_fontsize(max(_SMALLEST_LABEL, points * available_width / wide))
+    length = text_width(panel.get_ylabel(), points)
+    if length > available:
+        panel.yaxis.label.set_fontsize(max(_SMALLEST_LABEL, points * available / length))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
-    """Folded lines, and whether each is bold."""
+    """Return the folded lines of a title, and whether each is bold."""
     first, *rest = title.split("\n")
     available_width = width - 0.3
     return [
@@ -400,16 +449,8 @@ def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     ] + [(line, False) for text in rest for line in folded(text, available_width)]
 
 
-def _labelled(sheet: Sheet) -> dict[str, Any]:
-    handles: dict[str, Any] = {}
-    for panel in sheet.panels:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    return handles
-
-
 def _legend_columns(labels: Sequence[str], width: float) -> int:
-    """Number of columns that fit beside each other, from the estimated length of the labels."""
+    """Return the number of columns of a legend that fit a width, inches."""
     if not labels:
         return 1
     widths = [text_width(label, TICK_SIZE) + _HANDLE_WIDTH for label in labels]

@@ -40,7 +40,7 @@ from scenarios.plots.style import (
     text_width,
     y_label,
 )
-from scenarios.report.quantities import displayed, value_text
+from scenarios.report.quantities import displayed, listed, value_text
 
 # ---- Derivatives before and after
 
@@ -128,12 +128,11 @@ def figure_derivatives(
 def _of_sigmas(names: Sequence[str], *, declared: bool) -> str:
     """Return the sentence on derivatives that are drawn in per cent of three sigmas."""
     several = len(names) > 1
-    named = f"{', '.join(names[:-1])} and {names[-1]}" if several else names[0]
     when = "" if declared else " before"
     are, they, were = ("are", "they", "were") if several else ("is", "it", "was")
     return (
-        f"{named} {are} drawn in per cent of three sigmas, because {they} {were} not determined"
-        f"{when}"
+        f"{listed(names)} {are} drawn in per cent of three sigmas, because {they} {were} not "
+        f"determined{when}"
     )
 
 

@@ -165,9 +165,7 @@ def formatted(value: float | None, form: str, unit: str = "") -> Cell:
 
 
 def signs(text: str) -> str:
-    """Return a text with the signs of print: ``±``, ``→`` and minus in place of ``+-``, ``->`` and
-    hyphen.
-    """
+    """Return a text with typographic signs: ``±``, ``→`` and minus for ``+-``, ``->``, ``-``."""
     text = (
         text.replace("+-", "±")
         .replace("->", "→")

@@ -1,13 +1,12 @@
-"""The page in a study folder, its JSON, and pages made again from it; tables of a study for other
-programs (Markdown, LaTeX and XLSX), and its page as PDF.
-"""
+"""Page of a study folder and its JSON; its tables as Markdown, LaTeX and XLSX; its page as PDF."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,7 +32,7 @@ from scenarios.report.summary import PAGE, TableColumn
 from scenarios.report.terminal import printed_columns
 from sim.errors import FlightidError
 
-# ---- Markdown and LaTeX: the digits that the terminal shows
+# ---- Markdown and LaTeX, with the digits of the terminal
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -92,22 +91,22 @@ def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Ta
 
 
 def to_markdown(shown: Table) -> str:
-    """A table as Markdown (pipe tables of GitHub and Pandoc), its caption in bold above it."""
+    """Return a table as Markdown (pipe table of GitHub and Pandoc) below its caption in bold."""
     columns = printed_columns(shown)
     lines = [
         _markdown_row([_heading(column) for column in columns]),
         _markdown_row([":--" if column.left else "--:" for column in columns]),
-        *(_markdown_row(list(row)) for row in _rows(columns)),
+        *(_markdown_row(row) for row in _rows(columns)),
     ]
-    title = f"**{_marked(shown.caption)}**\n\n" if shown.caption else ""
+    title = f"**{_one_line(shown.caption)}**\n\n" if shown.caption else ""
     return title + "\n".join(lines)
 
 
 def to_latex(shown: Table) -> str:
-    r"""A table as LaTeX: a ``tabular`` with the rules of the package ``booktabs``.
+    r"""Return a table as LaTeX: a ``tabular`` with the rules of the package ``booktabs``.
 
-    Derivatives are set as symbols (``Cm_alpha`` is :math:`C_{m_\alpha}`). The caption is a comment
-    above the table, so that the document chooses how it is set.
+    Derivatives become symbols (``Cm_alpha`` is :math:`C_{m_\alpha}`). The caption is a comment
+    above the table, because its place depends on the document.
     """
     columns = printed_columns(shown)
     sides = "".join("l" if column.left else "r" for column in columns)
@@ -129,20 +128,22 @@ def to_latex(shown: Table) -> str:
 
 
 def _heading(column: TableColumn) -> str:
-    """Return the heading, without the sigma that has a column of its own."""
+    """Return the heading of a column without ``± σ``: sigmas have another column."""
     return column.heading.strip().removesuffix(" ± σ")
 
 
 def _rows(columns: Sequence[TableColumn]) -> list[tuple[str, ...]]:
+    """Return the cells of each row."""
     return list(zip(*(column.cells for column in columns), strict=True))
 
 
-def _marked(text: str) -> str:
+def _one_line(text: str) -> str:
+    """Return a text in one line that Markdown does not read as several cells."""
     return " ".join(text.split()).replace("|", r"\|")
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(_marked(cell) for cell in cells)} |"
+    return f"| {' | '.join(_one_line(cell) for cell in cells)} |"
 
 
 def _latex_row(cells: Sequence[str]) -> str:
@@ -150,6 +151,7 @@ def _latex_row(cells: Sequence[str]) -> str:
 
 
 def _latex_cell(text: str) -> str:
+    """Return a cell in LaTeX: derivatives, numbers and powers of units in mathematics."""
     if found := _SYMBOL.fullmatch(text):
         name, subscript = found[1], _SUBSCRIPTS.get(found[2], found[2])
         if len(name) == 2:
@@ -168,7 +170,7 @@ def _escaped(text: str) -> str:
 
 # ---- XLSX: full precision
 
-_SHEET = re.compile(r"[\[\]:*?/\\']")
+_NOT_IN_SHEET = re.compile(r"[\[\]:*?/\\']")
 _LONGEST_SHEET_NAME = 31  # letters of a sheet's name in XLSX
 
 
@@ -177,8 +179,8 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
 
     Parameters
     ----------
-    tables : each caption names a sheet.
-    path : of the ``.xlsx`` file.
+    tables : the tables; captions become names of sheets.
+    path : path of the ``.xlsx`` file.
 
     Raises
     ------
@@ -216,45 +218,43 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
     return path
 
 
-def _sheet_name(caption: str, there: Sequence[str]) -> str:
-    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST_SHEET_NAME].strip() or "table"
+def _sheet_name(caption: str, used: Sequence[str]) -> str:
+    """Return a permitted name for a sheet, other than those ``used``."""
+    plain = " ".join(_NOT_IN_SHEET.sub(" ", caption).split())
+    plain = plain[:_LONGEST_SHEET_NAME].strip() or "table"
     name, number = plain, 2
-    while name.lower() in {each.lower() for each in there}:
+    while name.lower() in map(str.lower, used):
         suffix = f" {number}"
         name, number = plain[: _LONGEST_SHEET_NAME - len(suffix)] + suffix, number + 1
     return name
 
 
 def _sheet_rows(shown: Table) -> list[list[str | float | None]]:
-    """Return the headings, then the rows; a sigma in the column after its value."""
-    sigmas = [
-        any(isinstance(row[at], Number) and row[at].sigma for row in shown.rows)  # type: ignore[union-attr]
-        for at in range(len(shown.columns))
+    """Return the headings and then the rows; a sigma is in the column after its value."""
+    has_sigma = [
+        any(isinstance(cell, Number) and cell.sigma for cell in cells)
+        for cells in (zip(*shown.rows, strict=True) if shown.rows else [()] * len(shown.columns))
     ]
     headings: list[str | float | None] = []
-    for at, column in enumerate(shown.columns):
+    for number, column in enumerate(shown.columns):
         unit = f", {column.unit}" if column.unit not in (None, PURE, BY_ROW) else ""
         headings.append(f"{column.heading.replace(' ± σ', '')}{unit}")
-        headings += ["sigma"] if sigmas[at] else []
-        headings += ["unit"] if at == 0 and shown.units else []
-    out = [headings]
-    for number, row in enumerate(shown.rows):
-        line: list[str | float | None] = []
-        for at, cell in enumerate(row):
-            if isinstance(cell, Number):
-                line.append(cell.value)
-                line += [cell.sigma] if sigmas[at] else []
-            else:
-                line.append(_words(cell.text if isinstance(cell, Link) else cell))
-                line += [None] if sigmas[at] else []
-            line += [shown.units[number]] if at == 0 and shown.units else []
-        out.append(line)
-    return out
-
-
-def _words(text: str) -> str:
-    """Words of a cell; a spreadsheet must not read them as a formula."""
-    return f"'{text}" if text[:1] in ("=", "+", "@") else text
+        headings += ["sigma"] if has_sigma[number] else []
+        headings += ["unit"] if number == 0 and shown.units else []
+    sheet_rows = [headings]
+    for row, unit in zip(shown.rows, shown.units or [""] * len(shown.rows), strict=True):
+        sheet_row: list[str | float | None] = []
+        for number, cell in enumerate(row):
+            text = cell.text if isinstance(cell, Link) else cell
+            # A spreadsheet would read such a text as a formula.
+            if isinstance(text, str) and text[:1] in ("=", "+", "@"):
+                text = f"'{text}"
+            sheet_row.append(text.value if isinstance(text, Number) else text)
+            if has_sigma[number]:
+                sheet_row.append(text.sigma if isinstance(text, Number) else None)
+            sheet_row += [unit] if number == 0 and shown.units else []
+        sheet_rows.append(sheet_row)
+    return sheet_rows
 
 
 # ---- All tables of a page
@@ -263,22 +263,18 @@ TABLES = "tables.md", "tables.tex", "tables.xlsx"
 
 
 def tables_of(page: Page) -> tuple[Table, ...]:
-    """Return the tables of a page, in the order in which it shows them."""
+    """Return the tables of a page in their order; a table without a caption gets that of its
+    section.
+    """
 
-    def within(parts: Sequence[Section]) -> list[Table]:
-        found: list[Table] = []
-        for each in parts:
+    def tables_in(sections: Sequence[Section]) -> Iterator[Table]:
+        for each in sections:
             for block in each.blocks:
                 if isinstance(block, Table):
-                    found.append(block if block.caption else _captioned(block, each.title))
-            found += within(each.parts)
-        return found
+                    yield replace(block, caption=block.caption or each.title)
+            yield from tables_in(each.parts)
 
-    return tuple(within(page.sections))
-
-
-def _captioned(shown: Table, caption: str) -> Table:
-    return Table(caption, shown.columns, shown.rows, shown.units, shown.printed)
+    return tuple(tables_in(page.sections))
 
 
 def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
@@ -300,7 +296,7 @@ BROWSER_TIMEOUT = 60.0  # s
 
 
 def browser() -> str | None:
-    """Path of Chromium or Chrome: on the search path, else the one that Playwright installed."""
+    """Return the path of Chromium or Chrome: on the search path, else installed by Playwright."""
     for name in BROWSERS:
         if found := shutil.which(name):
             return found
@@ -314,7 +310,7 @@ def browser() -> str | None:
 
 
 def write_pdf(folder: Path) -> Path:
-    """Print the page of a study's folder as ``report.pdf`` beside it, by Chromium or Chrome.
+    """Print the page of a study folder as ``report.pdf`` in that folder, by Chromium or Chrome.
 
     Raises
     ------
@@ -330,20 +326,20 @@ def write_pdf(folder: Path) -> Path:
         )
     target = folder / PDF
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        made = Path(scratch) / PDF
-        words = [
+        printed = Path(scratch) / PDF
+        command = [
             program,
             "--headless",
             "--no-sandbox",
             "--disable-gpu",
             "--no-pdf-header-footer",
             f"--user-data-dir={scratch}/profile",
-            f"--print-to-pdf={made}",
+            f"--print-to-pdf={printed}",
             (folder / PAGE).resolve().as_uri(),
         ]
         try:
-            subprocess.run(words, check=True, capture_output=True, timeout=BROWSER_TIMEOUT)
-            content = made.read_bytes()
+            subprocess.run(command, check=True, capture_output=True, timeout=BROWSER_TIMEOUT)
+            content = printed.read_bytes()
         except (OSError, subprocess.SubprocessError):
             raise FlightidError(
                 f"{Path(program).name} did not print the page",
@@ -354,8 +350,9 @@ def write_pdf(folder: Path) -> Path:
     return target
 
 
+# ---- Page of a study folder
+
 CONTENT = "report.json"
-_FURTHER = ("maneuvers.json",)
 _DOCUMENTS = (
     "comparison.json",
     "diagnosis.json",
@@ -370,7 +367,7 @@ _DOCUMENTS = (
 
 
 def write_page(folder: Path, page: Page) -> None:
-    """Write ``report.json`` and ``report.html`` into a folder that exists."""
+    """Write ``report.json`` and ``report.html`` into an existing folder."""
     write_json(folder / CONTENT, page_content(page))
     write_text(folder / PAGE, page_html(page))
 
@@ -411,8 +408,11 @@ def stored_page(folder: Path) -> Page:
             remedy="name the folder of a study, what --out was given",
         )
     if not source.is_file():
+        reason = (
+            "the study is of an older version" if _document(folder) else "it is no study folder"
+        )
         raise FlightidError(
-            f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder)
+            f"has no {CONTENT}: {reason}", where=str(folder), remedy=_command_again(folder)
         )
     content = read_content(source, FlightidError, "the folder of a study", MOST_DOCUMENT)
     try:
@@ -421,30 +421,27 @@ def stored_page(folder: Path) -> Page:
         raise FlightidError(
             "is no content of a page that this version can show",
             where=str(source),
-            remedy=_again(folder),
+            remedy=_command_again(folder),
         ) from None
 
 
 def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
-    """Figures that were drawn, as blocks of a page."""
+    """Return drawn figures as blocks of a page."""
     return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption, each.plot) for each in drawn)
 
 
 def first_figure(drawn: Sequence[Drawn]) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:
-    """Return the figure with which a page begins, inputs above outputs with their residuals, and
-    the others; without the one of the record alone, which shows the same.
+    """Return the figure of the fit, with which a page begins, and the other figures.
+
+    The figure of the record is left out if there is a figure of the fit, which shows the same data.
     """
-    fit = [each for each in drawn if each.stem == "fit"]
-    others = [each for each in drawn if each not in fit and not (fit and each.stem == "record")]
-    return figures(fit), figures(others)
+    fit = [figure for figure in drawn if figure.stem == "fit"]
+    shown_before = ("fit", "record") if fit else ()
+    return figures(fit), figures([figure for figure in drawn if figure.stem not in shown_before])
 
 
-def _older(folder: Path) -> str:
-    return "the study is of an older version" if _document(folder) else "it is no study folder"
-
-
-def _again(folder: Path) -> str:
-    """Return the command to run, as far as it is known from the folder."""
+def _command_again(folder: Path) -> str:
+    """Return advice on how to repeat a study, with the command if the folder contains it."""
     document = _document(folder)
     name = document.get("scenario")
     if not document:
@@ -465,6 +462,7 @@ def _again(folder: Path) -> str:
 
 
 def _document(folder: Path) -> dict[str, Any]:
+    """Return the content of the study's main JSON file; empty if there is none."""
     for name in _DOCUMENTS:
         content = json_or_none(folder / name)
         if isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/"):

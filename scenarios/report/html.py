@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.sources import escaped
 from scenarios.report.document import (
@@ -31,7 +31,15 @@ from scenarios.report.document import (
     capital,
     signs,
 )
-from scenarios.report.plot_data import plot_content, plot_of, plot_text
+from scenarios.report.plot_data import (
+    checked_count,
+    checked_list,
+    checked_number,
+    checked_text,
+    plot_content,
+    plot_of,
+    plot_text,
+)
 from scenarios.report.summary import NEXT
 
 if TYPE_CHECKING:
@@ -39,7 +47,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 SCHEMA = "flightid/report/1"
-_LARGEST_REQUEST = 1_000_000  # upper limit of digits and rows in a page's document
+_LARGEST_COUNT = 1_000_000  # largest number of digits or rows in a document
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
 _ATTRIBUTE = (
     r'\s(?:href="#[\w-]+"|'
@@ -48,7 +56,6 @@ _ATTRIBUTE = (
 _ELEMENT = re.compile(
     rf"/(?:{_TAG})>[^>]*$|(?:{_TAG})(?:{_ATTRIBUTE})*\s*/?>[^>]*$", re.DOTALL | re.ASCII
 )
-Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
@@ -77,46 +84,52 @@ def page_content(page: Page) -> dict[str, Any]:
 def page_of(content: Mapping[str, Any]) -> Page:
     """Return the page from the content of ``report.json``.
 
-    Content may be untrusted: types are checked, and figures may only contain drawings. Raises
-    KeyError, TypeError or ValueError for invalid content.
+    The content may come from anyone: types are checked, and figures may only contain drawings.
+    Raises KeyError, TypeError or ValueError for invalid content.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
-    again = content["reproduction"]
+    reproduction = content["reproduction"]
     inputs = tuple(
-        (_text(use), _text(name), _text(digest)) for use, name, digest in _list(again["inputs"])
+        (checked_text(use), checked_text(name), checked_text(digest))
+        for use, name, digest in checked_list(reproduction["inputs"])
     )
-    versions = {_text(name): _text(version) for name, version in _list(again["versions"])}
+    versions = {
+        checked_text(name): checked_text(version)
+        for name, version in checked_list(reproduction["versions"])
+    }
     return Page(
-        _text(content["title"]),
-        _text(content["kind"]),
-        _text(content["verdict"]),
-        _text(content["tone"]),
-        _text(content["sentence"]),
+        checked_text(content["title"]),
+        checked_text(content["kind"]),
+        checked_text(content["verdict"]),
+        checked_text(content["tone"]),
+        checked_text(content["sentence"]),
         _texts(content["summary"]),
         _texts(content["warnings"]),
-        tuple(map(_section_of, _list(content["sections"]))),
-        Reproduction(_texts(again["commands"]), versions, _text(again["seed"]), inputs),
-        _text(content["created"]),
+        tuple(map(_section_of, checked_list(content["sections"]))),
+        Reproduction(
+            _texts(reproduction["commands"]), versions, checked_text(reproduction["seed"]), inputs
+        ),
+        checked_text(content["created"]),
     )
 
 
-def _section(each: Section) -> dict[str, Any]:
-    out: dict[str, Any] = {"title": each.title, "blocks": [_block(block) for block in each.blocks]}
-    return (
-        out
-        | ({"parts": [_section(part) for part in each.parts]} if each.parts else {})
-        | ({"card": each.card} if each.card else {})
-    )
+def _section(section: Section) -> dict[str, Any]:
+    return {
+        "title": section.title,
+        "blocks": [_block(block) for block in section.blocks],
+        **({"parts": [_section(part) for part in section.parts]} if section.parts else {}),
+        **({"card": section.card} if section.card else {}),
+    }
 
 
 def _section_of(content: Mapping[str, Any]) -> Section:
-    parts = tuple(map(_section_of, _list(content.get("parts", []))))
+    parts = tuple(map(_section_of, checked_list(content.get("parts", []))))
     return Section(
-        _text(content["title"]),
-        tuple(map(_block_of, _list(content["blocks"]))),
+        checked_text(content["title"]),
+        tuple(map(_block_of, checked_list(content["blocks"]))),
         parts,
-        _text(content.get("card", "")),
+        checked_text(content.get("card", "")),
     )
 
 
@@ -152,24 +165,36 @@ def _column(column: Column) -> dict[str, Any]:
 
 def _block_of(content: Mapping[str, Any]) -> Block:
     if "prose" in content:
-        return Prose(_text(content["prose"]), _text(content["kind"]), _text(content["term"]))
+        return Prose(
+            checked_text(content["prose"]),
+            checked_text(content["kind"]),
+            checked_text(content["term"]),
+        )
     if "bullets" in content:
         return Bullets(_texts(content["bullets"]), _flag(content["numbered"]))
     if "fold" in content:
-        return Fold(_text(content["summary"]), _texts(content["fold"]))
+        return Fold(checked_text(content["summary"]), _texts(content["fold"]))
     if "figure" in content:
         plot = plot_of(content["plot"]) if "plot" in content else None
         drawing = _drawing(content["svg"])
-        return Figure(_text(content["figure"]), drawing, _text(content["caption"]), plot)
-    columns = tuple(map(_column_of, _list(content["columns"])))
-    rows = tuple(tuple(map(_cell_of, _list(row))) for row in _list(content["rows"]))
-    printed = None if content.get("printed") is None else _count(content["printed"])
-    return Table(_text(content["table"]), columns, rows, _texts(content.get("units", [])), printed)
+        return Figure(
+            checked_text(content["figure"]), drawing, checked_text(content["caption"]), plot
+        )
+    columns = tuple(map(_column_of, checked_list(content["columns"])))
+    rows = tuple(tuple(map(_cell_of, checked_list(row))) for row in checked_list(content["rows"]))
+    printed = (
+        None
+        if content.get("printed") is None
+        else checked_count(content["printed"], _LARGEST_COUNT)
+    )
+    return Table(
+        checked_text(content["table"]), columns, rows, _texts(content.get("units", [])), printed
+    )
 
 
 def _column_of(content: Mapping[str, Any]) -> Column:
-    unit = None if content.get("unit") is None else _text(content["unit"])
-    return Column(_text(content["heading"]), unit, _flag(content.get("code", False)))
+    unit = None if content.get("unit") is None else checked_text(content["unit"])
+    return Column(checked_text(content["heading"]), unit, _flag(content.get("code", False)))
 
 
 def _cell(cell: Cell) -> Any:
@@ -193,55 +218,31 @@ def _cell_of(content: Any) -> Cell:
     if isinstance(content, str):
         return content
     if "to" in content:
-        return Link(_text(content["text"]), _text(content["to"]))
+        return Link(checked_text(content["text"]), checked_text(content["to"]))
     return Number(
-        _number(content["value"]),
-        None if content.get("sigma") is None else _number(content["sigma"]),
-        _text(content.get("unit", "")),
-        None if content.get("digits") is None else _count(content["digits"]),
+        checked_number(content["value"]),
+        None if content.get("sigma") is None else checked_number(content["sigma"]),
+        checked_text(content.get("unit", "")),
+        None if content.get("digits") is None else checked_count(content["digits"], _LARGEST_COUNT),
         _flag(content.get("signed", False)),
-        _text(content.get("shown", "")),
-        _text(content.get("shown_sigma", "")),
+        checked_text(content.get("shown", "")),
+        checked_text(content.get("shown_sigma", "")),
     )
 
 
-def _text(value: Any) -> str:
-    return _of_kind(value, str)
+def _texts(value: Any) -> tuple[str, ...]:
+    return tuple(map(checked_text, checked_list(value)))
 
 
 def _flag(value: Any) -> bool:
-    return _of_kind(value, bool)
-
-
-def _list(value: Any) -> list[Any]:
-    return _of_kind(value, list)
-
-
-def _texts(value: Any) -> tuple[str, ...]:
-    return tuple(map(_text, _list(value)))
-
-
-def _of_kind(value: Any, kind: type[Kind]) -> Kind:
-    if not isinstance(value, kind):
-        raise TypeError(f"a {type(value).__name__} where a {kind.__name__} is due")
-    return value
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"a {type(value).__name__} where a number is due")
-    return value
-
-
-def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_REQUEST:
-        raise TypeError(f"{value!r:.40} is no count")
+    if not isinstance(value, bool):
+        raise TypeError(f"a {type(value).__name__} instead of a bool")
     return value
 
 
 def _drawing(value: Any) -> str:
     """Return the ``<svg>`` of a figure if it has only drawing elements, no scripts or links."""
-    text = _text(value)
+    text = checked_text(value)
     parts = text.split("<")
     if (
         parts[0]
@@ -252,7 +253,7 @@ def _drawing(value: Any) -> str:
     return text
 
 
-# limit of drawings and their data on one page, in characters
+# Most characters of the drawings and their data on one page.
 MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
     "paper": "#14171b",
@@ -360,19 +361,17 @@ def _policy(style: str, script: str) -> str:
 
 
 def _plots(page: Page) -> dict[str, str]:
-    """Return the data of the first figures by name, up to a total size, without duplicate names."""
-    found, room = (
-        {},
-        MOST_DRAWING_CHARACTERS - sum(len(each.svg) for each in _figures(page.sections)),
-    )
-    for each in _figures(page.sections):
-        if each.plot is None or each.name in found:
+    """Return the data of figures by name, of as many as the size of a page permits."""
+    figures, plots = list(_figures(page.sections)), {}
+    available = MOST_DRAWING_CHARACTERS - sum(len(figure.svg) for figure in figures)
+    for figure in figures:
+        if figure.plot is None or figure.name in plots:
             continue
-        text = plot_text(plot_content(each.plot))
-        room -= len(text)
-        if room >= 0:
-            found[each.name] = text
-    return found
+        text = plot_text(plot_content(figure.plot))
+        available -= len(text)
+        if available >= 0:
+            plots[figure.name] = text
+    return plots
 
 
 def _figures(sections: tuple[Section, ...]) -> Iterator[Figure]:
@@ -383,21 +382,21 @@ def _figures(sections: tuple[Section, ...]) -> Iterator[Figure]:
 
 @cache
 def _with_plots(script: str) -> str:
-    """Return the page's script with the library that draws figures, and what uses it."""
+    """Return the page's script, with the plotting library and the script that calls it."""
     colours = ", ".join(f'"{colour}": "{name}"' for colour, name in _FIGURES.items())
     drawing = _resource("plots.js").replace("/*COLOURS*/", colours)
     return "\n".join((script.rstrip(), _resource("uplot.min.js").rstrip(), drawing))
 
 
 def _named(sections: tuple[Section, ...]) -> Iterator[tuple[Section, str]]:
-    """Sections with names that differ."""
+    """Yield each section with a name that no other element of the page has."""
     used: set[str] = {"content", "reproduce", "told", "theme"}
-    for each in sections:
-        name, number = each.name, 2
+    for section in sections:
+        name, number = section.name, 2
         while name in used:
-            name, number = f"{each.name}-{number}", number + 1
+            name, number = f"{section.name}-{number}", number + 1
         used.add(name)
-        yield each, name
+        yield section, name
 
 
 @cache
@@ -412,7 +411,7 @@ def _template() -> Template:
         "signs": _signs,
         "capital": capital,
         "sentence": as_sentence,
-        "kind": _kind,
+        "kind": lambda block: type(block).__name__,
         "rows": _rows,
         "numeric": _numeric,
         "unit": _unit,
@@ -423,22 +422,16 @@ def _template() -> Template:
     return environment.from_string(_resource("page.html"))
 
 
-_QUOTED = re.compile(r"`([^`\n]+)`")  # words of code in a text
-
-
-# an option of a command, and a maneuver of that name, in a text
+_QUOTED = re.compile(r"`([^`\n]+)`")  # code in a text
+# Words that must not be broken at their hyphens: options of a command, and a maneuver.
 _WHOLE = re.compile(r"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1)")
 
 
 def _signs(text: str) -> Markup:
-    """Return a text with the signs of books, with options and 3-2-1-1 on one line each."""
+    """Return a text with typographic signs; options and 3-2-1-1 are not broken into two lines."""
     from markupsafe import Markup, escape
 
     return Markup(_WHOLE.sub(r'<span class="word">\1</span>', str(escape(signs(text)))))
-
-
-def _kind(block: Block) -> str:
-    return type(block).__name__
 
 
 def _rows(table: Table) -> list[tuple[tuple[Cell, ...], str]]:
@@ -455,7 +448,7 @@ def _unit(column: Column) -> str:
 
 
 def _day(created: str) -> str:
-    """``2026-11-23 08:10 UTC`` of a time stamp."""
+    """Return a time stamp as ``2026-11-23 08:10 UTC``."""
     return (
         f"{created[:10]} {created[11:16]} UTC"
         if len(created) >= len("2026-11-23T08:10")
@@ -465,6 +458,7 @@ def _day(created: str) -> str:
 
 @cache
 def _style() -> str:
+    """Return the page's style, with dark colours and the colours of figures as variables."""
     rules = "".join(
         f'svg [{use}="{colour}"] {{ {use}: var(--{name}); }}\n'
         for colour, name in _FIGURES.items()
@@ -472,11 +466,12 @@ def _style() -> str:
     )
     style = _resource("page.css")
     light = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", style[: style.index("}")]))
-    dark = "color-scheme: dark; " + " ".join(
-        f"--{name}: {colour};" for name, colour in _DARK.items()
+    dark_rules, light_rules = (
+        " ".join(f"--{name}: {colour};" for name, colour in colours.items())
+        for colours in (_DARK, light)
     )
-    bright = " ".join(f"--{name}: {colour};" for name, colour in light.items())
-    style = style.replace("--dark: 1; /*DARK*/", dark).replace("/*LIGHT*/", bright)
+    style = style.replace("--dark: 1; /*DARK*/", f"color-scheme: dark; {dark_rules}")
+    style = style.replace("/*LIGHT*/", light_rules)
     return style.replace("@media print", rules + "@media print", 1)
 
 

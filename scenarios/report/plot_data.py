@@ -1,4 +1,4 @@
-"""Data of an interactive figure of a page; loads no plotting library."""
+"""Data of an interactive figure of a page, and their JSON; loads no plotting library."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import binascii
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,19 +28,21 @@ _COLOUR = re.compile(r"#[0-9a-f]{6}", re.ASCII)
 class Curve:
     """One curve of a panel.
 
-    Parameters
+    Attributes
     ----------
-    label : its name in the legend; empty if it has none.
+    label : label in the legend; empty without one.
     kind : ``"line"``, ``"held"`` (each value until the next), ``"points"`` or ``"band"`` (between
         ``y`` and ``top``).
     colour : ``#rrggbb`` in small letters.
-    x, y : ``(N,)``, in the units of the axes; NaN if a sample is missing. ``x`` is finite and
-        does not fall.
-    width : of a line or the diameter of a point, in points of print.
-    dash : lengths of stroke and gap, in widths; empty for a full line.
-    top : ``(N,)`` of a band.
+    x, y : samples in the units of the axes, ``(N,)``. ``x`` is finite and does not decrease; ``y``
+        is NaN if a sample is missing.
+    width : width of a line or diameter of a point, in points of print.
+    dash : lengths of stroke and gap, in widths; empty for a solid line.
+    top : upper limit of a band, ``(N,)``.
 
-    Raises ModelError for arrays of different lengths and for an ``x`` that falls.
+    Raises
+    ------
+    ModelError : the arrays have different lengths, ``x`` decreases, or kind or colour is unknown.
     """
 
     label: str
@@ -62,7 +64,7 @@ class Curve:
                 remedy="give x and y the same length, at least one sample",
             )
         if not np.all(np.isfinite(self.x)) or np.any(np.diff(self.x) < 0.0):
-            raise ModelError("x falls or is not finite", where=where, remedy="sort the samples")
+            raise ModelError("x decreases or is not finite", where=where, remedy="sort the samples")
         known = self.kind in KINDS and (self.kind == BAND) == (self.top is not None)
         if not known or not _COLOUR.fullmatch(self.colour):
             raise ModelError(
@@ -76,8 +78,17 @@ class Curve:
 class Panel:
     """One pair of axes.
 
-    ``group``: panels with the same number share their x axis. ``x_range``, ``y_range``: initial
-    limits of the axes. ``row``, ``column``: place in the figure. ``height``: in print, inches.
+    Attributes
+    ----------
+    group : panels with the same number share their x axis.
+    row, column : place in the figure.
+    height : height in print, inches.
+    x_range, y_range : initial limits of the axes.
+    log_x, log_y : whether an axis is logarithmic.
+
+    Raises
+    ------
+    ModelError : limits are not finite, do not increase, or are not positive on a logarithmic axis.
     """
 
     x_label: str
@@ -109,12 +120,12 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class PlotData:
-    """All panels of a figure, in the order of reading."""
+    """All panels of a figure, row by row."""
 
     panels: tuple[Panel, ...]
 
 
-# ---- As JSON, short: 16 bits a value, evenly spaced abscissas by their ends
+# ---- Short JSON: values of 16 bits; evenly spaced abscissas by their ends
 
 
 def plot_content(data: PlotData) -> dict[str, Any]:
@@ -137,7 +148,7 @@ def plot_of(content: Any) -> PlotData:
 
     Raises KeyError, TypeError, ValueError or ModelError for invalid content.
     """
-    panels = _sequence(content["panels"], MOST_PANELS)
+    panels = checked_list(content["panels"], MOST_PANELS)
     return PlotData(tuple(map(_panel_of, panels)))
 
 
@@ -156,20 +167,20 @@ def _panel(panel: Panel) -> dict[str, Any]:
 
 
 def _panel_of(content: Any) -> Panel:
-    group, row, column = (_whole(value) for value in _sequence(content["place"], 3))
-    low, high = (_finite(value) for value in _sequence(content["xRange"], 2))
-    bottom, top = (_finite(value) for value in _sequence(content["yRange"], 2))
+    group, row, column = (checked_count(value) for value in checked_list(content["place"], 3))
+    low, high = (_finite(value) for value in checked_list(content["xRange"], 2))
+    bottom, top = (_finite(value) for value in checked_list(content["yRange"], 2))
     return Panel(
-        _words(content["x"]),
-        _words(content["y"]),
-        _words(content["caption"]),
+        checked_text(content["x"]),
+        checked_text(content["y"]),
+        checked_text(content["caption"]),
         group,
         row,
         column,
         _finite(content["height"]),
         (low, high),
         (bottom, top),
-        tuple(map(_curve_of, _sequence(content["curves"], MOST_CURVES))),
+        tuple(map(_curve_of, checked_list(content["curves"], MOST_CURVES))),
         content.get("logX", False) is True,
         content.get("logY", False) is True,
     )
@@ -191,19 +202,19 @@ def _curve(curve: Curve) -> dict[str, Any]:
 def _curve_of(content: Any) -> Curve:
     x = _abscissas_of(content["x"])
     return Curve(
-        _words(content["label"]),
-        _words(content["kind"]),
-        _words(content["colour"]),
+        checked_text(content["label"]),
+        checked_text(content["kind"]),
+        checked_text(content["colour"]),
         x,
         _ordinates_of(content["y"]),
         _finite(content["width"]),
-        tuple(_finite(value) for value in _sequence(content.get("dash", []), 16)),
+        tuple(_finite(value) for value in checked_list(content.get("dash", []), 16)),
         _ordinates_of(content["top"]) if "top" in content else None,
     )
 
 
 def _abscissas(x: np.ndarray) -> Any:
-    """``{"from", "to", "count"}`` where they are evenly spaced, else a list."""
+    """Return ``{"from", "to", "count"}`` for evenly spaced abscissas, else a list."""
     even = np.linspace(x[0], x[-1], len(x))
     if len(x) > 2 and np.max(np.abs(x - even)) <= 1e-6 * (x[-1] - x[0]):
         return {"from": float(x[0]), "to": float(x[-1]), "count": len(x)}
@@ -212,11 +223,11 @@ def _abscissas(x: np.ndarray) -> Any:
 
 def _abscissas_of(content: Any) -> np.ndarray:
     if isinstance(content, dict):
-        count = _whole(content["count"])
+        count = checked_count(content["count"])
         if not 1 <= count <= MOST_SAMPLES:
             raise ValueError(f"{count} samples")
         return np.linspace(_finite(content["from"]), _finite(content["to"]), count)
-    return np.array([_finite(value) for value in _sequence(content, MOST_SAMPLES)])
+    return np.array([_finite(value) for value in checked_list(content, MOST_SAMPLES)])
 
 
 def _ordinates(y: np.ndarray) -> dict[str, Any]:
@@ -237,7 +248,7 @@ def _ordinates(y: np.ndarray) -> dict[str, Any]:
 
 def _ordinates_of(content: Any) -> np.ndarray:
     try:
-        raw = base64.b64decode(_words(content["codes"]), validate=True)
+        raw = base64.b64decode(checked_text(content["codes"]), validate=True)
     except binascii.Error:
         raise ValueError("values are no base64 text") from None
     if len(raw) % 2 or len(raw) > 2 * MOST_SAMPLES:
@@ -252,25 +263,38 @@ def _short(value: float, digits: int = 6) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _words(value: Any) -> str:
+# ---- Checked values of untrusted JSON
+
+
+def checked_text(value: Any) -> str:
+    """Return the value if it is a text. Raises TypeError."""
     if not isinstance(value, str):
-        raise TypeError(f"a {type(value).__name__} where words are due")
+        raise TypeError(f"a {type(value).__name__} instead of a text")
     return value
 
 
-def _finite(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TypeError(f"{value!r:.40} is no finite number")
-    return float(value)
+def checked_number(value: Any) -> float:
+    """Return the value if it is a number, which may be infinite or NaN. Raises TypeError."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"a {type(value).__name__} instead of a number")
+    return value
 
 
-def _whole(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_SAMPLES:
+def checked_count(value: Any, most: int = MOST_SAMPLES) -> int:
+    """Return the value if it is a whole number from 0 to ``most``. Raises TypeError."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
         raise TypeError(f"{value!r:.40} is no count")
     return value
 
 
-def _sequence(value: Any, most: int) -> Sequence[Any]:
+def checked_list(value: Any, most: float = math.inf) -> list[Any]:
+    """Return the value if it is a list of at most ``most`` items. Raises TypeError."""
     if not isinstance(value, list) or len(value) > most:
-        raise TypeError("no list of this length is due")
+        raise TypeError(f"no list of at most {most:g} items")
     return value
+
+
+def _finite(value: Any) -> float:
+    if not math.isfinite(checked_number(value)):
+        raise TypeError(f"{value!r:.40} is not finite")
+    return float(value)

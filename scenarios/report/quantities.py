@@ -1,13 +1,13 @@
-"""Quantities as people read them: display units, sigmas, numbers and single lines.
+"""Display of quantities: units, sigmas, numbers, and single lines of text.
 
 | quantity | shown in |
 |---|---|
 | angles, their rates | deg, deg/s, deg/s2 |
-| frequencies | rad/s, with Hz beside |
-| derivatives, trims of the equations (L_0, M_0, N_0) and everything else | the unit that it has: 1/rad, rad/s, s, g, m/s |
+| frequencies | rad/s, and Hz in brackets |
+| everything else, such as derivatives and trims of the equations (L_0) | the unit that it has |
 
-Inside and in JSON and CSV files everything is SI, load factors in g.
-"""  # noqa: E501
+In computations and in JSON and CSV files all units are SI; load factors are in g.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from scenarios.files.sources import escaped, styled_stream
 
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
 NO_UNIT = ("", "1")
-# rad/s and rad/s2, but shown as derivatives, not as angles: trims, effectiveness of commands, and
-# the gain of a transfer function
+# Quantities in rad/s or rad/s2 that are no angles, and are not shown in degrees: trims,
+# effectiveness of commands, and the gain of a transfer function.
 NOT_ANGLES = ("gain", "L_0", "M_0", "N_0", "L_lat", "M_lon", "N_ped")
 
 
 class Shown(NamedTuple):
-    """How a quantity is shown: ``factor`` times its number, in ``unit``."""
+    """Display unit of a quantity: ``factor`` times its SI value is shown in ``unit``."""
 
     factor: float
     unit: str
@@ -48,14 +48,14 @@ def shown_in(unit: str, name: str = "") -> Shown:
 
 
 def quantity_text(value: float, unit: str, name: str = "") -> str:
-    """Return a number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
+    """Return a number without a sigma, such as ``"0.5 deg"`` or ``"12 rad/s (1.91 Hz)"``."""
     factor, shown = shown_in(unit, name)
     return f"{factor * value:.5g}{spaced(shown)}{in_hertz(value, name, unit)}"
 
 
 def is_frequency(name: str, unit: str) -> bool:
-    """Return whether a quantity of ``unit`` is a frequency by its name: ``frequency``,
-    ``natural_frequency``, ``omega1``.
+    """Return whether unit and name are those of a frequency, such as ``natural_frequency`` or
+    ``omega1``.
     """
     return unit == "rad/s" and (
         "frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega"
@@ -68,18 +68,18 @@ def in_hertz(value: float, name: str, unit: str) -> str:
 
 
 def unit_cell(unit: str) -> str:
-    """Return a unit in a column of units: nothing for a pure number."""
+    """Return a unit for a column of units, empty for a pure number."""
     return unit if unit not in NO_UNIT else ""
 
 
 def spaced(unit: str) -> str:
-    """Return a unit after its number: a blank and the unit, nothing for a pure number."""
+    """Return a blank and the unit, to follow a number; empty for a pure number."""
     return f" {unit}" if unit not in NO_UNIT else ""
 
 
 # ---- Quantities with their sigmas in display units
 
-# Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
+# Words for channels. A channel whose name is a word, such as airspeed or rudder, is not here.
 CHANNELS = {
     "alpha": "angle of attack",
     "q": "pitch rate",
@@ -92,9 +92,8 @@ CHANNELS = {
     "phi": "bank angle",
     "ny": "lateral load factor",
 }
-
-
-AXES = {  # Which equation of motion a channel is measured along.
+# Equation of motion that each channel belongs to.
+AXES = {
     "airspeed": "speed",
     "nx": "speed",
     "alpha": "lift",
@@ -112,18 +111,18 @@ UNDETERMINED = "not determined by these data"
 
 
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.0610 +- 0.0012 s"``: angles in degrees, frequencies in rad/s and Hz, digits by the
-    sigma; ``unit`` replaces the quantity's own.
+    """Return value and sigma in display units, such as ``"0.0610 +- 0.0012 s"``.
+
+    The sigma gives the number of digits. ``unit`` replaces the display unit.
     """
-    value, std, text = displayed(quantity, name)
-    if name == "count":  # of events: a whole number
+    value, std, shown_unit = displayed(quantity, name)
+    if name == "count":  # a number of events
         return f"{value:.0f}"
-    shown = (
-        value_text(value, std, text if unit is None else unit)
-        if determined(value, std)
-        else UNDETERMINED
+    if not determined(value, std):
+        return UNDETERMINED
+    return value_text(value, std, shown_unit if unit is None else unit) + in_hertz(
+        value, name, shown_unit
     )
-    return shown + in_hertz(value, name, text) if determined(value, std) else shown
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
@@ -141,31 +140,26 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 def value_parts(value: float, std: float) -> tuple[str, str]:
     """Return the value and sigma as two texts, with two digits of the sigma."""
-    digits = _digits(std)
-    if digits < 7:
-        return f"{value:z.{digits}f}", f"{std:.{digits}f}"
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    if decimals < 7:
+        return f"{value:z.{decimals}f}", f"{std:.{decimals}f}"
     return f"{value:.3g}", f"{std:.2g}"
 
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
-    """Return the value, standard deviation and unit as people read them: plain angles and their
-    rates in degrees, frequencies in rad/s.
-    """
+    """Return the value, standard deviation and unit in the display unit."""
     factor, unit = shown_in(quantity.unit, name)
     return factor * quantity.value, factor * quantity.std, unit
 
 
-def _number(value: float, std: float) -> str:
-    """Return the value with the digits that its sigma leaves, three at most."""
+def rounded_text(value: float, std: float) -> str:
+    """Return the value up to the first digit of its sigma, with at most three digits."""
     if not determined(value, std):
         return f"{value:.2g}"
-    digits = max(0, -math.floor(math.log10(std)))
-    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"  # noqa: E501
-
-
-def _digits(std: float) -> int:
-    """Decimals that show two digits of a sigma."""
-    return max(0, 1 - math.floor(math.log10(std)))
+    decimals = max(0, -math.floor(math.log10(std)))
+    if value:
+        decimals = min(decimals, max(0, 2 - math.floor(math.log10(abs(value)))))
+    return f"{value:.{decimals}f}"
 
 
 def determined(value: float, std: float) -> bool:
@@ -174,17 +168,16 @@ def determined(value: float, std: float) -> bool:
 
 
 def span_text(low: float, high: float) -> str:
-    """``"-4.40 to 3.82"``: both ends with the decimals that give the larger one three digits."""
+    """Return two limits, such as ``"-4.40 to 3.82"``; the larger one has three digits."""
     largest = max(abs(low), abs(high))
-    digits = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
-    return " to ".join(
-        f"{end + 0.0 if round(end, digits) else 0.0:.{digits}f}" for end in (low, high)
-    )
+    decimals = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+    return f"{low:z.{decimals}f} to {high:z.{decimals}f}"
 
 
-# ---- Numbers and single lines as the terminal shows them
+# ---- Numbers and single lines on the terminal
 
-GROWING_MODE_SIGMAS = 2.0  # a time constant so many sigmas below zero is reported as a growing mode
+# A time constant so many sigmas below zero is reported as a growing mode.
+GROWING_MODE_SIGMAS = 2.0
 
 
 class EscapingConsole(Console):
@@ -199,8 +192,9 @@ class EscapingConsole(Console):
 
 
 def console() -> Console:
-    """Return a console that never folds numbers, 120 columns where the output is not a terminal;
-    brackets in texts stay as they are.
+    """Return a console for the standard output; 120 columns wide if that is not a terminal.
+
+    Brackets in texts are not read as styles.
     """
     plain = EscapingConsole(file=styled_stream(sys.stdout), markup=False)
     return (
@@ -211,8 +205,8 @@ def console() -> Console:
 
 
 def as_text(show: Callable[[Console], None]) -> str:
-    """Return the text that ``show`` prints where the output is not a terminal, without blanks at
-    the ends of lines.
+    """Return the text that ``show`` prints if the output is not a terminal, without trailing
+    blanks.
     """
     out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
     show(out)
@@ -225,16 +219,14 @@ def number_text(value: float, std: float | None = None) -> str:
         return "unknown"
     if std is None or not 0 < std < math.inf:
         return f"{value:.5g}"
-    from math import floor, log10
-
-    last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
+    last = math.floor(math.log10(std)) - 1  # decimal place of the second digit of the sigma
     if last >= -7:
         return f"{value:z.{max(0, -last)}f}"
-    return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
+    return f"{value:.{max(1, math.floor(math.log10(max(abs(value), std))) - last)}e}"
 
 
 def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
-    """Natural frequency, damping and the like with their sigmas, in one line."""
+    """Return derived quantities, such as natural frequencies, with their sigmas in one line."""
     return "; ".join(_derived_text(key, value, std) for key, (value, std) in derived.items())
 
 
@@ -261,39 +253,29 @@ def _derived_text(key: str, value: float, std: float) -> str:
 def test_line(tests: Sequence[ResidualTest]) -> str:
     """Return the residual tests in one line: failing outputs with axes, then axes that pass."""
     failed = [test for test in tests if not test.passed]
+    if not tests:
+        return ""
     if not failed:
-        return (
-            "residual: consistent with noise ("
-            + "; ".join(f"{t.channel}: p-value {t.p_value:.2g}" for t in tests)
-            + f"; a test fails below {WHITENESS_P_VALUE:g})"
-            if tests
-            else ""
-        )
-    axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
+        p_values = "; ".join(f"{test.channel}: p-value {test.p_value:.2g}" for test in tests)
+        limit = f"a test fails below {WHITENESS_P_VALUE:g}"
+        return f"residual: consistent with noise ({p_values}; {limit})"
+    axes = list(dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES))
     several = len(axes) > 1
-    sentences: dict[
-        str, list[str]
-    ] = {}  # sentences by channel, with its axis where there are several
-    for test in sorted(failed, key=lambda test: _place(test.channel, list(axes))):
+    # Channels without an axis come last.
+    failed.sort(key=lambda test: [*axes, AXES.get(test.channel)].index(AXES.get(test.channel)))
+    sentences: dict[str, list[str]] = {}
+    for test in failed:
         axis = AXES.get(test.channel) if several else None
-        sentences.setdefault(f"{test.channel} ({axis})" if axis else test.channel, []).append(
-            test.sentence
-        )
-    parts = [f"{name}: {', '.join(some)}" for name, some in sentences.items()]
-    wrong = {AXES.get(test.channel) for test in failed}
-    sound = [axis for axis in axes if axis not in wrong] if several else []
-    return (
-        "residual is more than noise (residual: measured minus predicted): "
-        f"{'; '.join(parts)}"
-        f"{f'; consistent with noise in {_listed(sound)}' if sound else ''}"
+        channel = f"{test.channel} ({axis})" if axis else test.channel
+        sentences.setdefault(channel, []).append(test.sentence)
+    parts = [f"{channel}: {', '.join(found)}" for channel, found in sentences.items()]
+    failed_axes = {AXES.get(test.channel) for test in failed}
+    sound = [axis for axis in axes if axis not in failed_axes] if several else []
+    return "residual is more than noise (residual: measured minus predicted): " + "; ".join(
+        [*parts, *([f"consistent with noise in {listed(sound)}"] if sound else [])]
     )
 
 
-def _place(channel: str, axes: Sequence[str]) -> int:
-    """Place of a channel's axis among ``axes``; of a channel without one after them all."""
-    axis = AXES.get(channel)
-    return axes.index(axis) if axis in axes else len(axes)
-
-
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+def listed(words: Sequence[str]) -> str:
+    """Return words as ``"a, b and c"``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

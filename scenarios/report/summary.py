@@ -19,6 +19,7 @@ from scenarios.report.quantities import (
     derived_line,
     determined,
     in_hertz,
+    listed,
     number_text,
     shown_in,
     spaced,
@@ -251,6 +252,7 @@ def _widths(columns: Sequence[TableColumn], width: int) -> list[int]:
 
 
 def _total_width(widths: Sequence[int]) -> int:
+    """Return the width of a table with columns of these widths."""
     return len(INDENT) + sum(widths) + len(GAP) * (len(widths) - 1)
 
 
@@ -259,7 +261,7 @@ def _least_width(column: TableColumn) -> int:
 
     Numbers and the words of a heading are not split; other words only beyond ``LEAST_WIDTH``.
     """
-    heading = _widest_word(column.heading)
+    heading = max(map(len, folded(column.heading, 1)))
     if not column.left:
         return max(heading, *map(len, column.cells))
     natural = max(map(len, column.cells))
@@ -270,10 +272,6 @@ def _least_width(column: TableColumn) -> int:
         for part in _PARTS.split(word)
     )
     return max(heading, unbroken, min(LEAST_WIDTH, natural))
-
-
-def _widest_word(heading: str) -> int:
-    return max(map(len, folded(heading, 1)), default=0)
 
 
 def _folded_cell(text: str, width: int) -> list[str]:
@@ -413,6 +411,7 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
 
 
 def _level_name(number: int) -> str:
+    """Return a level in words."""
     return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
@@ -425,6 +424,7 @@ def _percent(probability: float) -> str:
 
 
 def _content(level: ModeLevel) -> dict[str, Any]:
+    """Return the level of a mode as JSON."""
     content: dict[str, Any] = {
         "level": level.level,
         "probability": level.probability,
@@ -526,23 +526,14 @@ def result_phrase(
 
 
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
-    """Return the channels whose residuals are noise, and those whose residuals are not; empty
-    without tests.
-    """
+    """Return in words which channels have residuals that are noise; empty without tests."""
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
     failed = {test.channel.partition(",")[0] for test in tests if not test.passed}
     white = [name for name in channels if name not in failed and name != "all"]
     if not failed:
-        return f"consistent with noise in {_listed(white)}" if white else ""
+        return f"consistent with noise in {listed(white)}" if white else ""
     coloured = [name for name in channels if name in failed and name != "all"]
     if not coloured:
         return "not consistent with noise"
-    phrase = f"more than noise in {_listed(coloured)}"
-    return f"{phrase}; consistent with noise in {_listed(white)}" if white else phrase
-
-
-def _listed(words: Sequence[str]) -> str:
-    """Return words as ``"a, b and c"``."""
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} and {words[-1]}"
+    phrase = f"more than noise in {listed(coloured)}"
+    return f"{phrase}; consistent with noise in {listed(white)}" if white else phrase

@@ -234,8 +234,9 @@ def responses_of(
     refuse_twice(request.records)
     files = read_record_files(request.records)
     signal_names = (*names.inputs, *names.outputs, *names.references)
-    own_names = [name for name in signal_names if name.isidentifier() and name not in CHANNEL_UNITS]
-    choices = column_choices(request, (*CHANNEL_UNITS, *own_names))
+    # A channel map may define channels that flightid does not know.
+    new_names = [name for name in signal_names if name.isidentifier() and name not in CHANNEL_UNITS]
+    choices = column_choices(request, (*CHANNEL_UNITS, *new_names))
     read = read_signals(files, names, request.plan, choices)
     if margins is not None:
         # Both signals are inside one computer, so there is no hold between them.
@@ -324,8 +325,10 @@ def estimated(
 
     Returns
     -------
-    The estimate, the direct estimate if it is a joint one (else None), the sampling interval of
-    the estimate (s), and notes.
+    responses : the estimate.
+    direct : the direct estimate if ``responses`` is a joint estimate, else None.
+    step : sampling interval of the estimate, s.
+    notes : sentences on the method.
     """
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
@@ -375,6 +378,7 @@ def _hold_response(angle: np.ndarray) -> np.ndarray:
 
 
 def _divided_by(responses: FrequencyResponses, factor: np.ndarray) -> FrequencyResponses:
+    """Return responses divided by a complex factor at each frequency, ``(F,)``."""
     return replace(
         responses, response=responses.response / factor, std=responses.std / np.abs(factor)
     )

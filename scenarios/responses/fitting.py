@@ -28,12 +28,7 @@ from ident.frequency_response.transfer_function import (
     unnoticeable,
 )
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import (
-    VehicleFile,
-    read_vehicle,
-    refuse_unknown_model,
-    vehicle_with_file,
-)
+from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_with_file
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.report.document import BY_ROW, MISSING, Cell, Column, Number, Table, formatted, table
 from scenarios.report.quantities import number_text
@@ -70,8 +65,8 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if not self.forms and self.shared_poles:
-            remedy = "add --fit FORM"
-            raise DeclarationError("no form is named", where="--shared-poles", remedy=remedy)
+            what, remedy = "no form is named", "add --fit FORM"
+            raise DeclarationError(what, where="--shared-poles", remedy=remedy)
 
     @property
     def values(self) -> dict[str, float]:
@@ -196,6 +191,7 @@ def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) 
 
 
 def _forms_by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str]:
+    """Return the form of each output. Raises DeclarationError for unknown or double ones."""
     by_output: dict[str, str] = {}
     for text in forms:
         output, equals, form = text.rpartition("=")
@@ -217,13 +213,12 @@ def _forms_by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[st
 def _mismatch(
     responses: FrequencyResponses, place: tuple[int, int], function: FittedResponse
 ) -> Mismatch:
+    """Return the mismatch of a fitted function in the usable band of its response."""
     usable = responses.usable[place]
     frequency = responses.frequency[usable]
     response = responses.response[place][usable]
     ratio = response / function.response(2.0 * math.pi * frequency)
-    share = np.minimum(
-        (responses.half_width()[place] / np.abs(responses.response[place]))[usable], 0.999
-    )
+    share = np.minimum(responses.half_width()[place][usable] / np.abs(response), 0.999)
     phase_half_width = responses.phase_half_width()[place][usable]
     return Mismatch(
         frequency,
@@ -235,7 +230,7 @@ def _mismatch(
 
 
 def cost_sentence(function: FittedResponse) -> str:
-    """Return ``"cost 12.3: close to the data (below 50)"``."""
+    """Return the cost of a fit in words, such as ``"cost 12.3: close to the data (below 50)"``."""
     cost = function.cost
     if cost <= NEARLY_PERFECT_COST:
         verdict = f"close to the data (below {NEARLY_PERFECT_COST:g})"
@@ -247,24 +242,24 @@ def cost_sentence(function: FittedResponse) -> str:
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
-    """Return a sentence on whether a pilot would notice the mismatch; empty for plain orders."""
+    """Return whether a pilot would notice the mismatch; empty for a form of orders, such as 1/2."""
     if function.form.name not in FORMS or not mismatch.piloted.any():
         return ""
     outside = mismatch.outside
     omega = 2.0 * math.pi * mismatch.frequency
-    judged = omega[mismatch.piloted]
-    band = f"{judged[0]:.3g} to {judged[-1]:.3g} rad/s"
+    compared = omega[mismatch.piloted]
+    band = f"{compared[0]:.3g} to {compared[-1]:.3g} rad/s"
     if not outside.any():
         return f"mismatch within the envelopes of unnoticeable added dynamics, {band}"
     beyond = omega[outside]
     return (
         f"mismatch beyond the envelopes of unnoticeable added dynamics at {outside.sum()} of "
-        f"{judged.size} frequencies from {band}, first at {beyond[0]:.3g} rad/s"
+        f"{compared.size} frequencies from {band}, first at {beyond[0]:.3g} rad/s"
     )
 
 
 def transfer_text(function: FittedResponse) -> str:
-    """Return ``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
+    """Return text such as ``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
     numerator, denominator = _polynomial(function.numerator), _polynomial(function.denominator)
     delay = function.values["delay"]
     lag = f" exp(-{delay:.4g} s)" if delay > NO_DELAY else ""
@@ -272,6 +267,7 @@ def transfer_text(function: FittedResponse) -> str:
 
 
 def _polynomial(coefficients: np.ndarray) -> str:
+    """Return a polynomial of s as text; the highest power is first."""
     order = len(coefficients) - 1
     text = ""
     for i, value in enumerate(coefficients.tolist()):
@@ -294,13 +290,19 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
         if function.cost > ACCEPTABLE_COST:
             cautions.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
         cautions += _outside_band(function, mismatch)
-        uncertain = [name for name in function.std if _hardly_determined(function, name)]
-        if _delay_may_be_zero(function):
-            delay, std = function.values["delay"], function.std["delay"]
+        sizes = {name: abs(function.values[name]) for name in function.std}
+        uncertain = [
+            name
+            for name, size in sizes.items()
+            if function.std[name] > LARGEST_CRAMER_RAO_SHARE * size
+            or function.insensitivity[name] > LARGEST_INSENSITIVITY_SHARE * size
+        ]
+        delay, delay_std = function.values["delay"], function.std.get("delay")
+        if delay_std is not None and delay < 2.0 * delay_std:
             shown = delay if delay > NO_DELAY else 0.0
             cautions.append(
-                f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; "
-                "--fix delay=0 leaves it out"
+                f"{function.name}: the delay is {shown:.2g} +- {delay_std:.2g} s, which may be "
+                "none; --fix delay=0 leaves it out"
             )
             uncertain = [name for name in uncertain if name != "delay"]
         if uncertain:
@@ -314,9 +316,8 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
 
 
 def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
-    """Return a caution if a fitted mode lies outside the usable band, which may end at a dip of the
-    coherence near a lightly damped mode.
-    """
+    """Return a caution if a fitted mode is outside the usable band."""
+    # The coherence may have a dip near a lightly damped mode, at which the band then ends.
     low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
     mode = function.values.get("frequency")
     if mode is None or low <= mode <= high:
@@ -328,45 +329,50 @@ def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
     ]
 
 
-def _hardly_determined(function: FittedResponse, name: str) -> bool:
-    """Return whether the Cramer-Rao bound or the insensitivity of a parameter exceeds its limit."""
-    size = abs(function.values[name])
-    return (
-        function.std[name] > LARGEST_CRAMER_RAO_SHARE * size
-        or function.insensitivity[name] > LARGEST_INSENSITIVITY_SHARE * size
-    )
-
-
-def _delay_may_be_zero(function: FittedResponse) -> bool:
-    """Return whether a free delay differs from zero by less than two standard deviations."""
-    return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]
-
+# ---- Linear models fitted to the estimated responses
 
 DELAY = "delay"
 
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Options of a model fit."""
+    """Options of a model fit.
 
-    model: str | None = None  # name or file of the model; None fits none
-    vehicle: Path | None = None  # file of constants and starting values
-    fixed: Mapping[str, float] | None = None  # values of fixed parameters
+    Attributes
+    ----------
+    model : name or file of the model; None fits no model.
+    vehicle : file of constants and starting values.
+    fixed : values of fixed parameters.
+    """
+
+    model: str | None = None
+    vehicle: Path | None = None
+    fixed: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class FittedResponseModel:
-    """A linear model fitted to several responses."""
+    """A linear model fitted to several responses.
 
-    model: str  # names of model and vehicle
+    Attributes
+    ----------
+    model, vehicle : names of model and vehicle.
+    fit : the fit.
+    places, pairs : row and column, and name ``OUTPUT/INPUT``, of each response.
+    units : unit of each parameter.
+    omegas : frequencies of each response, rad/s.
+    sentences, file : notes, and the vehicle file or None.
+    """
+
+    model: str
     vehicle: str
     fit: ModelFit
-    places: tuple[tuple[int, int], ...]  # row and column of each response
-    pairs: tuple[str, ...]  # ``OUTPUT/INPUT`` of each response
-    units: Mapping[str, str]  # by parameter
-    omegas: tuple[np.ndarray, ...]  # frequencies of each response, rad/s
-    sentences: tuple[str, ...]  # notes
-    file: InputFile | None = None  # the vehicle file
+    places: tuple[tuple[int, int], ...]
+    pairs: tuple[str, ...]
+    units: Mapping[str, str]
+    omegas: tuple[np.ndarray, ...]
+    sentences: tuple[str, ...]
+    file: InputFile | None = None
 
     def of(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return frequencies (rad/s) and response of the model; None if it was not fitted there."""
@@ -412,12 +418,12 @@ def model_fit_of(
 
     The model is linearised about rest, or about level flight at the starting values. A delay of all
     inputs is free unless fixed. ``hold_step`` is the time for which the inputs are held, s. The
-    estimated responses were divided by the response of the hold, although outputs with direct
-    feedthrough do not have it. So the model is discretised and divided in the same way.
+    estimated responses were divided by the response of the hold, which outputs with direct
+    feedthrough do not have. The model is therefore discretised and divided in the same way.
 
     Raises
     ------
-    DeclarationError, RecordError : signals that the model lacks, or no usable band.
+    DeclarationError, RecordError : the model lacks a signal, or no response has a usable band.
     """
     if options.model is None:
         if options.vehicle is not None:
@@ -449,16 +455,15 @@ def model_fit_of(
         model_responses = []
         if hold_step is not None:
             A, B = _discretised(A, B, hold_step)
-        for target, k, m in zip(targets, outputs, inputs, strict=True):
+        for target, output, column in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
-            z = s
-            hold_response: np.ndarray | float = 1.0
+            z, hold_response = s, np.ones_like(s)
             if hold_step is not None:
                 z = np.exp(s * hold_step)
                 hold_response = (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
             matrices = z[:, None, None] * np.eye(len(A)) - A
-            states = np.linalg.solve(matrices, B[None, :, m, None])
-            response = (space.C[k] @ states)[:, 0] + space.D[k, m]
+            states = np.linalg.solve(matrices, B[None, :, column, None])
+            response = (space.C[output] @ states)[:, 0] + space.D[output, column]
             delay = np.exp(-s * values.get(DELAY, 0.0))
             model_responses.append(response * delay / hold_response)
         return model_responses
@@ -470,7 +475,11 @@ def model_fit_of(
         raise DeclarationError(error.what, where="--model", remedy=error.remedy) from None
     units = {name: system.parameters[name].unit for name in (*start, *fixed) if name != DELAY}
     units |= {DELAY: "s"}
-    condition = "level flight" if trim is not None else "rest"
+    sentence = (
+        f"{options.model} model of {vehicle_with_file(vehicle.name, vehicle.identity)}, linearised "
+        f"about {'level flight' if trim is not None else 'rest'}, fitted to {len(pairs)} "
+        f"response{'s' * (len(pairs) != 1)}"
+    )
     return FittedResponseModel(
         options.model,
         vehicle.name,
@@ -479,7 +488,7 @@ def model_fit_of(
         tuple(pairs),
         units,
         tuple(target.omega for target in targets),
-        (_fit_sentence(options.model, vehicle, condition, len(pairs)),),
+        (sentence,),
         vehicle.identity,
     )
 
@@ -493,19 +502,10 @@ def _discretised(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray,
     return transition[:n, :n], transition[:n, n:]
 
 
-def _fit_sentence(model: str, vehicle: VehicleFile, condition: str, count: int) -> str:
-    """Return a sentence on model, vehicle, flight condition and number of fitted responses."""
-    named = vehicle_with_file(vehicle.name, vehicle.identity)
-    responses = f"{count} response{'s' * (count != 1)}"
-    return f"{model} model of {named}, linearised about {condition}, fitted to {responses}"
-
-
 def _starting_values(
     system: System, fixed: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the starting values of free parameters, with a delay of all inputs, and the values of
-    fixed parameters.
-    """
+    """Return starting values of free parameters, including a delay, and values of fixed ones."""
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     known = [*free, *([] if DELAY in free else [DELAY])]
     for name in fixed:
@@ -519,6 +519,7 @@ def _starting_values(
 
 
 def _refuse_other_signals(system: System, names: Names) -> None:
+    """Raise DeclarationError for a signal that the model does not have."""
     for option, requested, known in (
         ("--input", names.inputs, system.input_names),
         ("--output", names.outputs, system.output_names),
@@ -543,11 +544,10 @@ def model_lines(fitted: FittedResponseModel) -> list[str]:
 def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
     """Return a table of the parameters of a fitted model; fixed parameters are last."""
     fit = fitted.fit
-    names, fixed = list(fit.names), list(fit.fixed)
-    dashes = [MISSING] * len(fixed)
+    names, dashes = [*fit.names, *fit.fixed], [MISSING] * len(fit.fixed)
 
     def shares(sizes: np.ndarray) -> list[Cell]:
-        return [_share(size, value) for size, value in zip(sizes, fit.values, strict=True)]
+        return [percent_cell(size, value) for size, value in zip(sizes, fit.values, strict=True)]
 
     values: list[Cell] = [
         Number(float(value), shown=number_text(float(value), float(std)))
@@ -555,22 +555,21 @@ def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
     ]
     stds: list[Cell] = [formatted(float(std), ".2g") for std in fit.std]
     start: list[Cell] = [formatted(float(value), ".5g") for value in fit.start]
+    fixed: list[Cell] = [formatted(float(value), ".5g") for value in fit.fixed.values()]
     return table(
         caption,
-        (Column("parameter"), [*names, *fixed]),
-        (
-            Column("value", BY_ROW),
-            [*values, *(formatted(float(fit.fixed[name]), ".5g") for name in fixed)],
-        ),
+        (Column("parameter"), names),
+        (Column("value", BY_ROW), [*values, *fixed]),
         (Column("std", BY_ROW, beside=True), [*stds, *["fixed"] * len(fixed)]),
         (Column("Cramer-Rao", "%"), [*shares(fit.cramer_rao), *dashes]),
         (Column("insensitivity", "%"), [*shares(fit.insensitivity), *dashes]),
         (Column("start", BY_ROW), [*start, *dashes]),
-        units=[fitted.units.get(name, "") for name in (*names, *fixed)],
+        units=[fitted.units.get(name, "") for name in names],
     )
 
 
-def _share(part: float, value: float) -> Cell:
+def percent_cell(part: float, value: float) -> Cell:
+    """Return ``part`` in per cent of a value; a dash if it is too large."""
     percent = 100.0 * float(part) / max(abs(float(value)), SMALLEST_SIZE)
     shown = math.isfinite(percent) and percent < LARGEST_SHOWN_PERCENT
     return formatted(percent if shown else None, ".3g")

@@ -54,7 +54,7 @@ class LoopMargins:
     reasons : sentences on the parts without an estimate.
     worst : smallest value of each margin over the parts; empty with a single part.
     cautions : sentences on the result.
-    contradicted : whether the signals have the opposite sign. The margins are then those of another
+    contradicted : whether the signals show the opposite sign; the margins are then those of another
         loop.
     """
 
@@ -88,7 +88,7 @@ def loop_margins_of(
     names: Names,
     sign: str | None,
     read: ReadSignals,
-    again: Callable[[ReadSignals], FrequencyResponses],
+    estimate_part: Callable[[ReadSignals], FrequencyResponses],
 ) -> LoopMargins | None:
     """Return the margins of a loop; None without a ``sign`` or a usable band.
 
@@ -98,7 +98,7 @@ def loop_margins_of(
     names : names of the signals.
     sign : sign with which the loop feeds the returned signal back.
     read : the signals of all parts.
-    again : estimates the response of a single part in the same way.
+    estimate_part : estimates the response of a single part in the same way.
     """
     if sign is None or not responses.usable[0, 0].any():
         return None
@@ -121,7 +121,7 @@ def loop_margins_of(
         )
         part_margins = None
         try:
-            response = again(single)
+            response = estimate_part(single)
             if response.usable[0, 0].any():
                 part_margins = margins_of(response)[1]
             else:
@@ -157,6 +157,7 @@ def _cautions(
     *,
     contradicted: bool,
 ) -> tuple[str, ...]:
+    """Return cautions on the margins, one sentence each."""
     cautions = []
     if not responses.joint:
         cautions.append(
@@ -321,6 +322,7 @@ def _margins_content(margins: StabilityMargins | None) -> dict[str, object]:
 
 
 def _margin_content(margin: Margin) -> dict[str, object]:
+    """Return a margin for ``responses.json``."""
     return {
         "value": margin.size.value,
         "std": margin.size.std,

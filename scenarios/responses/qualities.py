@@ -218,7 +218,7 @@ class ChartLevel:
     Attributes
     ----------
     name : name of the criterion.
-    words : the judged quantities in words.
+    words : the quantities in words.
     level : 1 to 3, or ``OUTSIDE_LEVELS``.
     best, worst : best and worst level within two standard deviations.
     source : source of the limits.
@@ -369,8 +369,8 @@ def qualities_of(
         remedy = f"say what the outputs are with --bandwidth, {RATE} or {ATTITUDE}"
         raise DeclarationError("a pilot needs an attitude", where="--pilot", remedy=remedy)
     all_qualities = []
-    # If there is also a pitch rate, a second-order response is that of the angle of attack.
-    dutch_roll = fits is None or all(item.form.name != PITCH for item in fits.fit.functions)
+    # If a pitch rate is fitted too, a second-order response is that of the angle of attack.
+    dutch_roll = fits is None or all(function.form.name != PITCH for function in fits.fit.functions)
     for place in product(range(len(names.outputs)), range(len(names.inputs))):
         output = names.outputs[place[0]]
         name = f"{output}/{names.inputs[place[1]]}"
@@ -473,6 +473,7 @@ def levels_content(qualities: Qualities) -> list[dict[str, Any]]:
 
 
 def _level_content(name: str, level: QualityLevel | ChartLevel, source: str) -> dict[str, Any]:
+    """Return a level for ``responses.json``."""
     return {
         "quantity": name,
         "level": level.level,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -43,12 +44,14 @@ from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summ
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import (
+    SMALLEST_SIZE,
     Fits,
     cost_sentence,
     envelope_sentence,
     model_content,
     model_lines,
     model_table,
+    percent_cell,
     transfer_text,
 )
 from scenarios.responses.loops import loop_tables, margin_lines, margins_content
@@ -61,7 +64,6 @@ if TYPE_CHECKING:
 
 PRINTED_FREQUENCIES = 12  # frequencies of a printed table
 MOST_NAMED_FILES = 3  # parts or files that are named in a heading
-SMALLEST_SIZE = 1e-300  # keeps a quotient or a logarithm finite
 
 
 def print_responses(
@@ -120,13 +122,14 @@ def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Sum
 
 
 def _first_names(names: Sequence[str]) -> str:
+    """Return the first names of parts or files for a heading."""
     more = ", ..." if len(names) > MOST_NAMED_FILES else ""
     return ", ".join(names[:MOST_NAMED_FILES]) + more
 
 
 def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
-    """Return the fitted transfer function of a response, its cost, and the judgement of its
-    mismatch.
+    """Return the fitted transfer function of a response, its cost, and whether a pilot would notice
+    its mismatch.
     """
     fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None:
@@ -136,8 +139,8 @@ def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
         f"{function.name} = {transfer_text(function)} ({function.form.name})",
         cost_sentence(function),
     ]
-    if judgement := envelope_sentence(function, mismatch):
-        lines.append(judgement)
+    if sentence := envelope_sentence(function, mismatch):
+        lines.append(sentence)
     return lines
 
 
@@ -163,9 +166,9 @@ def fit_tables(
         return Number(value, shown=number_text(value, function.std.get(name)))
 
     def percent(name: str, numbers: Mapping[str, float]) -> Cell:
-        size = max(abs(function.values[name]), SMALLEST_SIZE)
-        determined = name in function.std and function.std[name] < size
-        return formatted(100.0 * numbers[name] / size if determined else None, ".3g")
+        value = function.values[name]
+        determined = function.std.get(name, math.inf) < max(abs(value), SMALLEST_SIZE)
+        return percent_cell(numbers[name] if determined else math.inf, value)
 
     def std_cell(name: str) -> Cell:
         return formatted(function.std[name], ".2g") if name in function.std else "fixed"
@@ -246,11 +249,9 @@ def response_table(
 
 READING = (
     "The bands hold the response with a probability of 95 % at each frequency by itself. They "
-    "cover "
-    "random errors; an error of a sensor's scale or delay is not among them.",
+    "cover random errors; an error of a sensor's scale or delay is not among them.",
     "The coherence is the share of the output's power that follows the inputs linearly. The "
-    "partial "
-    "coherence of an input leaves the other inputs out.",
+    "partial coherence of an input leaves the other inputs out.",
     "The random error is the standard deviation of the magnitude over the magnitude.",
     "If the output acts back on the input through a controller or a pilot, name an excitation with "
     "--reference: without one the estimate is biased towards the negative inverse of the feedback.",
@@ -269,8 +270,8 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
         functions += [Prose(as_sentence(line)) for line in fit_lines(estimates, row, column)]
         functions += fit_tables(estimates, row, column, f"Parameters of {name}")
     qualities: list[Block] = [*quality_tables(estimates.qualities)]
-    if judged := quality_lines(estimates.qualities):
-        qualities.append(Bullets(tuple(map(as_sentence, judged))))
+    if sentences := quality_lines(estimates.qualities):
+        qualities.append(Bullets(tuple(map(as_sentence, sentences))))
     margins: list[Block] = []
     if estimates.loop is not None:
         margins += loop_tables(estimates.loop)
@@ -418,11 +419,11 @@ def quality_figures(estimates: ResponseEstimates) -> list[tuple[str, partial[Fig
     ]
     if estimates.fits is None:
         return drawings
-    steady = []  # places of the responses with a steady value after a step
-    for place in estimates.fits.places:
-        fitted = estimates.fits.of(*place)
-        if fitted is not None and step_response(fitted[0]) is not None:
-            steady.append(place)
+    steady = [  # places of the responses with a steady value after a step
+        place
+        for place, function in zip(estimates.fits.places, estimates.fits.fit.functions, strict=True)
+        if step_response(function) is not None
+    ]
     drawings += [
         (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, estimates, *place))
         for n, place in enumerate(steady, start=1)
@@ -529,11 +530,12 @@ def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
 
 
 def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
+    """Return the fitted transfer functions for ``responses.json``."""
     functions = []
     for (row, column), function, mismatch in zip(
         fits.places, fits.fit.functions, fits.mismatches, strict=True
     ):
-        form, judgement = function.form, envelope_sentence(function, mismatch)
+        form, compared = function.form, bool(envelope_sentence(function, mismatch))
         functions.append(
             {
                 "output": estimates.names.outputs[row],
@@ -557,7 +559,7 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
                     for name, value in function.values.items()
                     if name not in function.std
                 },
-                **({"unnoticeable": not bool(mismatch.outside.any())} if judgement else {}),
+                **({"unnoticeable": not bool(mismatch.outside.any())} if compared else {}),
                 "mismatch": {
                     "frequency_Hz": mismatch.frequency.tolist(),
                     "gain_dB": mismatch.gain.tolist(),
@@ -574,6 +576,7 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
 
 
 def _qualities_content(estimates: ResponseEstimates) -> list[dict[str, Any]]:
+    """Return the flying qualities of each response for ``responses.json``."""
     return [
         {
             "output": estimates.names.outputs[qualities.place[0]],

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,10 +35,16 @@ SIMULATED = "simulated_"  # prefix of simulated outputs
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN if missing.
+    """Signals of one study by name, ``(N,)`` each, SI; NaN if missing.
 
-    ``predicted``: of the estimate; ``true``: empty if unknown. ``units`` of the channels;
-    ``simulated``: whether the record is simulated.
+    Attributes
+    ----------
+    time : shape ``(N,)``, s.
+    inputs, measured : inputs and measured outputs.
+    predicted : outputs predicted by the estimate.
+    true : outputs without noise; empty if unknown.
+    units : unit of each channel.
+    simulated : whether the record is simulated.
     """
 
     time: np.ndarray
@@ -59,19 +66,18 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
     if TIME not in table:
         return None
     predicted = {
-        name.removeprefix(mark): row
-        for mark in (PREDICTED, SIMULATED)
+        name.removeprefix(prefix): row
+        for prefix in (PREDICTED, SIMULATED)
         for name, row in table.items()
-        if name.startswith(mark)
+        if name.startswith(prefix)
     }
     true = {name.removeprefix(TRUE): row for name, row in table.items() if name.startswith(TRUE)}
     measured = {name: table[name] for name in predicted if name in table}
-    others = (
-        name
-        for name in table
+    inputs = {
+        name: row
+        for name, row in table.items()
         if not name.startswith((PREDICTED, SIMULATED, TRUE)) and name not in (TIME, *measured)
-    )
-    inputs = {name: table[name] for name in others}
+    }
     return StudyResponses(
         table[TIME],
         inputs,
@@ -83,22 +89,25 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
 
 
 def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
-    """Return the units of the channels, from the folder's record if it states them, and whether
-    that record is simulated.
+    """Return the units of the channels, and whether the record is simulated.
+
+    Units that ``record.json`` of the folder states replace the usual ones.
     """
-    result = json_or_none(folder / "record.json")
-    content = result if isinstance(result, dict) else {}
-    units = content.get("units", {})
-    units_by_name = (
-        {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    )
-    return {**CHANNEL_UNITS, **units_by_name}, content.get("origin") == SIMULATED_ORIGIN or (
-        folder / "truth.json"
-    ).is_file()
+    content = json_or_none(folder / "record.json")
+    content = content if isinstance(content, dict) else {}
+    stated = content.get("units")
+    units = dict(CHANNEL_UNITS)
+    if isinstance(stated, dict):
+        units |= {name: str(unit) for name, unit in stated.items()}
+    truth_known = (folder / "truth.json").is_file()
+    return units, truth_known or content.get("origin") == SIMULATED_ORIGIN
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Return columns of numbers by heading (NaN: empty cell); empty for any other file."""
+    """Return the columns of a CSV file of numbers by heading; an empty cell is NaN.
+
+    Return no column if the file cannot be read or has other cells.
+    """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head, *rows = list(csv.reader(file))
@@ -121,8 +130,13 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 class Value:
     """Estimate of one parameter in one study, all numbers in ``unit``.
 
-    ``std``: 0 if not stated. ``condensed``: reference value of a model that lacks modes of the
-    aircraft. ``published``: with a standard deviation of 0 if none is printed.
+    Attributes
+    ----------
+    estimate, std : estimate and its standard deviation; 0 if unknown.
+    true : true value, or None.
+    condensed : value with the elastic modes statically condensed, which a model without these modes
+        should find, or None.
+    published : published value and its standard deviation, 0 if unknown; or None.
     """
 
     estimate: float
@@ -158,7 +172,7 @@ class Value:
     def in_unit(self, factor: float, unit: str) -> Value:
         """Return all numbers times ``factor``, in another ``unit``."""
         true, condensed = (
-            factor * each if each is not None else None for each in (self.true, self.condensed)
+            None if value is None else factor * value for value in (self.true, self.condensed)
         )
         published = (
             (factor * self.published[0], factor * self.published[1])
@@ -169,7 +183,7 @@ class Value:
 
     @property
     def published_value(self) -> Value | None:
-        """The published number as a value with the same reference."""
+        """Published value and its standard deviation in place of the estimate, or None."""
         return (
             None
             if self.published is None
@@ -183,15 +197,16 @@ class StudyColumn:
 
     Attributes
     ----------
-    label : unique name in a comparison.
-    folder, method : of the study; ``method`` is empty for the main one.
-    title : of the study.
-    estimator : name of the estimator in the study.
-    outcome : code of the estimate, or the verdict.
-    seed : None for a measured record.
+    label : unique label in a comparison.
+    folder : folder of the study.
+    method : name of the method in the study; empty for the main method.
+    title : title of the study.
+    estimator : name of the estimator.
+    outcome : outcome code of the estimate, or verdict of a diagnosis.
+    seed : seed of a simulated record; None for a measured one.
     values, derived : parameters and derived quantities by name.
     responses : outputs over time; None if the folder has none.
-    vehicle, model : names in the study; empty if it has none.
+    vehicle, model : names of vehicle and model; empty if the study has none.
     """
 
     label: str
@@ -216,12 +231,15 @@ FEWEST_STUDIES = 2
 
 @dataclass(frozen=True, eq=False)
 class SideBySide:
-    """Several studies, parameter by parameter.
+    """Comparison of several studies.
 
-    ``names``: parameters that at least two studies estimate, in the order of the equations;
-    ``units`` of these; ``derived``: derived quantities likewise; ``single``: parameters that only
-    one study estimates, by label of its column; ``apart``: names with different units in different
-    studies, which are not compared.
+    Attributes
+    ----------
+    columns : the studies.
+    names : parameters that at least two studies estimate, in the order of the equations.
+    derived : derived quantities that at least two studies have.
+    single : parameters that only one study estimates, by label of the study.
+    apart : parameters whose unit is not the same in all studies; they are not compared.
     """
 
     columns: tuple[StudyColumn, ...]
@@ -236,23 +254,16 @@ class SideBySide:
 
     @property
     def cautions(self) -> list[str]:
-        """Sentences on studies that are of different vehicles or models."""
+        """Sentences on studies of different vehicles or models."""
         sentences = []
-        for what, names, why in (
-            ("vehicles", [c.vehicle for c in self.columns], "their parameters need not agree"),
-            (
-                "models",
-                [c.model for c in self.columns],
-                "a parameter of one name may be defined differently",
-            ),
+        for what, why in (
+            ("vehicle", "their parameters need not agree"),
+            ("model", "a parameter of one name may be defined differently"),
         ):
-            if len({name for name in names if name}) > 1:
-                each = ", ".join(
-                    f"{column.label} of {name}"
-                    for column, name in zip(self.columns, names, strict=True)
-                    if name
-                )
-                sentences.append(f"studies of different {what} ({each}): {why}")
+            names = {column.label: getattr(column, what) for column in self.columns}
+            if len({name for name in names.values() if name}) > 1:
+                listed = ", ".join(f"{label} of {name}" for label, name in names.items() if name)
+                sentences.append(f"studies of different {what}s ({listed}): {why}")
         return sentences
 
     def words(self, name: str) -> str:
@@ -267,11 +278,11 @@ class SideBySide:
 
 
 def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
-    """Compare columns parameter by parameter.
+    """Compare studies parameter by parameter.
 
     Raises
     ------
-    DeclarationError : fewer than two of them, or no parameter that two of them estimate.
+    DeclarationError : there are fewer than two studies, or no two estimate the same parameter.
     """
     if len(columns) < FEWEST_STUDIES:
         raise DeclarationError(
@@ -279,62 +290,56 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
             where=columns[0].label if columns else "compare",
             remedy="name at least two",
         )
-    values_by_column = [dict(column.values) for column in columns]
-    separate = tuple(
-        name
-        for name in _ordered({name for values in values_by_column for name in values})
-        if len(_units(name, values_by_column)) > 1
-    )
-    counted = {
-        name: sum(name in values for values in values_by_column)
-        for values in values_by_column
-        for name in values
-    }
+    values_by_column = [column.values for column in columns]
+    counted = Counter(name for values in values_by_column for name in values)
+    separate = tuple(name for name in _ordered(counted) if len(_units(name, values_by_column)) > 1)
     names = _ordered(
-        {
-            name
-            for name, count in counted.items()
-            if count >= FEWEST_STUDIES and name not in separate
-        }
+        name for name, count in counted.items() if count >= FEWEST_STUDIES and name not in separate
     )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
         remedy = (
             f"in the same unit: {', '.join(separate)}"
             if separate
-            else "; ".join(f"{c.label} has {_few(list(c.values))}" for c in columns)
+            else "; ".join(
+                f"{column.label} has {_first_names(column.values)}" for column in columns
+            )
         )
         raise DeclarationError(
             what, where="compare", remedy=f"name studies of one model ({remedy})"
         )
     single = {
-        c.label: result
-        for c in columns
-        if (result := _ordered({name for name in c.values if counted[name] == 1}))
+        column.label: found
+        for column in columns
+        if (found := _ordered(name for name in column.values if counted[name] == 1))
     }
-    derived = [dict(column.derived) for column in columns]
-    both = {
+    derived_by_column = [column.derived for column in columns]
+    counted_derived = Counter(name for values in derived_by_column for name in values)
+    derived = _ordered(
         name
-        for values in derived
-        for name in values
-        if sum(name in other for other in derived) >= FEWEST_STUDIES
-        and len(_units(name, derived)) == 1
-    }
-    return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, separate)
+        for name, count in counted_derived.items()
+        if count >= FEWEST_STUDIES
+        and len(_units(name, derived_by_column)) == 1
+        and name not in names
+    )
+    return SideBySide(tuple(columns), names, derived, single, separate)
 
 
-def _units(name: str, values_by_column: Sequence[dict[str, Value]]) -> set[str]:
+def _units(name: str, values_by_column: Sequence[Mapping[str, Value]]) -> set[str]:
+    """Return the units of a parameter in all studies."""
     return {values[name].unit for values in values_by_column if name in values}
 
 
-def _few(names: Sequence[str]) -> str:
-    shown = _ordered(set(names))
-    return ", ".join(shown[:3]) + (", ..." if len(shown) > 3 else "") if shown else "none"
+def _first_names(names: Iterable[str]) -> str:
+    """Return the first three names for a message."""
+    ordered = _ordered(names)
+    return ", ".join(ordered[:3]) + (", ..." if len(ordered) > 3 else "") if ordered else "none"
 
 
-def _ordered(names: set[str]) -> tuple[str, ...]:
-    """Return the names in the order of the equations; other names after them, numbers in names
-    sorted as numbers.
+def _ordered(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names in the order of the equations, then other names.
+
+    Numbers in names are sorted as numbers.
     """
     known = [
         *RIGID_DERIVATIVES,
@@ -344,13 +349,12 @@ def _ordered(names: set[str]) -> tuple[str, ...]:
         *LOES_OFFSETS,
     ]
     known += [name for _, _, derivatives in WHOLE_AXES.values() for name in derivatives]
-    place = {name: at for at, name in reversed(list(enumerate(known)))}
 
     def key(name: str) -> tuple[int, list[tuple[int, str]]]:
         parts = [
             (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)
         ]
-        return place.get(name, len(known)), parts
+        return [*known, name].index(name), parts
 
     return tuple(sorted(names, key=key))
 
@@ -359,28 +363,27 @@ def _ordered(names: set[str]) -> tuple[str, ...]:
 
 STUDIES = {"comparison.json": "flightid/comparison/1", "diagnosis.json": "flightid/diagnosis/2"}
 WRITERS = "name a folder that run, identify, watch or diagnose wrote with --out"
-BEFORE = "before"  # the method of a diagnosis that is the declared model
-OWN = "own"  # the name of a closed-loop study's main method among its methods
+BEFORE = "before"  # method of a diagnosis: the declared model without effects
+OWN = "own"  # name of the main method among the methods of a closed-loop study
 
 
 def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColumn, ...]:
-    """Read the columns of studies in the given order, each with a unique label.
+    """Read studies in the given order, each with a unique label.
 
     Parameters
     ----------
-    studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further
-        methods.
-    every : all methods of each study, its main one first.
+    studies : folders of studies or the JSON files in them; ``FOLDER:METHOD`` for a further method.
+    every : whether all methods of each study are read, its main method first.
 
     Raises
     ------
-    DeclarationError : no study there, no such method, the same one named twice.
+    DeclarationError : there is no such study or method, or one is named twice.
     """
     columns: list[StudyColumn] = []
     for text in studies:
-        for column in _reading_columns(text, every):
+        for column in _columns_of(text, every):
             if any(
-                (column.folder, column.method) == (done.folder, done.method) for done in columns
+                (column.folder, column.method) == (other.folder, other.method) for other in columns
             ):
                 raise DeclarationError(
                     "it is named twice", where=text, remedy="name each study once"
@@ -389,7 +392,7 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
     return _distinct_labels(columns)
 
 
-def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
+def _columns_of(text: str, every: bool) -> list[StudyColumn]:
     """Return the columns of one argument of the command."""
     path, method = Path(text), ""
     if not path.exists() and ":" in text:
@@ -417,15 +420,12 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
 
 
 def _study_file(path: Path, text: str) -> Path:
-    """JSON file of a study, by its folder or its own path."""
-    result = (
-        [path / name for name in STUDIES if (path / name).is_file()]
-        if path.is_dir()
-        else [path]
-        if path.name in STUDIES
-        else []
-    )
-    if not result:
+    """Return the JSON file of a study by its folder or path. Raises DeclarationError."""
+    if path.is_dir():
+        files = [path / name for name in STUDIES if (path / name).is_file()]
+    else:
+        files = [path] if path.name in STUDIES else []
+    if not files:
         what = (
             "there is no study in this folder"
             if path.is_dir()
@@ -434,11 +434,11 @@ def _study_file(path: Path, text: str) -> Path:
             else "there is no such folder"
         )
         raise DeclarationError(what, where=text, remedy=WRITERS)
-    return result[0]
+    return files[0]
 
 
 def _content(file: Path) -> dict[str, Any]:
-    """Return the content of a study's JSON file."""
+    """Return the content of a study's JSON file. Raises DeclarationError for another schema."""
     content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
@@ -446,7 +446,7 @@ def _content(file: Path) -> dict[str, Any]:
 
 
 def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Further methods by name; of a diagnosis the declared model."""
+    """Return the further methods of a study by name; for a diagnosis the declared model."""
     if content["schema"] == STUDIES["diagnosis.json"]:
         return {BEFORE: content}
     methods = content.get("methods")
@@ -466,7 +466,10 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 def _column(
     table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]
 ) -> StudyColumn:
-    """One method of a study; ``content``: of its JSON file, ``table``: the part of this method."""
+    """Return a method of a study.
+
+    ``content``: content of the study's JSON file. ``table``: the part of it on this method.
+    """
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
     estimator = table.get("method", table.get("label", ""))
@@ -507,20 +510,20 @@ def _values(table: Any, where: str) -> dict[str, Value]:
 
 
 def _value(entry: Mapping[str, Any]) -> Value | None:
+    """Return the value that an entry of a study describes; None without an estimate."""
     estimate = _number(entry.get("estimate", entry.get("value")))
     if estimate is None:
         return None
     printed = entry.get("published")
-    published = _number(printed.get("value")) if isinstance(printed, dict) else None
+    printed = printed if isinstance(printed, dict) else {}
+    published = _number(printed.get("value"))
     return Value(
         estimate,
         _number(entry.get("std")) or 0.0,
         str(entry.get("unit", "")),
         _number(entry.get("true")),
         _number(entry.get("condensed")),
-        None
-        if published is None or not isinstance(printed, dict)
-        else (published, _number(printed.get("std")) or 0.0),
+        None if published is None else (published, _number(printed.get("std")) or 0.0),
     )
 
 
@@ -534,14 +537,13 @@ def _number(value: Any) -> float | None:
 
 
 def _distinct_labels(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
-    """Return columns with unique labels: folders, parent folders if needed, and method."""
+    """Return studies with unique labels: folder, with parent folders if needed, and method."""
     paths = [resolved(column.folder) for column in columns]
     depth = 1
     while len({path.parts[-depth:] for path in paths}) < len(set(paths)):
         depth += 1
     labels = ["/".join(path.parts[-depth:]) for path in paths]
-    out = []
-    for column, label in zip(columns, labels, strict=True):
-        shown = f"{label}:{column.method}" if column.method else label
-        out.append(replace(column, label=shown))
-    return tuple(out)
+    return tuple(
+        replace(column, label=f"{label}:{column.method}" if column.method else label)
+        for column, label in zip(columns, labels, strict=True)
+    )

@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,15 +40,13 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, shown_in
 from scenarios.report.summary import GAP, print_paragraph
 from scenarios.report.terminal import show_blocks
-from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
-from scenarios.side_by_side.comparison import StudyColumn as Study
+from scenarios.side_by_side.comparison import SideBySide, StudyColumn, Value
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
-    from scenarios.plots.side_by_side import ParameterColumn, StudyResponse
 
 
-# ---- Studies side by side for programs
+# ---- JSON and CSV
 
 SCHEMA = "flightid/compared/1"
 HEADINGS = (
@@ -65,9 +65,7 @@ PUBLISHED = ("published", "published_std", "published_error_percent", "published
 
 
 def compared_content(compared: SideBySide) -> dict[str, Any]:
-    """Return the content of ``compared.json``: the studies in order, and the value of each shared
-    parameter in every study.
-    """
+    """Return the content of ``compared.json``: studies, and shared parameters in each of them."""
     return {
         "schema": SCHEMA,
         "studies": [_study(column) for column in compared.columns],
@@ -80,9 +78,7 @@ def compared_content(compared: SideBySide) -> dict[str, Any]:
 
 
 def compared_csv(compared: SideBySide) -> str:
-    """Return the same as CSV text, a row for each parameter and study, empty cells for missing
-    values.
-    """
+    """Return a comparison as CSV, a row for each parameter and study; missing values are empty."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*HEADINGS, *PUBLISHED])
@@ -91,66 +87,66 @@ def compared_csv(compared: SideBySide) -> str:
             value = compared.value(name, column)
             if value is None:
                 continue
-            printed = value.published_value
-            ours = (
-                value.true,
-                value.condensed,
-                value.estimate,
-                value.std or None,
-                value.percent,
-                value.sigmas,
-            )
-            theirs = (
-                (None,) * 4
-                if printed is None
-                else (printed.estimate, printed.std or None, printed.percent, printed.sigmas)
-            )
-            numbers = ["" if number is None else repr(number) for number in (*ours, *theirs)]
-            writer.writerow([name, value.unit, column.label, column.estimator, *numbers])
+            numbers = [value.true, value.condensed]
+            for result in (value, value.published_value):
+                if result is None:
+                    numbers += [None] * 4
+                else:
+                    numbers += [result.estimate, result.std or None, result.percent, result.sigmas]
+            cells = ("" if number is None else repr(number) for number in numbers)
+            writer.writerow([name, value.unit, column.label, column.estimator, *cells])
     return text.getvalue()
 
 
 def _study(column: StudyColumn) -> dict[str, Any]:
-    content: dict[str, Any] = {
+    """Return the description of a study for ``compared.json``."""
+    return {
         "label": column.label,
         "folder": str(column.folder),
         "title": column.title,
         "outcome": column.outcome,
+        "method": column.estimator,
+        **({"method_name": column.method} if column.method else {}),
+        **({"seed": column.seed} if column.seed is not None else {}),
     }
-    content |= {"method": column.estimator}
-    content |= {"method_name": column.method} if column.method else {}
-    return content | ({"seed": column.seed} if column.seed is not None else {})
 
 
 def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: {"unit": compared.unit(name), "studies": _rows(compared, name)} for name in names}
-
-
-def _rows(compared: SideBySide, name: str) -> dict[str, Any]:
-    result = ((column.label, compared.value(name, column)) for column in compared.columns)
-    return {label: _row(value) for label, value in result if value is not None}
+    """Return unit and values of each parameter for ``compared.json``."""
+    return {
+        name: {
+            "unit": compared.unit(name),
+            "studies": {
+                column.label: _row(value)
+                for column in compared.columns
+                if (value := compared.value(name, column)) is not None
+            },
+        }
+        for name in names
+    }
 
 
 def _row(value: Value) -> dict[str, Any]:
-    row: dict[str, Any] = {"estimate": value.estimate}
-    row_ = {"std": value.std or None, "true": value.true, "condensed": value.condensed}
-    row_ |= {"error_percent": value.percent, "error_sigmas": value.sigmas}
-    row |= {key: number for key, number in row_.items() if number is not None}
-    printed = value.published_value
-    if printed is not None:
-        told = {
-            "std": printed.std or None,
-            "error_percent": printed.percent,
-            "error_sigmas": printed.sigmas,
-        }
-        row["published"] = {
-            "value": printed.estimate,
-            **{key: number for key, number in told.items() if number is not None},
-        }
+    """Return the numbers of a parameter in a study; missing numbers are left out."""
+    errors = {"error_percent": value.percent, "error_sigmas": value.sigmas}
+    row: dict[str, Any] = {"estimate": value.estimate} | _known(
+        {"std": value.std or None, "true": value.true, "condensed": value.condensed, **errors}
+    )
+    published = value.published_value
+    if published is not None:
+        errors = {"error_percent": published.percent, "error_sigmas": published.sigmas}
+        row["published"] = {"value": published.estimate} | _known(
+            {"std": published.std or None, **errors}
+        )
     return row
 
 
-# ---- Which figures a comparison of studies gets
+def _known(numbers: dict[str, float | None]) -> dict[str, float]:
+    """Return the numbers that are not None."""
+    return {name: number for name, number in numbers.items() if number is not None}
+
+
+# ---- Figures of a comparison
 
 TITLE = "studies side by side"
 
@@ -165,60 +161,28 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
 
     labels = [column.label for column in compared.columns]
     names = (*compared.names, *compared.derived)
-    rows = {
-        name: [_parameter_column(compared.value(name, column)) for column in compared.columns]
-        for name in names
-    }
+    rows = {name: [compared.value(name, column) for column in compared.columns] for name in names}
     units = {name: compared.unit(name) for name in names}
     yield "compared_estimates", partial(figure_studies_estimates, rows, units, labels, TITLE)
     with_reference = {
         name: row
         for name, row in rows.items()
-        if any(each is not None and each.reference is not None for each in row)
+        if any(value is not None and value.reference is not None for value in row)
     }
     if with_reference:
         yield "compared_errors", partial(figure_studies_errors, with_reference, labels, TITLE)
-    flown = [
-        _response(column.label, column.responses)
+    responses = {
+        column.label: column.responses
         for column in compared.columns
         if column.responses is not None
-    ]
-    shared = [
-        name
-        for name in dict.fromkeys(name for each in flown for name in each.measured)
-        if sum(name in each.measured for each in flown) > 1
-    ]
+    }
+    measured = Counter(name for study in responses.values() for name in study.measured)
+    shared = [name for name, studies in measured.items() if studies > 1]
     if shared:
-        yield "compared_responses", partial(figure_studies_responses, flown, shared, TITLE)
+        yield "compared_responses", partial(figure_studies_responses, responses, shared, TITLE)
 
 
-def _parameter_column(value: Value | None) -> ParameterColumn | None:
-    from scenarios.plots.side_by_side import ParameterColumn
-
-    return (
-        None
-        if value is None
-        else ParameterColumn(
-            value.estimate, value.std, value.true, value.condensed, value.published
-        )
-    )
-
-
-def _response(label: str, responses: StudyResponses) -> StudyResponse:
-    from scenarios.plots.side_by_side import StudyResponse
-
-    return StudyResponse(
-        label,
-        responses.time,
-        responses.inputs,
-        responses.measured,
-        responses.predicted,
-        responses.units,
-        responses.simulated,
-    )
-
-
-# ---- The page of studies side by side: a column a study
+# ---- Page of a comparison: a column for each study
 
 ESTIMATES = "estimate +- sigma"
 REFERENCE = "what the study's model should find: true, or condensed where it lacks modes"
@@ -230,7 +194,7 @@ DISAGREEING_SIGMAS = 3.0  # combined sigmas from which two studies are said to d
 def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
     """Return the page of a comparison with its figures."""
     labels = [column.label for column in compared.columns]
-    sigmas, told = _farthest(compared)
+    sigmas, largest = _largest_difference(compared)
     shared = (
         f"{len(compared.names)} parameters are estimated by at least two of {len(labels)} studies"
     )
@@ -239,7 +203,7 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
         kind=", ".join(labels),
         verdict="" if sigmas is None else "apart" if sigmas > DISAGREEING_SIGMAS else "alike",
         tone="plain" if sigmas is None else "fair" if sigmas > DISAGREEING_SIGMAS else "good",
-        sentence=as_sentence(told) if told else "",
+        sentence=as_sentence(largest) if largest else "",
         summary=(as_sentence(shared), *map(as_sentence, compared.cautions)),
         warnings=tuple(
             [f"In different units, therefore not compared: {', '.join(compared.apart)}."]
@@ -261,13 +225,14 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
             ),
         ),
         reproduction=reproduction(
-            ["flightid", "compare", *(_named(column) for column in compared.columns)]
+            ["flightid", "compare", *(_argument(column) for column in compared.columns)]
         ),
         created=now(),
     )
 
 
-def _studies(columns: Sequence[Study]) -> Table:
+def _studies(columns: Sequence[StudyColumn]) -> Table:
+    """Return the table of the studies."""
     headings = (
         Column("study"),
         Column("title"),
@@ -276,25 +241,38 @@ def _studies(columns: Sequence[Study]) -> Table:
         Column("seed", "1"),
     )
     rows = tuple(
-        (c.label, c.title or "–", c.estimator or "–", c.outcome, known(c.seed, 0)) for c in columns
+        (
+            column.label,
+            column.title or "–",
+            column.estimator or "–",
+            column.outcome,
+            known(column.seed, 0),
+        )
+        for column in columns
     )
     return Table("Studies", headings, rows)
 
 
 def compared_tables(compared: SideBySide) -> list[Table]:
-    """Return tables of the shared parameters, a column for each study: estimates, reference values
-    where they differ, errors, and published values.
+    """Return tables of the shared parameters, a column for each study.
+
+    They have estimates, reference values if they differ, errors, and published values.
     """
     names = (*compared.names, *compared.derived)
-    result = [
-        value for name in names for c in compared.columns if (value := compared.value(name, c))
+    values = [
+        value
+        for name in names
+        for column in compared.columns
+        if (value := compared.value(name, column))
     ]
-    tables = [_table_of(compared, ESTIMATES, _estimate, true=True)]
+    tables = [
+        _table_of(compared, ESTIMATES, lambda value: estimate(value.estimate, value.std), true=True)
+    ]
     if any(_differs(compared, name) for name in names):
-        tables.append(_table_of(compared, REFERENCE, lambda v: known(v.reference)))
-    if any(value.reference is not None for value in result):
+        tables.append(_table_of(compared, REFERENCE, lambda value: known(value.reference)))
+    if any(value.reference is not None for value in values):
         tables.append(_table_of(compared, ERRORS, _error, PURE))
-    if any(value.published is not None for value in result):
+    if any(value.published is not None for value in values):
         tables.append(_table_of(compared, "published +- sigma", _published))
         tables.append(_table_of(compared, PUBLISHED_ERRORS, _published_error, PURE))
     return [each for each in tables if each.rows]
@@ -308,41 +286,46 @@ def _table_of(
     *,
     true: bool = False,
 ) -> Table:
-    """Return a table without empty rows and columns; ``true`` adds the true value common to all
-    studies.
+    """Return a table without empty rows and columns.
+
+    Parameters
+    ----------
+    cell : returns the cell of a value.
+    unit : unit of the columns.
+    true : whether the true values have a column.
     """
-
-    def told(name: str, column: StudyColumn) -> Cell:
-        value = _shown(compared, name, column)
-        return MISSING if value is None else cell(value)
-
-    cells = {
-        name: [told(name, column) for column in compared.columns]
-        for name in (*compared.names, *compared.derived)
-    }
-    cells = {name: row for name, row in cells.items() if any(each != MISSING for each in row)}
-    common = [known(_common(compared, name)) for name in cells]
+    cells: dict[str, list[Cell]] = {}
+    for name in (*compared.names, *compared.derived):
+        values = (_shown(compared, name, column) for column in compared.columns)
+        row = [MISSING if value is None else cell(value) for value in values]
+        if any(entry != MISSING for entry in row):
+            cells[name] = row
+    true_cells = [known(_common(compared, name)) for name in cells]
     return table(
         caption,
         (Column("parameter"), [compared.words(name) for name in cells]),
-        (Column("true", BY_ROW), common) if true and any(c != MISSING for c in common) else None,
+        (Column("true", BY_ROW), true_cells)
+        if true and any(entry != MISSING for entry in true_cells)
+        else None,
         *(
-            (Column(column.label, unit, together=True), [row[at] for row in cells.values()])
-            for at, column in enumerate(compared.columns)
-            if any(row[at] != MISSING for row in cells.values())
+            (Column(column.label, unit, together=True), list(entries))
+            for column, entries in zip(
+                compared.columns, zip(*cells.values(), strict=True), strict=False
+            )
+            if any(entry != MISSING for entry in entries)
         ),
         units=[shown_in(compared.unit(name), name).unit for name in cells],
     )
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """Return the value of a parameter in a study, in the unit that is shown."""
+    """Return the value of a parameter in a study, in its display unit."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
-    """Return the true value if all studies that state one agree."""
+    """Return the true value of a parameter if all studies that have one agree."""
     true_values = {
         value.true
         for column in compared.columns
@@ -353,22 +336,19 @@ def _common(compared: SideBySide, name: str) -> float | None:
 
 def _differs(compared: SideBySide, name: str) -> bool:
     """Return whether the reference value differs between studies, or from the true one."""
-    result = [
+    values = [
         value
         for study in compared.columns
         if (value := compared.value(name, study)) is not None and value.reference is not None
     ]
     return (
-        any(value.condensed is not None for value in result)
-        or len({value.reference for value in result}) > 1
+        any(value.condensed is not None for value in values)
+        or len({value.reference for value in values}) > 1
     )
 
 
-def _estimate(value: Value) -> Cell:
-    return estimate(value.estimate, value.std)
-
-
 def _error(value: Value) -> Cell:
+    """Return the error of a value in per cent, and in standard deviations in brackets."""
     percent, sigmas = value.percent, value.sigmas
     parts = [f"{percent:+.2f} %"] if percent is not None else []
     parts += [f"({sigmas:+.1f})"] if sigmas is not None else []
@@ -377,6 +357,7 @@ def _error(value: Value) -> Cell:
 
 
 def _published(value: Value) -> Cell:
+    """Return the published value with its standard deviation."""
     if value.published is None:
         return MISSING
     printed, std = value.published
@@ -384,36 +365,38 @@ def _published(value: Value) -> Cell:
 
 
 def _published_error(value: Value) -> Cell:
-    printed = value.published_value
-    return MISSING if printed is None else _error(printed)
+    """Return the error of the published value."""
+    published = value.published_value
+    return MISSING if published is None else _error(published)
 
 
-def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """Return the two studies that differ most in one parameter, in combined sigmas; None without
-    sigmas.
+def _largest_difference(compared: SideBySide) -> tuple[float | None, str]:
+    """Return the largest difference of a parameter between two studies, and a sentence on it.
+
+    The difference is in combined sigmas; None if no two studies have sigmas of one parameter.
     """
-    best: tuple[float, str, str, str] | None = None
+    differences = []
     for name in compared.names:
-        there = [
-            (c.label, value)
-            for c in compared.columns
-            if (value := compared.value(name, c)) is not None and value.std > 0.0
+        estimates = [
+            (column.label, value)
+            for column in compared.columns
+            if (value := compared.value(name, column)) is not None and value.std > 0.0
         ]
-        for (one, a), (other, b) in combinations(there, 2):
-            apart = abs(a.estimate - b.estimate) / math.hypot(a.std, b.std)
-            if best is None or apart > best[0]:
-                best = apart, name, one, other
-    if best is None:
+        for (first, a), (second, b) in combinations(estimates, 2):
+            sigmas = abs(a.estimate - b.estimate) / math.hypot(a.std, b.std)
+            differences.append((sigmas, name, first, second))
+    if not differences:
         return None, ""
-    apart, name, one, other = best
+    sigmas, name, first, second = max(differences, key=itemgetter(0))
     return (
-        apart,
-        f"The largest difference is {name} of {one} and {other}: {apart:.1f} combined sigmas, "
+        sigmas,
+        f"The largest difference is {name} of {first} and {second}: {sigmas:.1f} combined sigmas, "
         "if their records are independent",
     )
 
 
-def _named(column: Study) -> str:
+def _argument(column: StudyColumn) -> str:
+    """Return the argument of the command for a study."""
     return f"{column.folder}:{column.method}" if column.method else str(column.folder)
 
 
@@ -465,18 +448,18 @@ def print_compared(compared: SideBySide) -> None:
         )
 
 
-# ---- A comparison of studies as files: JSON, CSV and figures
+# ---- Folder of a comparison
 
-MAIN = "compared.json"  # a study's own JSON is comparison.json: what compares studies is none
+MAIN = "compared.json"  # not comparison.json, which marks the folder of a study
 
 
 def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a comparison into ``folder``, completely or not at all; return the folder.
 
-    Files: ``compared.csv``; the figures ``compared_estimates``, ``compared_errors`` if a true value
-    is known and ``compared_responses`` if there are outputs over time, in the formats ``figures``;
-    ``report.html`` and ``report.json``; ``compared.json`` last. The studies' own folders may be
-    inside.
+    The files are ``compared.csv``; the figures ``compared_estimates``, ``compared_errors`` (if a
+    true value is known) and ``compared_responses`` (if there are outputs over time), in the formats
+    ``figures``; ``report.html``, ``report.json`` and ``compared.json``. Folders of studies in
+    ``folder`` are kept.
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "compared.csv", compared_csv(compared))

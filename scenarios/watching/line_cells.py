@@ -1,4 +1,4 @@
-"""Cells of the lines of a stream: commas, semicolons or tabs between them, decimal commas."""
+"""Cells of the lines of a stream, which commas, semicolons or tabs separate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ import csv
 import math
 from collections.abc import Sequence
 
-from scenarios.files.formats.cells import MISSING, certain_comma, header_cell, is_number
+from scenarios.files.formats.cells import (
+    MISSING,
+    certain_comma,
+    header_cell,
+    is_number,
+    number_of_text,
+)
 from scenarios.files.sources import LARGEST_NUMBER
 from sim.errors import RecordError
 
@@ -15,28 +21,30 @@ OTHER_SEPARATORS = (";", "\t")
 
 
 def is_row(line: bytes, name: str) -> bool:
-    """Return whether a line has only numbers, so that it is not a header. Raises RecordError."""
+    """Return whether a line has only numbers, and is not a header. Raises as ``header_cells``."""
     return all(is_number(cell) or not cell.strip() for cell in header_cells(line, name))
 
 
 def separator_of(line: bytes) -> str:
-    """Return the mark between the cells of a stream's first line: a comma, a semicolon or a tab.
+    """Return the separator of the cells of a stream's first line: a comma, a semicolon or a tab.
 
-    It is the one that parts the line into most cells. In a first row of numbers commas may be
-    decimal marks; there a semicolon or a tab counts if it leaves numbers.
+    It is the separator that gives most cells. In a first row of numbers commas may be decimal
+    marks: a semicolon or a tab that leaves only numbers then comes first.
     """
     text = line.decode("utf-8-sig", errors="replace").strip("\r\n")
-    parted = {mark: _split(text, mark) for mark in (COMMA, *OTHER_SEPARATORS)}
-    for mark in OTHER_SEPARATORS:
-        cells = parted[mark]
-        if len(cells) > 1 and all(is_number(cell) or not cell.strip() for cell in cells):
-            return mark
-    return max(parted, key=lambda mark: len(parted[mark]))
+    cells = {separator: _split(text, separator) for separator in (COMMA, *OTHER_SEPARATORS)}
+    for separator in OTHER_SEPARATORS:
+        if len(cells[separator]) > 1 and all(
+            is_number(cell) or not cell.strip() for cell in cells[separator]
+        ):
+            return separator
+    return max(cells, key=lambda separator: len(cells[separator]))
 
 
-def _split(text: str, mark: str) -> list[str]:
+def _split(text: str, separator: str) -> list[str]:
+    """Return the cells of a line; none if it is no CSV."""
     try:
-        return next(csv.reader([text], delimiter=mark), [])
+        return next(csv.reader([text], delimiter=separator), [])
     except csv.Error:
         return []
 
@@ -60,27 +68,33 @@ def header_cells(line: bytes, name: str) -> list[str]:
 def plain_numbers(
     line: bytes, places: Sequence[int], width: int, separator: str = COMMA
 ) -> list[float] | None:
-    """Return the numbers of a line that has only numbers with decimal points, None for any other;
-    nearly all lines do, and this is three times as fast.
+    """Return the numbers of a line that has only numbers with decimal points; None for any other.
+
+    Nearly all lines are of this kind, for which this function is three times as fast as
+    ``numbers_of``. Parameters as there.
     """
     cells = line.split(separator.encode())
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
         return None
     try:
-        result = [float(cells[place]) for place in places]
+        numbers = [float(cells[place]) for place in places]
     except ValueError:
         return None
-    return result if max(result) <= LARGEST_NUMBER and min(result) >= -LARGEST_NUMBER else None
+    return numbers if max(numbers) <= LARGEST_NUMBER and min(numbers) >= -LARGEST_NUMBER else None
 
 
 def numbers_of(
     line: bytes, places: Sequence[int], width: int, separator: str = COMMA
 ) -> list[float]:
-    """Return the numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or
-    csv.Error otherwise.
+    """Return the numbers of a line, NaN for an empty cell; no numbers for an empty line.
 
-    Where columns are not separated by commas, a line has decimal commas if one of its commas cannot
-    part thousands.
+    If the separator is no comma, numbers have decimal commas if one of the commas cannot separate
+    thousands. Raises ValueError for any other cell.
+
+    Parameters
+    ----------
+    places : indices of the cells that are read.
+    width : number of cells that the line must have.
     """
     if not line.strip():
         return []
@@ -88,30 +102,24 @@ def numbers_of(
     cells = _split(text, separator) if '"' in text else text.split(separator)
     if len(cells) != width:
         raise ValueError(f"{len(cells)} cells under a header of {width}")
-    read = [cells[place] for place in places]
-    comma = separator != COMMA and any(certain_comma(cell.strip()) for cell in read)
-    return [_number(cell, comma=comma) for cell in read]
+    texts = [cells[place].strip() for place in places]
+    comma = separator != COMMA and any(map(certain_comma, texts))
+    return [_number(text, comma=comma) for text in texts]
 
 
-def _number(cell: str, *, comma: bool) -> float:
-    """Return a cell as a number, NaN if empty; ValueError otherwise."""
-    if comma and "." in cell and is_number(cell):
-        raise ValueError(f"{_shown(cell)} has a point among decimal commas")
-    if not comma and "," in cell and is_number(cell):
-        raise ValueError(f"{_shown(cell)} may be a decimal number or one with its thousands parted")
+def _number(text: str, *, comma: bool) -> float:
+    """Return the number in a cell, NaN for a missing value. Raises ValueError with the reason."""
+    shown = repr(text if len(text) <= 40 else text[:37] + "...")
+    if comma and "." in text and is_number(text):
+        raise ValueError(f"{shown} has a point among decimal commas")
+    if not comma and "," in text and is_number(text):
+        raise ValueError(f"{shown} may be a decimal number or one with its thousands parted")
+    if text.lower() in MISSING:
+        return math.nan
     try:
-        value = float(cell.replace(",", ".") if comma else cell)
+        value = number_of_text(text, comma=comma)
     except ValueError:
-        value = math.nan
-        if cell.strip().lower() not in MISSING:
-            raise ValueError(f"{_shown(cell)} is not a number") from None
-    if "_" in cell:
-        raise ValueError(f"{_shown(cell)} is not a number")
+        raise ValueError(f"{shown} is not a number") from None
     if abs(value) > LARGEST_NUMBER:
-        raise ValueError(f"{_shown(cell)} is no measurement")
+        raise ValueError(f"{shown} is no measurement")
     return value
-
-
-def _shown(cell: str) -> str:
-    text = cell.strip()
-    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -279,6 +279,7 @@ def _target(session: MarginSession) -> ResponseTarget | None:
 
 
 def _point(session: MarginSession, time: float) -> MarginPoint:
+    """Return the margins at a time, s."""
     target = _target(session)
     if target is None:
         return MarginPoint(time, None, None)

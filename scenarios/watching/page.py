@@ -364,7 +364,7 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
     for output in OUTPUTS:
         unit = DEGREES.get(UNITS[output], UNITS[output])
         strips.append({"name": output, "word": CHANNELS[output], "unit": unit})
-    return _line(
+    return json_line(
         {
             "name": name,
             "strips": strips,
@@ -378,16 +378,17 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
 def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
     """Return the times, the stick, and measured and predicted values of each output.
 
-    ``offsets`` are the values of the outputs at trim.
+    Predictions are from the relinearised bank if there is one. ``offsets``: outputs at trim.
     """
     table = np.array([step.row for step in steps]).T
-    predicted = np.array([_predicted(step) for step in steps]).T
-    content: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
+    states = (step.state if step.refined is None else step.refined.state for step in steps)
+    predicted = np.array([state.expected for state in states]).T
+    content: dict[str, Any] = {"t": rounded(table[0], 9), "stick": rounded(table[1])}
     for i, name in enumerate(OUTPUTS):
         values = predicted[i] + offsets.get(name, 0.0)
-        content[name] = _rounded(FACTOR[name] * table[2 + i])
-        content[f"{name}_expected"] = _rounded(FACTOR[name] * values)
-    return _line(content)
+        content[name] = rounded(FACTOR[name] * table[2 + i])
+        content[f"{name}_expected"] = rounded(FACTOR[name] * values)
+    return json_line(content)
 
 
 def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray, kind: str) -> str:
@@ -396,13 +397,15 @@ def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray
     ``kind`` is the estimator in words.
     """
     contents = [_item_content(item) for item in items]
-    weight_numbers = _rounded(weights, 6)
-    return _line({"t": round(time, 6), "kind": kind, "items": contents, "weights": weight_numbers})
+    weight_numbers = rounded(weights, 6)
+    return json_line(
+        {"t": round(time, 6), "kind": kind, "items": contents, "weights": weight_numbers}
+    )
 
 
 def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
     """Return the status of the stream; ``state`` is waiting, collecting, running or ended."""
-    return _line(
+    return json_line(
         {
             "state": state,
             "sentence": sentence,
@@ -434,16 +437,11 @@ def _item_content(item: CrossValidation) -> dict[str, Any]:
 
 
 def _estimate_text(value: float, std: float) -> str:
+    """Return an estimate with its standard deviation."""
     return f"{number_text(value, std)} ± {number_text(std, std)}"
 
 
-def _predicted(step: WatchStep) -> np.ndarray:
-    """Return the predicted outputs, of the relinearised bank if there is one."""
-    state = step.state if step.refined is None else step.refined.state
-    return state.expected
-
-
-def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
+def rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
     """Return numbers with ``digits`` significant digits; None for those that are not finite."""
     return [
         float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
@@ -451,10 +449,12 @@ def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
 
 
 def _number(value: float) -> float | None:
+    """Return the value, or None if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
-def _line(content: Mapping[str, Any]) -> str:
+def json_line(content: Mapping[str, Any]) -> str:
+    """Return the content as JSON in one line."""
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 

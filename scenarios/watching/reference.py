@@ -21,22 +21,24 @@ from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_fil
 from scenarios.identification.low_order import DERIVED, PAPER_START
 from scenarios.report.document import BY_ROW, PURE, Block, Column, Number, estimate, table
 from scenarios.report.quantities import number_text
-from scenarios.studies.comparison import DERIVED_UNITS
+from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA
 from sim.closed_loop.airframe import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS
 
-# ---- The study that a stream is held against
-
-SCHEMA = "flightid/comparison/1"
+# ---- The study that a stream is compared with
 
 
 @dataclass(frozen=True)
 class Reference:
     """Reference values from an earlier study.
 
-    ``values``: (estimate, sigma) of parameters and derived quantities, by name. ``fixed``: fixed
-    values. ``plain``: estimates of a single pass of the bank, as in the paper, if stored.
+    Attributes
+    ----------
+    name : path of the study.
+    values : estimate and standard deviation of parameters and derived quantities.
+    fixed : fixed values.
+    plain : estimates of a single pass of the bank of filters, as in the paper, if stored.
     """
 
     name: str
@@ -46,13 +48,13 @@ class Reference:
 
 
 def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
-    """Read the reference values from a study's folder or its comparison.json.
+    """Read reference values from a study folder or its comparison.json.
 
-    ``needed``: required parameters, such as those of the low-order equivalent system.
+    ``needed``: parameters that the study must have.
 
     Raises
     ------
-    DeclarationError : no such study, no comparison, or one of another model.
+    DeclarationError : there is no such study, or it is of another model.
     """
     file = path / "comparison.json" if path.is_dir() else path
     content = read_json(file, wanted="the folder of a study, or its comparison.json")
@@ -62,18 +64,13 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
             where=str(file),
             remedy="name the folder of a study that run, identify or watch wrote",
         )
-    values = {
-        **_pairs(content, "parameters", file),
-        **{
-            name: pair for name, pair in _pairs(content, "derived", file).items() if name in DERIVED
-        },
+    derived = _pairs(content, "derived", file)
+    values = _pairs(content, "parameters", file) | {
+        name: derived[name] for name in DERIVED if name in derived
     }
     fixed = _numbers(content.get("fixed"), "value")
-    first_pass = (
-        _numbers(content["plain"].get("parameters"), "estimate")
-        if isinstance(content.get("plain"), dict)
-        else {}
-    )
+    plain = content.get("plain")
+    first_pass = _numbers(plain.get("parameters") if isinstance(plain, dict) else None, "estimate")
     missing = [name for name in needed if name not in values and name not in fixed]
     if missing:
         if missing[0] in content.get("start_dependent", ()):
@@ -88,9 +85,9 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
 
 
 def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> VehicleFile:
-    """Return constants and starting values: of the vehicle file, the reference, or the paper.
+    """Return constants and starting values of the vehicle file, else the reference, else the paper.
 
-    From a reference, the estimates of the plain bank are used if stored, as in the paper.
+    The estimates of a single pass come first in a reference that has them, as in the paper.
     """
     if vehicle is not None:
         vehicle_file = read_vehicle(vehicle, "loes")
@@ -112,11 +109,10 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
         **{name: value for name, (value, _) in reference.values.items()},
         **reference.plain,
     }
-    constants_ = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
     return VehicleFile(
         resolved(Path(reference.name)).name,
         "loes",
-        constants_,
+        {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS},
         {name: values[name] for name in PAPER_START},
     )
 
@@ -128,7 +124,7 @@ def vehicle_sentence(vehicle: VehicleFile) -> str:
 
 
 def usual_command(name: str, model: str, vehicle: InputFile | None) -> list[str]:
-    """Words of the command for a stream ``name``, where none was typed."""
+    """Return the words of the command that watches a stream ``name``, if none was typed."""
     words = ["flightid", "watch", name, "--model", model]
     return [*words, *(["--vehicle", vehicle.name] if vehicle is not None else [])]
 
@@ -142,12 +138,16 @@ def rows_and_vehicle(
 
 
 def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[float, float]]:
+    """Return estimate and standard deviation by name from a table of comparison.json.
+
+    An entry without a standard deviation is left out. Raises DeclarationError for another form.
+    """
     table = content.get(key, {})
     if not isinstance(table, dict):
         raise DeclarationError(
             "no table", where=f"{file}, key {key}", remedy="name the folder of a study"
         )
-    out = {}
+    pairs = {}
     for name, entry in table.items():
         if not isinstance(entry, dict) or not _is_number(entry.get("estimate")):
             raise DeclarationError(
@@ -156,24 +156,26 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
                 remedy="name the folder of a study",
             )
         if _is_number(entry.get("std")):
-            out[name] = (float(entry["estimate"]), float(entry["std"]))
-    return out
+            pairs[name] = (float(entry["estimate"]), float(entry["std"]))
+    return pairs
 
 
 def _numbers(table: Any, key: str) -> dict[str, float]:
-    """Return the number under ``key`` of each entry by name, if it has one."""
+    """Return the number under ``key`` of each entry of a table by name, if it has one."""
     entries = table.items() if isinstance(table, dict) else ()
-    result: dict[str, Any] = {
-        name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
+    return {
+        name: float(entry[key])
+        for name, entry in entries
+        if isinstance(entry, dict) and _is_number(entry.get(key))
     }
-    return {name: float(value) for name, value in result.items() if _is_number(value)}
 
 
 def _is_number(value: Any) -> bool:
+    """Return whether a JSON value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-# ---- What a watch shows
+# ---- Table and lines of a watch
 
 HANGING = "depends on start"
 WORDS = {
@@ -185,8 +187,13 @@ WORDS = {
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """One quantity of the stream, and of the reference where it has it, with standard deviations,
-    in ``unit``; ``hanging`` on the start alone.
+    """One quantity of the stream beside its reference, in ``unit``.
+
+    Attributes
+    ----------
+    value, std : estimate and its standard deviation.
+    reference : value and standard deviation in the reference, or None.
+    hanging : whether the estimate depends on the start.
     """
 
     name: str
@@ -198,8 +205,9 @@ class CrossValidation:
 
     @property
     def z(self) -> float | None:
-        """Difference over the root of both variances' sum; None without a reference, a deviation,
-        or a number that does not depend on the start.
+        """Difference over its standard deviation, the root of the sum of both variances.
+
+        None without a reference or a standard deviation, or if the estimate depends on the start.
         """
         if self.reference is None or self.hanging:
             return None
@@ -208,7 +216,7 @@ class CrossValidation:
 
     @property
     def beyond(self) -> bool:
-        """Return whether an estimate differs from the reference by more than two sigmas."""
+        """Whether the estimate differs from the reference by more than two sigmas."""
         return self.z is not None and abs(self.z) > BOUND_SIGMAS
 
 
@@ -216,8 +224,17 @@ class CrossValidation:
 class View:
     """State of a watch at one time.
 
-    ``time`` (s), counts of rows and left-out cells, quantities, and weights by delay (s), which are
-    probabilities if the estimate is ``refined``, else likelihoods.
+    Attributes
+    ----------
+    name : name of the stream.
+    time : time of the last row, s.
+    rows, left_out, spikes : numbers of rows, of lines that were left out, and of spikes.
+    standings : quantities with their references.
+    delays : delays of the filters, s.
+    weights : probability of each delay if the estimate is ``refined``, else its likelihood.
+    silent : time since the last row arrived, s.
+    sound : whether a filter has not broken down.
+    refined : whether the estimate is that of the relinearised bank.
     """
 
     name: str
@@ -239,29 +256,31 @@ def comparisons(
     reference: Reference | None,
     hanging: Collection[str] = (),
 ) -> tuple[CrossValidation, ...]:
-    """Derived quantities, then parameters, each against the reference if there is one;
-    ``hanging`` are those that depend on the start.
+    """Return derived quantities and then parameters, each with its reference if there is one.
+
+    Parameters
+    ----------
+    derived : value and standard deviation by name.
+    hanging : names of the quantities that depend on the start.
     """
-    reference_values = {} if reference is None else reference.values
-    out = [
-        CrossValidation(
-            name, DERIVED_UNITS[name], value, std, reference_values.get(name), name in hanging
-        )
-        for name, (value, std) in derived.items()
-    ]
-    for name, unit, value, std in zip(
+    parameters = zip(
         estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
-    ):
-        if name not in derived:
-            out.append(
-                CrossValidation(name, unit, value, std, reference_values.get(name), name in hanging)
-            )
-    return tuple(out)
+    )
+    quantities = [
+        *((name, DERIVED_UNITS[name], value, std) for name, (value, std) in derived.items()),
+        *(parameter for parameter in parameters if parameter[0] not in derived),
+    ]
+    references = {} if reference is None else reference.values
+    return tuple(
+        CrossValidation(name, unit, value, std, references.get(name), name in hanging)
+        for name, unit, value, std in quantities
+    )
 
 
 def live_table(view: View) -> Group:
-    """Return the table of a terminal, without a frame so that no number is cut in 80 columns,
-    between its heading and the weights of the delays.
+    """Return heading, table of quantities and weights of the delays for a terminal.
+
+    The table has no frame, so that 80 columns suffice for all numbers.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0)
     compared = any(item.reference is not None for item in view.standings)
@@ -280,7 +299,7 @@ def live_table(view: View) -> Group:
             no_wrap=True,
         )
     for item in view.standings:
-        cells = [WORDS.get(item.name, item.name), item.unit]
+        cells = [_word(item.name), item.unit]
         cells += (
             ["-", "-"]
             if item.hanging
@@ -288,12 +307,8 @@ def live_table(view: View) -> Group:
         )
         if item.reference is not None:
             value, std = item.reference
-            z = item.z
-            cells += [
-                number_text(value, std),
-                number_text(std, std),
-                "-" if z is None else f"{z:+.1f}",
-            ]
+            off = "-" if item.z is None else f"{item.z:+.1f}"
+            cells += [number_text(value, std), number_text(std, std), off]
         elif compared:
             cells += [""] * 3
         if compared or hanging:
@@ -325,9 +340,14 @@ def line(view: View) -> str:
 
 
 def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[str] = ()) -> str:
-    """Return the agreement of a stream with its reference ``name``: quantities that are ``outside``
-    its bounds of two sigmas, how many were ``compared``, and which depend on the start and were
-    not.
+    """Return a sentence on the agreement of a stream with its reference.
+
+    Parameters
+    ----------
+    outside : quantities that differ by more than two sigmas.
+    compared : number of quantities that were compared.
+    name : name of the reference.
+    hanging : quantities that depend on the start, and were not compared.
     """
     left = (
         f"; not compared, as they depend on the start: {', '.join(map(_word, hanging))}"
@@ -346,7 +366,7 @@ def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[
 
 
 def against_items(items: Sequence[CrossValidation], name: str) -> str:
-    """Agreement of compared quantities with the reference."""
+    """Return a sentence on the agreement of quantities with the reference ``name``."""
     return against(
         [item.name for item in items if item.beyond],
         sum(item.z is not None for item in items),
@@ -356,21 +376,22 @@ def against_items(items: Sequence[CrossValidation], name: str) -> str:
 
 
 def _word(name: str) -> str:
+    """Return a quantity in words, or its symbol."""
     return WORDS.get(name, name)
 
 
 def _heading(view: View) -> str:
+    """Return name and time of the stream, counts of rows, and remarks."""
     counts = [f"{view.rows} rows"]
-    counts += (
-        [f"{view.left_out} line{'s' * (view.left_out != 1)} left out"] if view.left_out else []
-    )
-    counts += [f"{view.spikes} spike{'s' * (view.spikes != 1)} left out"] if view.spikes else []
+    for number, word in ((view.left_out, "line"), (view.spikes, "spike")):
+        counts += [f"{number} {word}{'s' * (number != 1)} left out"] if number else []
     counts += [] if view.sound else ["all filters broke down, the last sound values stand"]
     counts += [f"nothing new for {view.silent:.0f} s"] if view.silent >= 1.0 else []
     return f"{view.name}, {view.time:.2f} s, {', '.join(counts)}"
 
 
 def _weights(view: View) -> str:
+    """Return the delays with a weight that is not negligible."""
     cells = [
         f"{1000.0 * delay:g}: {weight:.2f}"
         for delay, weight in zip(view.delays, view.weights, strict=True)
@@ -383,39 +404,45 @@ def _weights(view: View) -> str:
 
 
 def differences_table(reference: Mapping[str, Any]) -> Block:
-    """Return a table of the reference values with the differences of the last estimate."""
-    each = reference["differences"]
+    """Return a table of reference values with the differences of the last estimate.
+
+    ``reference``: content of ``reference_content``.
+    """
+    rows = reference["differences"]
     return table(
         f"The last estimate against {reference['study']}",
-        (Column("quantity"), [WORDS.get(d["name"], d["name"]) for d in each]),
+        (Column("quantity"), [_word(row["name"]) for row in rows]),
         (
             Column("reference ± σ", BY_ROW),
-            [estimate(d["reference"], d["reference_std"]) for d in each],
+            [estimate(row["reference"], row["reference_std"]) for row in rows],
         ),
-        (Column("difference", "σ"), [Number(d["sigmas"], digits=1, signed=True) for d in each]),
-        (Column("remark"), ["outside" if d["outside"] else "" for d in each]),
-        units=[d["unit"] for d in each],
+        (
+            Column("difference", "σ"),
+            [Number(row["sigmas"], digits=1, signed=True) for row in rows],
+        ),
+        (Column("remark"), ["outside" if row["outside"] else "" for row in rows]),
+        units=[row["unit"] for row in rows],
     )
 
 
 def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
     """Return the reference and the quantities that differ from it, for ``comparison.json``."""
-    compared = [item for item in items if item.reference is not None and item.z is not None]
+    differences = [
+        {
+            "name": item.name,
+            "unit": item.unit,
+            "reference": item.reference[0],
+            "reference_std": item.reference[1],
+            "sigmas": item.z,
+            "outside": item.beyond,
+        }
+        for item in items
+        if item.reference is not None and item.z is not None
+    ]
     return {
         "study": resolved(Path(reference.name)).name,
-        "differences": [
-            {
-                "name": item.name,
-                "unit": item.unit,
-                "reference": item.reference[0],
-                "reference_std": item.reference[1],
-                "sigmas": item.z,
-                "outside": item.beyond,
-            }
-            for item in compared
-            if item.reference is not None
-        ],
-        "outside": [item.name for item in compared if item.beyond],
+        "differences": differences,
+        "outside": [row["name"] for row in differences if row["outside"]],
     }
 
 

@@ -68,7 +68,7 @@ class Lines(NamedTuple):
 
 
 def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
-    """Yield the lines of a source; no line whenever the source has nothing new.
+    """Yield new lines of a source; ``Lines`` without any if the source has nothing new.
 
     Parameters
     ----------
@@ -80,10 +80,10 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
     ------
     RecordError : a line is longer than ``LONGEST_LINE``.
     """
-    rest, heard = b"", time.monotonic()
+    rest, last_read = b"", time.monotonic()
     while (piece := read()) is not None:
         if piece:
-            heard = time.monotonic()
+            last_read = time.monotonic()
             *whole, rest = (rest + piece).split(b"\n")
             if len(rest) > LONGEST_LINE:
                 raise RecordError(
@@ -92,7 +92,7 @@ def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
                     remedy="stream comma-separated text, one row a line",
                 )
             yield Lines([line.removesuffix(b"\r") for line in whole])
-        elif idle is not None and time.monotonic() - heard >= idle:
+        elif idle is not None and time.monotonic() - last_read >= idle:
             break
         else:
             yield Lines([])
@@ -183,7 +183,7 @@ def standard_input() -> Read:
 # ---- Rows in SI units and in the order of time
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-LARGEST_JUMP = 1.0  # s; the next row must confirm a larger jump of the time
+LARGEST_JUMP = 1.0  # s; a larger jump of the time must be confirmed by the next row
 UNWRAP = re.compile(r"\bunwrap\s*\(")
 LONGEST_BRIDGED_GAP = 600.0  # s; after a longer gap the filter cannot continue
 
@@ -217,17 +217,17 @@ class Header:
 
     Attributes
     ----------
-    columns : column of each signal, in the order of ``signals.names``; None if the stream has no
-        such output, or no clock.
+    columns : column of each signal, in the order of ``signals.names``; None for an output or clock
+        that the stream does not have.
     width : number of cells in a row.
     name : name of the stream.
-    rate : Hz, of a stream without a clock.
+    rate : sampling rate of a stream without a clock, Hz.
     first : number of the line with the first row.
-    computed : if channels are computed, the file without rows and the channel map; ``columns`` are
-        then those of a table with the computed channels.
+    computed : if the channel map computes channels, a file without rows and the map. ``columns``
+        are then columns of a table with the computed channels.
     sources : indices of the columns that are read, ascending.
     signals : the signals.
-    separator : the mark between the cells of a row.
+    separator : separator of the cells of a row.
     """
 
     columns: tuple[SourceColumn | None, ...]
@@ -242,7 +242,7 @@ class Header:
 
     @property
     def stick_unit(self) -> str:
-        """Unit of the stick, a label."""
+        """Unit of the stick as the stream calls it."""
         column = self.columns[1]
         assert column is not None
         return column.unit
@@ -264,15 +264,15 @@ class Fault(NamedTuple):
 
 
 class Order(NamedTuple):
-    """State of the check of the rows' order.
+    """State of the check that rows are in the order of time.
 
     Attributes
     ----------
     time : time of the last accepted row, s.
-    last_inputs : its inputs.
+    last_inputs : inputs of the last accepted row.
     waiting : a row after a jump of the time, which the next row must confirm, or None.
-    waiting_row : number of its line.
-    lost : time of a jump by more than ``LONGEST_BRIDGED_GAP``, s; later rows are left out.
+    waiting_row : number of the line of this row.
+    lost : time before a jump by more than ``LONGEST_BRIDGED_GAP``, s; later rows are left out.
     inputs : names of the inputs.
     """
 
@@ -302,8 +302,8 @@ def read_header(
     name : name of the stream.
     choices : channel map.
     units : unit by channel, from the sidecar.
-    names : names of the columns, in their order, in place of those in the header.
-    rate : Hz, of a stream without a clock.
+    names : names of the columns, in place of those in the header.
+    rate : sampling rate of a stream without a clock, Hz.
     first : number of the line with the first row.
     signals : signals to read.
 
@@ -313,7 +313,13 @@ def read_header(
         needs other rows than its own; a rate is given and the stream has a clock. Also as
         ``find_column``.
     """
-    cells = _named(header_cells(line, name), name, names)
+    cells = header_cells(line, name)
+    if names:
+        if len(names) != len(cells):
+            what = f"{len(names)} names for {len(cells)} columns of {name}"
+            remedy = "give one name a column, separated by commas"
+            raise RecordError(what, where="--columns", remedy=remedy)
+        cells = list(names)
     width, computed = len(cells), None
     sources: tuple[int, ...] = ()
     inputs, outputs = signals.inputs, signals.outputs
@@ -326,9 +332,9 @@ def read_header(
         file = RecordFile(
             Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, "")
         )
-        result = source_columns(file, choices, inputs, outputs)
-        if result:
-            computed, sources = (file, choices), result
+        sources = source_columns(file, choices, inputs, outputs)
+        if sources:
+            computed = file, choices
             with_computed, choices = with_derived(file, choices, inputs, outputs)
             cells = list(with_computed.table.header)
     columns = tuple(
@@ -360,19 +366,6 @@ def read_header(
     )
 
 
-def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
-    """Return the given names of the columns, or without any the header.
-
-    Raises RecordError if the numbers of names and columns differ.
-    """
-    if names and len(names) != len(cells):
-        what = f"{len(names)} names for {len(cells)} columns of {name}"
-        raise RecordError(
-            what, where="--columns", remedy="give one name a column, separated by commas"
-        )
-    return list(names) if names else cells
-
-
 def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
     """Return the error for a stream without a channel."""
     error = missing_column(channel, cells, name)
@@ -387,14 +380,14 @@ def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
 
 
 def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
-    """Return a choice with the header of its column in place of the number."""
+    """Return a choice that names its column by its header if it has only the column's number."""
     if isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells):
         return replace(choice, column=cells[choice.column - 1])
     return choice
 
 
 def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
-    """Raise RecordError for a channel that needs earlier or later rows, which a stream lacks."""
+    """Raise RecordError for a channel that is computed from earlier or later rows."""
     remedy = "leave it out of the map, or use flightid identify on the whole record"
     for channel, choice in choices.items():
         where = f"{name}, channel {channel}"
@@ -434,8 +427,9 @@ def read_lines(
 
     Returns
     -------
-    Numbers in SI, shape ``(signals, N)``, NaN for an empty cell; numbers of the N lines; faults of
-    the other lines.
+    values : values in SI units, ``(signals, N)``; NaN for an empty cell.
+    numbers : numbers of these N lines.
+    faults : faults of the other lines.
     """
     places, signals = header.sources, header.signals
     values: list[list[float]] = []
@@ -443,8 +437,8 @@ def read_lines(
     faults: list[Fault] = []
     for number, line in enumerate(lines, start=first):
         try:
-            cells = line, places, header.width, header.separator
-            row_values = plain_numbers(*cells) or numbers_of(*cells)
+            form = places, header.width, header.separator
+            row_values = plain_numbers(line, *form) or numbers_of(line, *form)
         except (ValueError, csv.Error) as error:
             faults.append(
                 Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error))
@@ -494,7 +488,9 @@ def in_order(
 
     Returns
     -------
-    The accepted rows, ``(signals, M)``; the faults of the others; the state after the rows.
+    rows : the accepted rows, ``(signals, M)``.
+    faults : faults of the other rows, and cells that were filled in.
+    order : the state after the rows.
     """
     if _all_in_order(table, order):
         return (
@@ -550,9 +546,9 @@ def in_order(
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """Accept a row that still waits at the end of the stream, unless its gap is too long.
+    """Accept a row that waits at the end of the stream, unless the time jumps too far before it.
 
-    Returns as ``in_order``; ``height``: number of signals in a row.
+    Returns as ``in_order``. ``height``: number of signals in a row.
     """
     rows: list[np.ndarray] = []
     faults: list[Fault] = []
@@ -579,9 +575,10 @@ def _all_in_order(table: np.ndarray, order: Order) -> bool:
 def _accept(
     row: np.ndarray, number: int, order: Order, rows: list[np.ndarray], faults: list[Fault]
 ) -> Order:
-    """Append a row to ``rows``, missing inputs filled in, and return the new state.
+    """Append a row to ``rows``, with missing inputs filled in, and return the new state.
 
-    A row without an earlier value of a missing input is not appended. Adds to ``faults``.
+    A row whose missing input has no earlier value is not appended. ``faults`` gets an entry for
+    each missing input.
     """
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):

@@ -1,10 +1,10 @@
 """A watch in progress: banks of filters estimate a low-order system from the rows of a stream.
 
 The first rows are only collected. They give the noise levels, the trim and the initial values of
-two states; then they are filtered like all others. The rows of the filter, without spikes, are the
-record that an identification of the whole record would get.
+two states; then they are filtered like all others. The rows without spikes are the record that an
+identification of the whole record would use.
 
-Also draws the first figure of a watch's page: parameters while the stream arrived.
+This module also draws the first figure of a watch's page: parameters over the time of the stream.
 """
 
 from __future__ import annotations
@@ -74,18 +74,18 @@ from sim.record import Channel, Hold, Record
 
 # ---- A watch in progress
 
-FEWEST_STARTING_ROWS = 40  # rows; also the rows that a record keeps before the stick moves
+FEWEST_STARTING_ROWS = 40  # before the filters start; before the stick moves in a relinearisation
 SPIKE_SIGMAS = 30.0  # an innovation of more standard deviations is a spike
 # Parameters whose starts a vehicle file gives.
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
 # Most rows of a relinearisation: 40 s at 40 Hz, which take two seconds of computing.
 RELINEARISED_ROWS = 1600
-# Growth of the number of rows between relinearisations: all of them together cost five times the
-# last one.
+# Ratio of the numbers of rows of two successive relinearisations: all of them together cost five
+# times as much as the last one.
 ATTEMPT_GROWTH = 1.25
-# Rows before a part of a record in which the stick should not move: the longest delay and the lag.
+# Rows in which the stick should not move before a relinearisation begins: longest delay and lag.
 STEADY_STICK_ROWS = 20
-STICK_MOTION_SHARE = 0.05  # a stick that moves by a larger share of its largest motion has moved
+STICK_MOTION_SHARE = 0.05  # the stick moves if it is farther off, as a share of its largest motion
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
@@ -97,9 +97,10 @@ class WatchStep(NamedTuple):
     row : time, stick, alpha, q, nz; shape ``(5,)``.
     state : state of the bank after the row.
     spikes : number of spikes that were left out so far.
-    spread : standard deviations that filters with other starts add, shape ``(n,)``.
-    delay_spread : the same of the delay, s.
-    differences : differences of the other filters from the most likely one, shape ``(K, n)``.
+    spread : standard deviations of the parameters due to their starts, from filters with other
+        starts, shape ``(n,)``.
+    delay_spread : the same for the delay, s.
+    differences : differences of the K other filters from the most likely one, shape ``(K, n)``.
     refined : the relinearised bank, if there is one.
     """
 
@@ -122,15 +123,16 @@ class Session:
     name : name of the stream.
     stick_unit : unit of the stick.
     taken : blocks of rows, shape ``(5, n)``: time, stick, alpha, q, nz; a spike is NaN.
-    system, bank, state : the filters, once they have started.
-    offsets : trim by channel, once the filters have started.
+    system, bank, state : model, filters and their state; None before the filters start.
+    offsets : trim by channel; empty before the filters start.
     spikes : number of spikes so far.
     refine : whether the bank is relinearised from time to time.
     others, others_state : bank with other starts, and its state.
-    refined : the relinearised bank, if there is one.
-    tried, first : number of rows at the last relinearisation, and its first row.
-    spectral : regression in the frequency domain on the same rows without spikes.
-    second : the last second of the stream in which a relinearisation could begin, s.
+    refined : the relinearised bank, or None.
+    tried : number of rows at the last relinearisation.
+    first : first row of the last relinearisation.
+    spectral : regression in the frequency domain on the same rows, or None.
+    second : the last second of the stream for which a relinearisation was considered, s.
     last : the last step.
     """
 
@@ -228,7 +230,7 @@ def record_of(session: Session) -> Record:
 def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
     """Filter a block of rows with all banks, and return the steps.
 
-    Spikes that the main bank leaves out become NaN in the block; the other banks leave them out.
+    A spike that the main bank leaves out becomes NaN in the block, so that no other bank uses it.
     """
     bank, others = session.bank, session.others
     assert bank is not None and others is not None
@@ -245,11 +247,11 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
     rows = _rows_of(session, block)
     other_states = _states_after(others, session.others_state, rows)
     session.others_state = other_states[-1]
-    ends = final_states_of(others, other_states, len(bank.delays))
-    spread = spread_of(bank, states, ends)
+    final_states = final_states_of(others, other_states, len(bank.delays))
+    spread = spread_of(bank, states, final_states)
     refined: list[Relinearised | None] = [None] * len(states)
     if session.refine:
-        refined = _refined(session, states, ends, rows)
+        refined = _refined(session, states, final_states, rows)
     columns = zip(
         block.T,
         states,
@@ -266,12 +268,16 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
 
 
 def _refined(
-    session: Session, states: list[BankState], ends: FinalStates, rows: Rows
+    session: Session, states: list[BankState], final_states: FinalStates, rows: Rows
 ) -> list[Relinearised | None]:
-    """Return the relinearised bank after each row; None as long as there is none.
+    """Return the relinearised bank after each row, None as long as there is none.
 
-    At the first row of each second it is decided whether the bank is relinearised. ``states``: of
-    the main bank after each row. ``ends``: of the filters with other starts.
+    The bank may be relinearised at the first row of each second.
+
+    Parameters
+    ----------
+    states : states of the main bank after each row.
+    final_states : states of the filters with other starts.
     """
     seconds = np.floor(rows.time)
     new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
@@ -280,17 +286,17 @@ def _refined(
     for row in [*new_seconds, len(states) - 1]:
         if row < len(after_rows):
             continue
-        stretch = slice(len(after_rows), row + 1)
+        new_rows = slice(len(after_rows), row + 1)
         filtered: Sequence[Relinearised | None] = [None] * (row + 1 - len(after_rows))
         if session.refined is not None:
-            filtered = advanced(session.refined, Rows(*(part[..., stretch] for part in rows)))
+            filtered = advanced(session.refined, Rows(*(part[..., new_rows] for part in rows)))
         session.refined = filtered[-1]
         if row in new_seconds:
             if session.refined is not None:
                 session.refined = with_fitting_grid(session.refined)
             if _is_due(session, states[row]):
                 session.tried, first_before = states[row].rows_seen, session.first
-                result = _linearised(session, states[row], ends.mean[row].T)
+                result = _linearised(session, states[row], final_states.mean[row].T)
                 same_rows = session.refined is None or session.first == first_before
                 if same_rows and result is not None:
                     session.refined = result
@@ -366,7 +372,7 @@ def steadiest(record: Record, first: int, last: int) -> int:
 
 
 def _states_after(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """Return the state of a bank after each row; ``state``: before the rows, None at the start."""
+    """Return the state of a bank after each row; ``state``: before them, None at the start."""
     if state is not None:
         return advance(bank, state, rows)
     first = begin(bank, Rows(*(part[..., :1] for part in rows)))
@@ -374,7 +380,7 @@ def _states_after(bank: OnlineBank, state: BankState | None, rows: Rows) -> list
 
 
 def _rows_of(session: Session, block: np.ndarray) -> Rows:
-    """Return a block with its channels counted from trim."""
+    """Return the rows of a block with stick and outputs as deviations from trim."""
     trim = [0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))]
     about_trim = block - np.array(trim)[:, None]
     return Rows(about_trim[0], about_trim[1:2], about_trim[2:])
@@ -399,18 +405,18 @@ class Watch:
     refine : whether the bank is relinearised.
     beside : name of the sidecar, empty without one.
     columns : names of the columns, if the header is missing or not used.
-    rate : Hz, for a stream without a clock.
-    hold : behaviour of the inputs between rows, for the regression; None: the rows decide.
-    hold_from : words on who chose the hold.
+    rate : sampling rate of a stream without a clock, Hz.
+    hold : inputs between rows in the regression; None: the more likely of the two holds.
+    hold_from : words on the origin of the hold.
     signals : the signals that are read.
     omega : frequencies of the regression in the frequency domain, rad/s, or None.
-    header : header of the stream, once it came.
+    header : header of the stream, None before it arrives.
     session : banks of filters; only for the signals of the low-order equivalent system.
     order : state of the check of the rows' order.
     line : number of lines so far.
     left_out, mended : numbers of rows that were left out and filled in.
     reason : why the watch ended.
-    heard : time of the last line, by the monotonic clock, s.
+    heard : time at which the last line arrived, by the monotonic clock, s.
     """
 
     name: str
@@ -478,7 +484,7 @@ def rows_in(watch: Watch, new_lines: Lines) -> np.ndarray:
 def _session(watch: Watch, header: Header) -> Session:
     """Return the session of a stream with the signals of the low-order equivalent system.
 
-    It has a regression in the frequency domain, if that is asked for and alpha and q are there.
+    It has a regression in the frequency domain if that is requested and the stream has alpha and q.
     """
     vehicle = vehicle_to_watch(watch.vehicle_path, watch.reference)
     session = Session(vehicle, watch.name, header.stick_unit, refine=watch.refine)
@@ -494,7 +500,7 @@ def _session(watch: Watch, header: Header) -> Session:
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield rows in pieces of whole seconds, however they arrived, so that results are the same.
+    """Yield rows in pieces of whole seconds: results must not depend on how the rows arrived.
 
     A piece is one second until the filters have started, then up to ``ROWS_PER_BATCH`` rows.
     """
@@ -523,23 +529,21 @@ def session_of(watch: Watch) -> Session:
 def report(watch: Watch, faults: list[Fault]) -> None:
     """Count rows that were left out or filled in, and print a line on the first of each."""
     for fault in faults:
+        first = not (watch.left_out if fault.left_out else watch.mended)
+        if first:
+            left_out = "left out, " if fault.left_out else ""
+            print(
+                f"flightid: {watch.name}, row {fault.row}: {fault.what}; {left_out}"
+                "others like it are counted",
+                file=sys.stderr,
+            )
         if fault.left_out:
-            if not watch.left_out:
-                print(
-                    f"flightid: {watch.name}, row {fault.row}: {fault.what}; left out, others like "
-                    "it are counted",
-                    file=sys.stderr,
-                )
             watch.left_out += 1
         else:
-            if not watch.mended:
-                print(
-                    f"flightid: {watch.name}, row {fault.row}: {fault.what}; others like it are "
-                    "counted",
-                    file=sys.stderr,
-                )
             watch.mended += 1
 
+
+# ---- First figure of the page
 
 STEM = "watched"  # file stem of the figure
 
@@ -549,7 +553,7 @@ def history_section(
 ) -> tuple[Section, ...]:
     """Draw the figure of the parameters over time, and return the section of the page with it.
 
-    Empty if fewer than two lines of the history have an estimate.
+    Return no section if the history has fewer than two lines or no estimate.
 
     Parameters
     ----------
@@ -577,23 +581,19 @@ def history_section(
 def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
-    """Return the times of a history, ``(N,)``, s, and the course of each parameter.
+    """Return the times of a history, ``(N,)``, s, and each parameter over time.
 
-    A course is unit, values ``(N,)`` and standard deviations ``(N,)``; an empty cell is NaN. If the
-    history has refined estimates of a parameter, its course is that of these.
+    A parameter has its unit, values ``(N,)`` and standard deviations ``(N,)``; an empty cell is
+    NaN. Refined estimates of a parameter come first if the history has them.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:
         return np.zeros(0), {}
     table = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
-    columns = {name: table[:, i] for i, name in enumerate(rows[0])}
+    columns = dict(zip(rows[0], table.T, strict=True))
     courses = {}
     for name, entry in parameters.items():
-        column_name = f"refined_{name}" if f"refined_{name}" in columns else name
-        if (
-            column_name in columns
-            and f"{column_name}_std" in columns
-            and np.any(np.isfinite(columns[column_name]))
-        ):
-            courses[name] = str(entry["unit"]), columns[column_name], columns[f"{column_name}_std"]
+        key = f"refined_{name}" if f"refined_{name}" in columns else name
+        if {key, f"{key}_std"} <= set(columns) and np.any(np.isfinite(columns[key])):
+            courses[name] = str(entry["unit"]), columns[key], columns[f"{key}_std"]
     return columns["time"], courses

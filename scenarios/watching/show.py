@@ -7,7 +7,6 @@ a watched loop.
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -41,7 +40,7 @@ from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.summary import TableColumn, print_paragraph, print_table
-from scenarios.report.terminal import derived_table, estimates_table, fixed_table, show_table
+from scenarios.report.terminal import fixed_table, show_table
 from scenarios.responses.loops import (
     UNITS,
     LoopMargins,
@@ -51,7 +50,6 @@ from scenarios.responses.loops import (
 )
 from scenarios.responses.loops import WORDS as LOOP_WORDS
 from scenarios.studies.comparison import SCHEMA
-from scenarios.studies.published import Row
 from scenarios.watching.loop_margins import (
     HISTORY,
     MAIN,
@@ -62,7 +60,7 @@ from scenarios.watching.loop_margins import (
     shown,
 )
 from scenarios.watching.loop_margins import history_csv as margin_history
-from scenarios.watching.page import Feed, served_feed
+from scenarios.watching.page import Feed, json_line, rounded, served_feed, status
 from scenarios.watching.reference import (
     WORDS,
     CrossValidation,
@@ -93,13 +91,15 @@ from scenarios.watching.spectral import (
     stream_notes,
     stream_warnings,
 )
-from scenarios.watching.study import NAME, WatchOutcome, so_far
+from scenarios.watching.study import NAME, WatchOutcome, estimate_tables, so_far
+
+# ---- A stream in the frequency domain: what is printed, study folder and page
 
 SHOWN_PARAMETERS = 4  # parameters in a line: those with the smallest relative sigmas
 
 
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
-    """Return a second of the stream in one line."""
+    """Return the estimates after a second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN_PARAMETERS]
     texts = [
         f"{row['name']} {number_text(row['value'], row['std'])} +- "
@@ -113,7 +113,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """Return the quantities of an estimate beside their references; empty without an estimate."""
+    """Return the quantities of an estimate with their references; empty without an estimate."""
     if estimate is None:
         return ()
     return comparisons(estimate, derived_quantities(session, estimate), reference)
@@ -131,10 +131,8 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     columns = [
         TableColumn(
             "quantity",
-            [
-                item.name.replace("_", " ") if item.name == item.name.lower() else item.name
-                for item in items
-            ],
+            # Symbols of parameters, such as M_alpha, keep their underscores.
+            [item.name.replace("_", " ") if item.name.islower() else item.name for item in items],
             left=True,
         ),
         TableColumn("unit", [item.unit for item in items], left=True),
@@ -170,7 +168,7 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
         estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name in bank.names:
-            # Both estimates are from the same data: the larger sigma is the measure.
+            # Both estimates are from the same data, so that their variances must not be added.
             difference = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
             parts.append(
                 f"{name} {number_text(value, std)} +- {number_text(std, std)} ({difference:+.1f})"
@@ -181,7 +179,7 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
 
 
 def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
-    """Write the study of a stream in the frequency domain, completely or not at all."""
+    """Write the study folder of a stream in the frequency domain, completely or not at all."""
     estimate = last_estimate(session)
     items = items_of(session, estimate, watch.reference)
     with study_folder(out, "comparison.json") as scratch:
@@ -225,23 +223,33 @@ def spectral_page(
 ) -> Page:
     """Return the page of a stream that was identified in the frequency domain.
 
-    ``digest``: hash of the record. ``first``: sections that stand above all others.
+    Parameters
+    ----------
+    content : content of ``comparison.json``.
+    name : name of the stream.
+    digest : SHA-256 of the record.
+    first : sections above all others.
+    vehicle : the vehicle file, if there is one.
     """
     stream = content["stream"]
     counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, "
         f"{stream['mended']} filled in"
     )
-    outside: Sequence[str] = content.get("reference", {}).get("outside", ())
-    words = (
-        against(outside, len(content["reference"]["differences"]), content["reference"]["study"])
-        if "reference" in content
-        else ""
+    reference = content.get("reference")
+    outside: Sequence[str] = () if reference is None else reference["outside"]
+    agreement = (
+        ""
+        if reference is None
+        else against(outside, len(reference["differences"]), reference["study"])
     )
     verdict = (
         "outside the reference" if outside else "identified" if content["parameters"] else UNKNOWN
     )
-    fixed = {key: (each["value"], each["unit"]) for key, each in content.get("fixed", {}).items()}
+    fixed = {
+        constant: (entry["value"], entry["unit"])
+        for constant, entry in content.get("fixed", {}).items()
+    }
     return Page(
         title=f"{capital(content['vehicle'])}: identified from a stream",
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
@@ -253,15 +261,15 @@ def spectral_page(
             if outside or content.get("warnings")
             else "good"
         ),
-        sentence=as_sentence(words or counts),
-        summary=(as_sentence(counts),) if "reference" in content else (),
+        sentence=as_sentence(agreement or counts),
+        summary=() if reference is None else (as_sentence(counts),),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
-            *section("Estimates", *estimate_blocks(content)),
+            *section("Estimates", *estimate_tables(content)),
             *section(
                 "Against the reference",
-                differences_table(content["reference"]) if "reference" in content else None,
+                None if reference is None else differences_table(reference),
             ),
             *section(
                 "How it was made",
@@ -278,29 +286,14 @@ def spectral_page(
     )
 
 
-def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
-    """Return the tables of parameters and derived quantities; empty without parameters."""
-    if not content["parameters"]:
-        return []
-    rows = [
-        Row(name, each["unit"], each["estimate"], each["std"])
-        for name, each in content["parameters"].items()
-    ]
-    derived = {
-        name: (each["estimate"], each["std"]) for name, each in content.get("derived", {}).items()
-    }
-    return [
-        estimates_table("Parameters", rows),
-        *([derived_table("Derived quantities", derived)] if derived else []),
-    ]
-
+# ---- A stream with a bank of filters: live table or lines, and the end
 
 REFRESH_INTERVAL = 0.25  # s between two drawings of the live table
 
 
 def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
-    """Return what is shown of a stream after a step; None: the last step."""
-    # A given step is new, even if its row waited to be filtered.
+    """Return the view of a stream after a step; None: the last step."""
+    # A given step is new, even if its row had to wait for the filter.
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
@@ -323,12 +316,10 @@ def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> Vi
 
 
 class Show:
-    """Draw a live table on a terminal, else print a line for every second of data."""
+    """Shows a watch: a live table on a terminal, else a line for each second of data."""
 
     def __init__(self, watch: Watch) -> None:
         from rich.live import Live
-
-        from scenarios.report.quantities import console
 
         # Last second of the stream with a line; time of the last drawing, s.
         self._watch, self._last_second, self._drawn = watch, -np.inf, 0.0
@@ -346,7 +337,7 @@ class Show:
                 self._drawn = now
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
-        # Of the rows that were collected before the filters started, only the last has a line.
+        # The rows collected before the filters started have one line, that of the last row.
         shown_steps = list(steps)[-1:] if self._last_second == -np.inf else steps
         seconds = [int(np.floor(step.row[0])) for step in shown_steps]
         for step, second, after in zip(shown_steps, seconds, [*seconds[1:], None], strict=False):
@@ -364,9 +355,7 @@ def display(watch: Watch) -> Iterator[Show]:
 
 
 def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
-    """Print the last table, why the watch ended, and quantities outside the reference."""
-    from scenarios.report.quantities import console
-
+    """Print the reason of the end, the last table, and quantities outside the reference."""
     terminal = console()
     view = replace(
         view_of(watch, session),
@@ -405,6 +394,9 @@ def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
         )
 
 
+# ---- Stability margins of a loop: what is printed, study folder, page and live page
+
+
 def print_loop_end(watch: Watch, session: MarginSession) -> None:
     """Print the margins over the whole stream in a table, compared with the required ones."""
     out, loop = console(), margins_of(session)
@@ -429,7 +421,7 @@ REQUIRED = {
 
 @dataclass(frozen=True, eq=False)
 class PlottedLoop:
-    """A loop as ``figure_margins`` takes it: margins, and whether the data are simulated."""
+    """Argument of ``figure_margins``: a loop, and whether its data are simulated."""
 
     loop: LoopMargins
     simulated: bool = False
@@ -438,7 +430,10 @@ class PlottedLoop:
 def write_loop(
     out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
 ) -> None:
-    """Write the study of a loop as a whole; ``source``: file of the rows, None for a pipe."""
+    """Write the study folder of a loop, completely or not at all.
+
+    ``source``: file of the rows; None for a pipe.
+    """
     from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
@@ -454,12 +449,12 @@ def write_loop(
         "ended": watch.reason,
     }
     with study_folder(out, MAIN) as scratch:
-        named = []
+        makers = []
         if loop is not None:
-            named.append(("loop", partial(figure_margins, PlottedLoop(loop))))
+            makers.append(("loop", partial(figure_margins, PlottedLoop(loop))))
         if any(shown(point) for point in session.points):
-            named.append(("history", partial(figure_margin_history, session.points, name)))
-        figure_files = draw_for_page(named, scratch, USUAL)
+            makers.append(("history", partial(figure_margin_history, session.points, name)))
+        figure_files = draw_for_page(makers, scratch, USUAL)
         write_text(scratch / HISTORY, margin_history(session))
         write_page(scratch, loop_page(content, loop, name, digest, page_figures(figure_files)))
         write_json(scratch / MAIN, content)
@@ -472,7 +467,7 @@ def loop_page(
     digest: str,
     figure_blocks: tuple[Block, ...],
 ) -> Page:
-    """Return the page of a loop that was watched."""
+    """Return the page of a watched loop; ``digest``: SHA-256 of the rows, empty for a pipe."""
     stream = content["stream"]
     sentence = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['gaps']} gaps"
@@ -506,7 +501,7 @@ def loop_page(
 
 
 class FollowLoop:
-    """Feed of a page with rows, margins and status of a watched loop."""
+    """Sends rows, margins and status of a watched loop to its live page."""
 
     def __init__(self, watch: Watch, session: MarginSession, feed: Feed) -> None:
         self._watch, self._session, self._feed = watch, session, feed
@@ -521,40 +516,37 @@ class FollowLoop:
             "loop": {"standard": "required by MIL-F-9490D"},
         }
         self._strips, self._begun, self._rows = strips, time.monotonic(), 0
-        feed.put("about", _line(about))
+        feed.put("about", json_line(about))
 
     def rows(self, table: np.ndarray) -> None:
         """Send new rows, ``(1 + S, N)``: time and S signals."""
         if table.shape[1]:
-            values = {"t": _numbers(table[0], 9)}
+            values = {"t": rounded(table[0], 9)}
             for name, row in zip(self._strips, table[1:], strict=True):
-                values[name] = _numbers(row)
+                values[name] = rounded(row)
             self._rows += table.shape[1]
-            self._feed.put("rows", _line(values), rows=table.shape[1])
+            self._feed.put("rows", json_line(values), rows=table.shape[1])
         self._send_status("running")
 
     def point(self, point: MarginPoint, name: str = "estimates") -> None:
-        """Send the margins after a second; ``name``: of the event, ``"final"`` at the end."""
-        items = []
-        for key, margin in shown(point):
-            text = f"{margin.size.value:.3g} ({interval_text(margin)})"
-            half = 0.5 * (margin.high - margin.low) / NORMAL_HALF_WIDTH
-            items.append(
-                {
-                    "name": key,
-                    "word": LOOP_WORDS[key],
-                    "unit": UNITS[margin.kind] if margin.kind != "distance" else "",
-                    "told": text,
-                    "value": margin.size.value,
-                    "std": half,
-                    "low": margin.low,
-                    "high": margin.high,
-                    **({"required": REQUIRED[key]} if key in REQUIRED else {}),
-                }
-            )
+        """Send the margins after a second in an event ``name``, which is "final" at the end."""
+        items = [
+            {
+                "name": key,
+                "word": LOOP_WORDS[key],
+                "unit": UNITS[margin.kind] if margin.kind != "distance" else "",
+                "told": f"{margin.size.value:.3g} ({interval_text(margin)})",
+                "value": margin.size.value,
+                "std": 0.5 * (margin.high - margin.low) / NORMAL_HALF_WIDTH,
+                "low": margin.low,
+                "high": margin.high,
+                **({"required": REQUIRED[key]} if key in REQUIRED else {}),
+            }
+            for key, margin in shown(point)
+        ]
         kind = "broken-loop response by recursive Fourier transforms, 95 % intervals in brackets"
         event = {"t": round(point.time, 6), "kind": kind, "items": items, "weights": []}
-        self._feed.put(name, _line(event))
+        self._feed.put(name, json_line(event))
 
     def end(self) -> None:
         """Send the last margins, and why the stream ended."""
@@ -563,19 +555,17 @@ class FollowLoop:
         self._send_status("ended", self._watch.reason)
 
     def _send_status(self, state: str, sentence: str = "") -> None:
-        passed = max(time.monotonic() - self._begun, 1e-3)
-        points = self._session.points
-        event = {
-            "state": state,
-            "sentence": sentence,
+        """Send the status; ``state`` is "running" or "ended"."""
+        now, points = time.monotonic(), self._session.points
+        numbers = {
             "rows": self._rows,
             "left_out": self._watch.left_out,
             "spikes": 0,
-            "rate": self._rows / passed,
-            "silent": time.monotonic() - self._watch.heard,
-            "t": points[-1].time if points else None,
+            "rate": self._rows / max(now - self._begun, 1e-3),
+            "silent": now - self._watch.heard,
+            "t": points[-1].time if points else np.nan,
         }
-        self._feed.put("status", _line(event))
+        self._feed.put("status", status(state, sentence, numbers))
 
 
 @contextmanager
@@ -583,13 +573,3 @@ def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Itera
     """Serve the live page of a loop while the body runs, and give the body its feed."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
-
-
-def _numbers(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    return [
-        float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values.tolist()
-    ]
-
-
-def _line(content: Mapping[str, Any]) -> str:
-    return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))

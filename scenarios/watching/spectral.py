@@ -50,8 +50,13 @@ SECOND_TOLERANCE = 1e-9  # s, tolerance of the first row of a second
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Estimate after a second of the stream: ``time`` s, values and standard deviations ``(q,)``,
-    infinite if undetermined.
+    """Estimate after a second of the stream.
+
+    Attributes
+    ----------
+    time : time of the last row, s.
+    values, std : values and standard deviations of the q parameters, ``(q,)``; the standard
+        deviation is infinite if a parameter is not determined.
     """
 
     time: float
@@ -65,16 +70,22 @@ class SpectralSession:
 
     Attributes
     ----------
+    vehicle : the vehicle file.
+    name : name of the stream.
     signals : inputs and outputs, in the order of the rows after time.
-    system : for the outputs that the stream has.
-    readings : sums of the regression, for held and for linear inputs.
-    lag : regression of the low-order equivalent, instead of ``readings``.
-    hold : of the inputs in the last estimate.
-    gain : twice the log likelihood ratio of linear to held inputs.
-    flow, level : measured airspeed and pressure, and the initial pressure.
-    waiting : rows of an incomplete second.
+    system, declared : the model compiled and as declared.
+    readings : equations and sums of the regression by hold of the inputs.
+    hold : hold of the inputs in the last estimate.
+    gain : twice the log-likelihood ratio of linear to held inputs.
+    flow : names of the measured airspeed and pressure that are used as inputs.
+    level : initial pressure, Pa; None before it is known.
+    lag : regression of the low-order equivalent system, in place of ``readings``.
+    last : the last estimate of the regression.
+    waiting : rows of an incomplete second, in blocks ``(1 + r + m, n)``.
+    blocks : rows of the seconds that are regressed, in blocks of the same shape.
     points : estimates, one per second.
-    hold_from : words on who chose ``hold``, where one reading alone is used.
+    begun : time of the first row, s.
+    hold_from : words on the origin of ``hold`` if only one hold is used.
     """
 
     vehicle: VehicleFile
@@ -97,7 +108,7 @@ class SpectralSession:
 
     @property
     def regressed(self) -> OnlineEquations:
-        """The equations; of the low-order equivalent those with its lag and delay held."""
+        """The regressed equations; those of the low-order equivalent at fixed lag and delay."""
         return self.readings[self.hold][0] if self.lag is None else self.lag.equations
 
     @property
@@ -107,19 +118,17 @@ class SpectralSession:
 
     @property
     def rows(self) -> int:
-        """Rows so far."""
+        """Number of rows so far."""
         return sum(block.shape[1] for block in (*self.blocks, *self.waiting))
 
 
 def signals_of(vehicle: VehicleFile) -> StreamSignals:
-    """Inputs and outputs that a stream may have for the model of a vehicle file."""
+    """Return inputs and outputs that a stream may have for the model of a vehicle file."""
     model = model_of_file(vehicle)
-    inputs, outputs = (
-        [signal.name for signal in each]
-        for each in (model.equations.inputs, model.equations.outputs)
-    )
-    more = [name for name in usable_flow_channels(model) if name not in outputs]
-    return StreamSignals(tuple(inputs), (*outputs, *more), channel_units(model))
+    inputs = tuple(signal.name for signal in model.equations.inputs)
+    outputs = [signal.name for signal in model.equations.outputs]
+    flow = [name for name in usable_flow_channels(model) if name not in outputs]
+    return StreamSignals(inputs, (*outputs, *flow), channel_units(model))
 
 
 def spectral_session(
@@ -132,13 +141,19 @@ def spectral_session(
 ) -> SpectralSession:
     """Return a session for the outputs of a stream.
 
-    ``omega``: frequencies, rad/s. ``hold``: inputs between rows; None: decided by the rows.
-    ``hold_from``: words on who chose it.
+    Parameters
+    ----------
+    vehicle : the vehicle file.
+    name : name of the stream.
+    outputs : names of the outputs that the stream has.
+    omega : frequencies, rad/s.
+    hold : hold of the inputs between rows; None: the more likely hold.
+    hold_from : words on the origin of the hold.
 
     Raises
     ------
-    ModelError : equations that cannot be regressed on line.
-    DeclarationError : tied parameters.
+    ModelError : the equations cannot be regressed on line.
+    DeclarationError : parameters are tied.
     """
     if vehicle.model == "loes":
         declared = model_from_constants("loes", vehicle.constants, vehicle.derivatives)
@@ -156,10 +171,10 @@ def spectral_session(
         for name in usable_flow_channels(declared)
         if name in outputs and name not in system.output_names
     )
-    wider = with_flow_inputs(declared, density=set(flow) == set(MEASURED)) if flow else declared
-    equations = online_equations(compile_model(wider), omega, outputs)
-    kinds = (hold,) if hold is not None else tuple(Hold) if system.inputs else (Hold.PREVIOUS,)
-    readings = {kind: (replace(equations, hold=kind), begin(equations)) for kind in kinds}
+    regressed = with_flow_inputs(declared, density=set(flow) == set(MEASURED)) if flow else declared
+    equations = online_equations(compile_model(regressed), omega, outputs)
+    holds = (hold,) if hold is not None else tuple(Hold) if system.inputs else (Hold.PREVIOUS,)
+    readings = {kind: (replace(equations, hold=kind), begin(equations)) for kind in holds}
     return SpectralSession(
         vehicle,
         name,
@@ -167,34 +182,34 @@ def spectral_session(
         system,
         declared,
         readings,
-        kinds[0],
+        holds[0],
         flow=flow,
         hold_from=hold_from,
     )
 
 
 def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
-    """Take rows, time and signals ``(1 + r + m, N)``; the estimates of the seconds that are over.
+    """Take rows, ``(1 + r + m, N)``, and return the estimates after each complete second.
 
-    A second is regressed once it is over, so that results do not depend on how rows came.
+    Rows are time, inputs and outputs. Results do not depend on the pieces in which rows arrive.
     """
     if rows.shape[1] == 0:
         return []
     if session.begun is None:
         session.begun = float(rows[0, 0])
     cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + SECOND_TOLERANCE))) + 1
-    out = []
+    points = []
     for part in np.split(rows, cuts, axis=1):
         if session.waiting:
             before = session.waiting[-1][0, -1] - session.begun + SECOND_TOLERANCE
             if np.floor(part[0, 0] - session.begun + SECOND_TOLERANCE) > np.floor(before):
-                out += regress(session)
+                points += regress(session)
         session.waiting.append(part)
-    return out
+    return points
 
 
 def regress(session: SpectralSession) -> list[Point]:
-    """Regress the rows that wait and return the estimate; None if nothing is determined yet."""
+    """Regress the waiting rows and return the estimate; empty if nothing is determined yet."""
     if not session.waiting:
         return []
     block = np.concatenate(session.waiting, axis=1)
@@ -223,17 +238,17 @@ def regress(session: SpectralSession) -> list[Point]:
 def _flow_rows(session: SpectralSession) -> np.ndarray:
     """Return changes of airspeed and pressure in the last second, ``(k, N)``.
 
-    Smoothed together with the second before.
+    They are smoothed over the last two seconds.
     """
     recent = session.blocks[-2:]
     table = np.concatenate(recent, axis=1)
     first = 1 + len(session.signals.inputs)
     units = session.signals.channel_units
-    some = [(name, table[first + session.signals.outputs.index(name)]) for name in session.flow]
+    measured = [(name, table[first + session.signals.outputs.index(name)]) for name in session.flow]
     channels = tuple(
-        Channel.of(name, units[name], row) for name, row in some if np.isfinite(row).any()
+        Channel.of(name, units[name], row) for name, row in measured if np.isfinite(row).any()
     )
-    model, new = session.declared, recent[-1].shape[1]
+    model, new_rows = session.declared, recent[-1].shape[1]
     flow = None
     if len(channels) == len(session.flow) and table.shape[1] > 1:
         flow = measured_flow(Record(table[0], (), channels, name=session.name), model)
@@ -244,7 +259,7 @@ def _flow_rows(session: SpectralSession) -> np.ndarray:
     level = session.level or pressure_at_rest(table[0], flow, model)
     rows = flow_rows(flow, model, level)
     names = session.regressed.system.inputs[len(session.signals.inputs) :]
-    return np.array([rows[signal.name][-new:] for signal in names])
+    return np.array([rows[signal.name][-new_rows:] for signal in names])
 
 
 def _likelier(
@@ -254,7 +269,10 @@ def _likelier(
     outputs: np.ndarray,
     values: np.ndarray | None,
 ) -> OnlineEstimate | None:
-    """The estimate with further rows: from linear inputs where the rows show that they are."""
+    """Add rows to the sums of each hold, and return the estimate of the more likely hold.
+
+    Inputs are held unless the rows are decisively more likely with linear inputs.
+    """
     found: dict[Hold, OnlineEstimate | None] = {}
     for kind, (equations, sums) in session.readings.items():
         sums = advance(equations, sums, time, inputs, outputs, values)
@@ -286,8 +304,8 @@ def stream_notes(session: SpectralSession) -> list[str]:
 
 
 def stream_warnings(session: SpectralSession) -> list[str]:
-    """Parameters that the stream does not determine, and those that contradict the vehicle file; a
-    measured airspeed far from the declared.
+    """Return warnings: parameters that are not determined or contradict the vehicle file, and a
+    measured airspeed far from the declared one.
     """
     unknown = undetermined(session)
     sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
@@ -357,18 +375,24 @@ def undetermined(session: SpectralSession) -> list[str]:
 def derived_quantities(
     session: SpectralSession, latest: Estimate
 ) -> dict[str, tuple[float, float]]:
-    """Natural frequency, damping and so on with standard deviations, where the model has them."""
+    """Return quantities such as natural frequency and damping, with their standard deviations.
+
+    Empty if a parameter is not determined or the model has no such quantities.
+    """
     if undetermined(session):
         return {}
     if session.lag is not None:
-        both = latest.value("delay"), latest.sigma("delay")
-        return {**derived_of(latest, session.vehicle, both), "delay": both}
+        delay = latest.value("delay"), latest.sigma("delay")
+        return {**derived_of(latest, session.vehicle, delay), "delay": delay}
     return modal_estimate(session.system, latest) if moves_about_rest(session.declared) else {}
 
 
 def history_csv(session: SpectralSession) -> str:
-    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty if
-    it is not determined."""
+    """Return the estimates as CSV, a line for each second.
+
+    Columns are ``time``, and ``NAME`` and ``NAME_std`` of each parameter; a cell is empty if the
+    parameter is not determined.
+    """
     lines = [
         ",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])
     ]
@@ -381,9 +405,7 @@ def history_csv(session: SpectralSession) -> str:
 
 
 def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
-    """Return the parameters of a point, best known first: name, value, std, unit; those that are
-    determined.
-    """
+    """Return name, value, std and unit of the determined parameters, best determined first."""
     rows = []
     for name, value, std in zip(
         session.names, point.values.tolist(), point.std.tolist(), strict=True
@@ -396,32 +418,36 @@ def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
 
 def spectral_content(session: SpectralSession) -> dict[str, Any]:
     """Return the last estimate for ``comparison.json``."""
-    latest = last_estimate(session)
+    latest, unknown = last_estimate(session), undetermined(session)
     if latest is None:
-        nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)
+        outcome = Outcome.NOT_IDENTIFIABLE
         return {
             "method": METHOD,
             "parameters": {},
             "fixed": {},
             "derived": {},
-            "outcome": nothing.code,
-            "outcome_sentence": nothing.value,
+            "outcome": outcome.code,
+            "outcome_sentence": outcome.value,
             "undetermined": unknown,
             "warnings": stream_warnings(session),
         }
-    rows = rows_of(latest)
-    held = [
-        item
-        for item in session.system.parameters
-        if not item.free and not item.name.startswith("bias_")
-    ]
-    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in latest.names}
-    content = estimate_content(latest, rows, derived_quantities(session, latest), fixed, ())
-    unknown = undetermined(session)
-    warnings = stream_warnings(session)
-    ends = session.regressed.omega[[0, -1]] / (2.0 * np.pi)
-    band = {"band_Hz": ends.tolist()}
-    more: dict[str, Any] = {"undetermined": unknown} if unknown else {}
-    more |= {"warnings": warnings} if warnings else {}
-    notes = {"notes": told} if (told := stream_notes(session)) else {}
-    return {**content, "method": METHOD, **band, **more, **notes}
+    fixed = {
+        parameter.name: (parameter.value, parameter.unit)
+        for parameter in session.system.parameters
+        if not parameter.free
+        and not parameter.name.startswith("bias_")
+        and parameter.name not in latest.names
+    }
+    derived = derived_quantities(session, latest)
+    content = estimate_content(latest, rows_of(latest), derived, fixed, ())
+    lists = {
+        "undetermined": unknown,
+        "warnings": stream_warnings(session),
+        "notes": stream_notes(session),
+    }
+    return {
+        **content,
+        "method": METHOD,
+        "band_Hz": (session.regressed.omega[[0, -1]] / (2.0 * np.pi)).tolist(),
+        **{key: entries for key, entries in lists.items() if entries},
+    }

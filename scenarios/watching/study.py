@@ -59,12 +59,12 @@ class SoFar:
 
     Attributes
     ----------
-    estimate : of the parameters.
+    estimate : estimate of the parameters.
     derived : value and standard deviation of derived quantities.
-    weights : weight of each declared delay, shape ``(B,)``. For a refined estimate: probability
-        that the delay is nearest to it. Else its likelihood by the plain filters.
-    refined : whether the estimate was relinearised during the watch; then the delay is estimated
-        between the declared ones. Else the estimate is that of the most likely filter.
+    weights : weight of each delay of the bank, shape ``(B,)``. For a refined estimate it is the
+        probability that this delay is the nearest one, else the likelihood of its filter.
+    refined : whether the estimate is that of the relinearised bank, whose delay may be between
+        those of the bank; else it is that of the most likely filter.
     hanging : quantities that depend on the start: filters with other starts end as far apart as
         they began. Empty for a refined estimate.
     """
@@ -348,9 +348,9 @@ def watch_page(
     ----------
     content : content of ``comparison.json``.
     name : name of the watched file.
-    digest : hash of the record.
-    first : sections that stand above all others.
-    vehicle : the vehicle file.
+    digest : SHA-256 of the record.
+    first : sections above all others.
+    vehicle : the vehicle file, or None.
     """
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
@@ -359,7 +359,7 @@ def watch_page(
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "
         f"filled in, {stream['spikes']} spikes"
     )
-    words = (
+    agreement = (
         against(
             outside,
             len(reference["differences"]),
@@ -379,21 +379,24 @@ def watch_page(
         if outside
         else content["outcome_sentence"].partition(":")[0].partition(",")[0],
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
-        sentence=as_sentence(words) if reference else as_sentence(counts),
+        sentence=as_sentence(agreement or counts),
         summary=(as_sentence(counts),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *first,
-            *section("Estimates", *_estimate_tables(content)),
-            *section("As the stream left it", *_estimate_tables(methods.get("online"))),
-            *section("In the frequency domain", *_estimate_tables(methods.get(METHOD))),
+            *section("Estimates", *estimate_tables(content)),
+            *section("As the stream left it", *estimate_tables(methods.get("online"))),
+            *section("In the frequency domain", *estimate_tables(methods.get(METHOD))),
             *section("Against the reference", differences_table(reference) if reference else None),
             *section("Delay", *delay_tables(content)),
             *section(
                 "How it was made",
                 fixed_table(
                     "Constants",
-                    {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()},
+                    {
+                        name: (entry["value"], entry["unit"])
+                        for name, entry in content["fixed"].items()
+                    },
                 ),
             ),
         ),
@@ -406,21 +409,25 @@ def watch_page(
     )
 
 
-def _estimate_tables(content: Mapping[str, Any] | None) -> list[Block]:
-    """Return the tables of parameters and derived quantities; none without content."""
-    if content is None:
+def estimate_tables(content: Mapping[str, Any] | None) -> list[Block]:
+    """Return the tables of parameters and derived quantities of ``comparison.json``.
+
+    Return none without content or parameters.
+    """
+    if content is None or not content["parameters"]:
         return []
     rows = [
         Row(name, entry["unit"], entry["estimate"], entry["std"])
         for name, entry in content["parameters"].items()
     ]
-    tables: list[Block] = [estimates_table("Parameters", rows)]
     derived = {
-        name: (entry["estimate"], entry["std"]) for name, entry in content["derived"].items()
+        name: (entry["estimate"], entry["std"])
+        for name, entry in content.get("derived", {}).items()
     }
-    if derived:
-        tables.append(derived_table("Derived quantities", derived))
-    return tables
+    return [
+        estimates_table("Parameters", rows),
+        *([derived_table("Derived quantities", derived)] if derived else []),
+    ]
 
 
 # ---- Files of a watch that has ended

@@ -17,9 +17,9 @@ from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,
     UNDETERMINED,
-    _number,
     determined,
     displayed,
+    rounded_text,
     spaced,
     with_sigma,
 )
@@ -282,10 +282,10 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
     for name, quantity in claim.parameters.items():
         value, std, unit = displayed(quantity, name)
         percent_std = 100.0 * quantity.std
-        percent_of_one = _number(100.0 * abs(quantity.value - 1.0), percent_std)
-        fields[name] = _number(value, std) + spaced(units.get(name) or unit)
+        percent_of_one = rounded_text(100.0 * abs(quantity.value - 1.0), percent_std)
+        fields[name] = rounded_text(value, std) + spaced(units.get(name) or unit)
         fields[f"{name}_percent"] = f"{percent_of_one} %"
-        fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), percent_std)} %"
+        fields[f"{name}_change"] = f"{rounded_text(100.0 * abs(quantity.value), percent_std)} %"
         if name == "change":
             direction = "larger" if quantity.value > 0.0 else "smaller"
         else:
@@ -293,9 +293,9 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
         fields[f"{name}_direction"] = direction
         if quantity.unit == "m":
             side = "ahead of" if quantity.value >= 0.0 else "behind"
-            fields[f"{name}_side"] = f"{_number(abs(quantity.value), quantity.std)} m {side}"
+            fields[f"{name}_side"] = f"{rounded_text(abs(quantity.value), quantity.std)} m {side}"
         if quantity.unit == "rad/s":
-            hertz = _number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))
+            hertz = rounded_text(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))
             fields[f"{name}_hertz"] = f"{hertz} Hz"
     if "count" in claim.parameters:
         count = round(claim.parameters["count"].value)

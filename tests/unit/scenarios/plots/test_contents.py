@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import Outcome
+from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from scenarios.plots.display import SIMULATED_DATA, course, sound_samples
 from scenarios.plots.estimates import (
     figure_correlation,
@@ -150,7 +151,7 @@ def test_autocorrelation_counts_only_pairs_of_samples(rigid: Study) -> None:
         [(i, i + k) for i in range(len(e) - k) if valid[i] and valid[i + k]] for k in range(1, 13)
     ]
     r = [sum(e[i] * e[j] for i, j in some) / np.sum(e[valid] ** 2) for some in pairs]
-    band = [1.96 * np.sqrt(len(some)) / np.count_nonzero(valid) for some in pairs]
+    band = [NORMAL_HALF_WIDTH * np.sqrt(len(some)) / np.count_nonzero(valid) for some in pairs]
     bars, area = panel.collections[1], panel.collections[0]
     assert [float(np.asarray(path.vertices)[1, 1]) for path in bars.get_paths()] == pytest.approx(
         r, abs=1e-12

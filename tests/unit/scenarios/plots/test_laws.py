@@ -23,8 +23,6 @@ from scenarios.plots.low_order import (
     figure_states,
 )
 from scenarios.plots.side_by_side import (
-    ParameterColumn,
-    StudyResponse,
     figure_studies_errors,
     figure_studies_estimates,
     figure_studies_responses,
@@ -41,6 +39,7 @@ from scenarios.plots.studies import (
     figure_squares,
 )
 from scenarios.plots.style import make_sheet
+from scenarios.side_by_side.comparison import StudyResponses, Value
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 from tests.figure_laws import broken_laws, words
 from tests.unit.scenarios.plots.conftest import Study
@@ -69,27 +68,20 @@ def _sweep(rng: np.random.Generator) -> Figure:
 def _responses() -> Figure:
     time = np.linspace(0.0, 4.0, 50)
     row = {"alpha": 0.1 * np.sin(time)}
-    both = [
-        StudyResponse(
-            f"study {number}",
-            time,
-            {"elevator": 0.0 * time},
-            row,
-            row,
-            {"alpha": "rad", "elevator": "rad"},
-            True,
-        )
+    units = {"alpha": "rad", "elevator": "rad"}
+    studies = {
+        f"study {number}": StudyResponses(time, {"elevator": 0.0 * time}, row, row, {}, units, True)
         for number in range(4)
-    ]
-    return figure_studies_responses(both, ["alpha"], "studies side by side")
+    }
+    return figure_studies_responses(studies, ["alpha"], "studies side by side")
 
 
-COLUMNS: Mapping[str, list[ParameterColumn | None]] = {
+COLUMNS: Mapping[str, list[Value | None]] = {
     "Cm_q": [
-        ParameterColumn(-33.0, 1.0, -34.0, -32.0, (-20.0, 6.0)),
-        ParameterColumn(-60.0, 2.0, -34.0),
+        Value(-33.0, 1.0, "1/rad", -34.0, -32.0, (-20.0, 6.0)),
+        Value(-60.0, 2.0, "1/rad", -34.0),
     ],
-    "natural_frequency": [ParameterColumn(4.1, 0.1, 4.2), None],
+    "natural_frequency": [Value(4.1, 0.1, "rad/s", 4.2), None],
 }
 UNITS = {"Cm_q": "1/rad", "natural_frequency": "rad/s"}
 BARS = {

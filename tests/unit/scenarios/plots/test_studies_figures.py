@@ -10,8 +10,6 @@ from matplotlib.axes import Axes
 
 from scenarios.plots.side_by_side import (
     CLIPPED_PERCENT,
-    ParameterColumn,
-    StudyResponse,
     figure_studies_errors,
     figure_studies_estimates,
     figure_studies_responses,
@@ -24,10 +22,11 @@ from scenarios.plots.studies import (
     figure_determination,
     figure_flexibility,
 )
+from scenarios.side_by_side.comparison import StudyResponses, Value
 
-ROWS: dict[str, list[ParameterColumn | None]] = {
-    "CL_alpha": [ParameterColumn(2.9, 0.1, 3.0, None, (3.4, 0.05)), None],
-    "Cm_q": [ParameterColumn(-30.0, 1.0, -33.0, -31.0), ParameterColumn(-60.0, 2.0, -33.0)],
+ROWS: dict[str, list[Value | None]] = {
+    "CL_alpha": [Value(2.9, 0.1, "1/rad", 3.0, None, (3.4, 0.05)), None],
+    "Cm_q": [Value(-30.0, 1.0, "1/rad", -33.0, -31.0), Value(-60.0, 2.0, "1/rad", -33.0)],
 }
 
 
@@ -67,12 +66,12 @@ def test_long_names_of_studies_are_numbered_and_told_in_the_title() -> None:
 def test_responses_of_studies_are_over_each_other_in_degrees() -> None:
     time = np.linspace(0.0, 1.0, 11)
     row = {"alpha": 0.1 * time}
-    studies = [
-        StudyResponse(
-            label, time, {"elevator": time}, row, {"alpha": scale * time}, {"alpha": "rad"}
+    studies = {
+        label: StudyResponses(
+            time, {"elevator": time}, row, {"alpha": scale * time}, {}, {"alpha": "rad"}
         )
         for label, scale in (("a", 0.1), ("b", 0.2))
-    ]
+    }
     figure = figure_studies_responses(studies, ["alpha"])
     (panel,) = figure.axes[1:]
     ends = {

@@ -120,6 +120,10 @@ def test_plain_lines_are_read_as_all_others_are(cells: list[str]) -> None:
         np.testing.assert_array_equal(found, numbers_of(line, (0, 2, 3), 5))
 
 
+def test_numbers_of_fortran_are_read_as_in_records() -> None:
+    assert numbers_of(b"1.5D+01,2,-3.d-1", (0, 2), 3) == [15.0, -0.3]
+
+
 def test_missing_samples_and_sticks() -> None:
     kept, faults, _ = rows("0,,0,0,0\n0.1,0.5,,,\n0.2,,1,nan,NA\n\n0.3,0.7,1,1,1\n0.4,0.8,1,1,1")
     np.testing.assert_array_equal(kept[:2], [[0.1, 0.2, 0.3, 0.4], [0.5, 0.5, 0.7, 0.8]])
