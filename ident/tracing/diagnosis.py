@@ -224,8 +224,8 @@ class Diagnosis:
     before, after : derivatives of the declared model and of the final one.
     derived_before, derived_after : frequency, damping, ...
     error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
-    one_step : errors of predictions one step ahead on held-out records, before and after, by
-        filters beside the same random loads; None where there are none.
+    one_step : errors of predictions one step ahead on held-out records, before and after, both
+        with the discrepancy; None where there is none.
     noise_floor : sensor noise by channel: the level of the fit where its residual is white, else
         estimated from the residual's high frequencies.
     residual_std : the level of the fit, whatever is in it.

@@ -122,6 +122,21 @@ class Diagnosis:
         return dict(self.details.diagnosis.error_after.rmse)
 
     @property
+    def one_step(self) -> dict[str, dict[str, float]]:
+        """Root mean square errors of predictions one step ahead of held-out records by channel, SI,
+        under ``before`` and ``after``, both with the model discrepancy; empty where there is none.
+        """
+        figures = self.details.diagnosis.one_step
+        return (
+            {}
+            if figures is None
+            else {
+                "before": dict(figures[0].rmse),
+                "after": dict(figures[1].rmse),
+            }
+        )
+
+    @property
     def noise_floor(self) -> dict[str, float]:
         """The error that noise alone would leave, by channel, SI."""
         return dict(self.details.diagnosis.noise_floor)

@@ -58,11 +58,11 @@ SIMULATION_NOTE = (
     "a simulation cannot follow random gusts: one-step prediction is the measure in turbulence"
 )
 RANDOM_LOADS_NOTE = (
-    "both models were fitted without random loads for this table; the derivatives below are those "
-    "found beside such loads"
+    "for this table both models were fitted without the model discrepancy; the derivatives below "
+    "were found beside it"
 )
 ONE_STEP_TITLE = (
-    "error of predictions one step ahead (rms) on the held-out records, with the same random loads "
+    "error of predictions one step ahead (rms) on the held-out records, with the model discrepancy "
     "before and after"
 )
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
