@@ -538,6 +538,19 @@ def reduced_chi_square(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return np.sum(((values - mean) / sigma) ** 2, axis=1) / (values.shape[1] - 1)
 
 
+def weighted_scatter(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the standard deviation ``(n,)`` of values of single records about their weighted
+    means. A record that hardly determines a value hardly counts; with equal sigmas it is that of
+    the sample.
+
+    Parameters
+    ----------
+    values, sigma : ``(n, records)``, at least two records.
+    """
+    variance = values.shape[1] / np.sum(sigma**-2, axis=1)
+    return np.sqrt(variance * reduced_chi_square(values, sigma))
+
+
 def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return factors on the sigmas of means, for the scatter of values between records.
 

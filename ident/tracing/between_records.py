@@ -20,6 +20,7 @@ from ident.statistics.intervals import (
     inverse_information,
     reduced_chi_square,
     scatter_factors,
+    weighted_scatter,
 )
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
@@ -69,7 +70,7 @@ def scatter_between_records(
     values, sigma = found
     factors = scatter_factors(values, sigma)
     spread = (
-        {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)}
+        dict(zip(names, weighted_scatter(values, sigma).tolist(), strict=True))
         if values.shape[1] >= FEWEST_RECORDS
         else {}
     )

@@ -41,7 +41,7 @@ _SENTENCES = {
         "fitted"
     ),
     Verdict.PARTIAL: (
-        "the records need the effects listed, but these do not explain all of the misfit"
+        "the records support the effects listed, which do not explain all of the misfit"
     ),
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
     Verdict.UNEXPLAINED: (
@@ -203,6 +203,21 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
+class OneStep:
+    """Predictions one step ahead of held-out records, with the discrepancy before and after.
+
+    Attributes
+    ----------
+    before, after : their errors.
+    gains : rise of the log likelihood of each record from before to after.
+    """
+
+    before: ErrorFigures
+    after: ErrorFigures
+    gains: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class FittedRecord:
     """A training record with the residuals ``(m, N)`` before and after; ``used`` is False at masked
     samples.
@@ -224,8 +239,7 @@ class Diagnosis:
     before, after : derivatives of the declared model and of the final one.
     derived_before, derived_after : frequency, damping, ...
     error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
-    one_step : errors of predictions one step ahead on held-out records, before and after, both
-        with the discrepancy; None where there is none.
+    one_step : predictions one step ahead, where there is a discrepancy and data are held out.
     noise_floor : sensor noise by channel: the level of the fit where its residual is white, else
         estimated from the residual's high frequencies.
     residual_std : the level of the fit, whatever is in it.
@@ -269,7 +283,7 @@ class Diagnosis:
     trained_before: Trained | None = None
     trained_after: Trained | None = None
     not_met: tuple[Requirement, ...] = ()
-    one_step: tuple[ErrorFigures, ErrorFigures] | None = None
+    one_step: OneStep | None = None
 
     def __repr__(self) -> str:
         named = (

@@ -16,7 +16,7 @@ from ident.process_noise.filter_error import (
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.noise_levels import final_spikes
 from ident.statistics.residuals import ErrorFigures, error_figures
-from ident.tracing.diagnosis import Prediction, Trained
+from ident.tracing.diagnosis import OneStep, Prediction, Trained
 from ident.tracing.fitted_model import FittedModel, local_names
 from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on, predicted_by
 from ident.tracing.steady_search import SUPPORTED_Z
@@ -47,13 +47,12 @@ class PredictiveGain:
     values : one gain, or one a record.
     least : zero, or less where the records test the effects too little: the gain is then below
         zero by chance even if the effects act as fitted.
-    one_step : errors of predictions one step ahead, before and after; None where a free simulation
-        is compared.
+    one_step : the predictions one step ahead; None where a free simulation is compared.
     """
 
     values: tuple[float, ...] = ()
     least: float = 0.0
-    one_step: tuple[ErrorFigures, ErrorFigures] | None = None
+    one_step: OneStep | None = None
 
     @property
     def total(self) -> float:
@@ -111,11 +110,9 @@ def predictive_gains(
         (_one_step_fit(less, r, {}, held, out), _one_step_fit(more, r, own, held, out))
         for r, own in enumerate(_own_values(more, out))
     ]
-    gains = [_log_likelihood(after) - _log_likelihood(before) for before, after in pairs]
-    return PredictiveGain(
-        tuple(math.inf if math.isnan(gain) else gain for gain in gains),
-        one_step=_one_step_errors(pairs, held),
-    )
+    differences = [_log_likelihood(after) - _log_likelihood(before) for before, after in pairs]
+    gains = tuple(math.inf if math.isnan(each) else each for each in differences)
+    return PredictiveGain(gains, one_step=_one_step(pairs, gains, held))
 
 
 def _log_likelihood(fit: Fit | None) -> float:
@@ -142,11 +139,11 @@ def _one_step_fit(
     )
 
 
-def _one_step_errors(
-    pairs: Sequence[tuple[Fit | None, Fit | None]], held: HeldOutData
-) -> tuple[ErrorFigures, ErrorFigures] | None:
-    """Return the errors of one-step predictions before and after; None where one of the two models
-    has no process noise, or its predictions are not finite.
+def _one_step(
+    pairs: Sequence[tuple[Fit | None, Fit | None]], gains: tuple[float, ...], held: HeldOutData
+) -> OneStep | None:
+    """Return the errors of one-step predictions before and after, with their gains; None where one
+    of the two models has no process noise, or its predictions are not finite.
     """
     sides = []
     for fits in zip(*pairs, strict=True):
@@ -166,7 +163,7 @@ def _one_step_errors(
                 channels,
             )
         )
-    return sides[0], sides[1]
+    return OneStep(sides[0], sides[1], gains)
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:

@@ -131,8 +131,8 @@ class Diagnosis:
             {}
             if figures is None
             else {
-                "before": dict(figures[0].rmse),
-                "after": dict(figures[1].rmse),
+                "before": dict(figures.before.rmse),
+                "after": dict(figures.after.rmse),
             }
         )
 

@@ -291,10 +291,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
         return []
     sentences = []
     if math.isfinite(claim.spread):
-        sentences.append(
-            f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
-            "second"
-        )
+        sentences.append(f"z = {claim.spread:.1f} by Vuong's test over blocks of a second")
     values, disagreement = by_record_text(claim.by_record), disagreement_text(claim)
     if values:
         sentence = f"from each of {len(claim.by_record)} records: {values}"

@@ -82,7 +82,8 @@ def few_candidates(d: Diagnosis) -> int:
 
 
 def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None = None) -> Table:
-    """Return the best candidates of each round, by gain, with the best form of each effect.
+    """Return the best candidates of each round, by gain, with the best form of each effect; where
+    one was fitted, without the gain that the linearised model promised.
 
     Parameters
     ----------
@@ -98,7 +99,9 @@ def candidates_table(d: Diagnosis, caption: str, count: int, printed: int | None
             candidate for candidate in d.candidates if (candidate.round, candidate.within) == key
         ]
         ranked = sorted(of_round, key=lambda candidate: (-candidate.gain, candidate.name))
-        best = {candidate.name: candidate for candidate in reversed(ranked)}
+        # A fit refutes what the linearised model promises.
+        fits_last = sorted(reversed(ranked), key=lambda candidate: candidate.fitted)
+        best = {candidate.name: candidate for candidate in fits_last}
         shown += [candidate for candidate in ranked if best[candidate.name] is candidate][:count]
     candidates = table(
         caption,
@@ -137,18 +140,13 @@ def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_
     If the residual of the fit is more than noise, it has a column. Angles and angular rates are in
     degrees.
     """
-    noise = _noise_columns(d)
+    residuals = [residual_levels(d)] if is_coloured(d) else []
+    noise = dict(zip(noise_headings(d), (*residuals, d.noise_floor), strict=True))
     if one_step_table(d) is not None:
-        # The residual of the fit is one of predictions one step ahead, which have their own table.
+        # The residual of the fit is one of predictions one step ahead, not of a simulation.
         noise = {noise_headings(d)[-1]: d.noise_floor}
     columns = {"before": d.error_before.rmse, "after": d.error_after.rmse, **noise}
     return shown_table(d, _levels_by_channel(caption, columns, units))
-
-
-def _noise_columns(d: Diagnosis) -> dict[str, Mapping[str, float]]:
-    """Return the residual of the fit, if it is more than noise, and the noise, by heading."""
-    residuals = [residual_levels(d)] if is_coloured(d) else []
-    return dict(zip(noise_headings(d), (*residuals, d.noise_floor), strict=True))
 
 
 def one_step_table(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> Table | None:
@@ -157,9 +155,19 @@ def one_step_table(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> Ta
     """
     if d.one_step is None or not any(claim.claimed for claim in d.effects):
         return None
-    before, after = d.one_step
-    columns = {"before": before.rmse, "after": after.rmse, **_noise_columns(d)}
-    return _levels_by_channel(ONE_STEP_TITLE, columns, units)
+    before, after, noise = d.one_step.before, d.one_step.after, noise_headings(d)[-1]
+    columns = {"before": before.rmse, "after": after.rmse, noise: d.noise_floor}
+    return _levels_by_channel(f"{ONE_STEP_TITLE}; {gains_phrase(d.one_step.gains)}", columns, units)
+
+
+def gains_phrase(gains: Sequence[float]) -> str:
+    """Return how the log likelihood of one-step predictions of each held-out record changes."""
+    total = sum(gains)
+    if not math.isfinite(total):
+        return "one of the two models does not predict them"
+    by_record = f" ({', '.join(f'{gain:+.0f}' for gain in gains)} by record)"
+    change = f"{'rises' if total > 0 else 'falls'} by {abs(total):.0f}"
+    return f"their log likelihood {change}{by_record if len(gains) > 1 else ''}"
 
 
 def _levels_by_channel(

@@ -60,7 +60,7 @@ from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units, is_of_aircraft
 from scenarios.preparation.recording import record_content, record_lines
 from scenarios.report.document import Table
-from scenarios.report.quantities import CHANNELS, shown_in, value_text
+from scenarios.report.quantities import CHANNELS, listed, shown_in, value_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from sim.errors import instant
@@ -205,7 +205,7 @@ def headline(tracing: Tracing) -> str:
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
             for claim in vuong_tested
         ]
-    error = _error_phrase(tracing)
+    error = "; ".join(each for each in (_error_phrase(tracing), _risen_phrase(d)) if each)
     judged_by_one_step = [claim for claim in claimed if claim.one_step_gains]
     if judged_by_one_step:
         # A free simulation cannot test an effect of unknown gusts.
@@ -351,6 +351,13 @@ def _error_phrase(tracing: Tracing) -> str:
     return phrase
 
 
+def _risen_phrase(d: Diagnosis) -> str:
+    """Return the channels whose simulation error is larger with the effects; empty if none is."""
+    before, after = d.error_before.rmse, d.error_after.rmse
+    risen = [name for name in before if after.get(name, 0.0) > LEAST_RISE * before[name]]
+    return f"the error of {listed(risen)} rises" if risen else ""
+
+
 def _most_changed(d: Diagnosis) -> str:
     """Return the name of the parameter that changed most, empty if none changed significantly."""
     changes = {
@@ -360,6 +367,7 @@ def _most_changed(d: Diagnosis) -> str:
     return name if name and changes[name] > MOVED_SIGMAS else ""
 
 
+LEAST_RISE = 1.02  # ratio of two errors that is said to be a rise
 LARGEST = 1e30  # written in place of an infinite number; its square is finite
 SMALLEST_STD = 1e-300  # written in place of a standard deviation of zero
 SCHEMA = "flightid/diagnosis/2"
@@ -404,7 +412,13 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
             "noise_floor": _finite_only(d.noise_floor),
             "residual": _finite_only(residual_levels(d)),
             **(
-                {"one_step": {"before": _errors(d.one_step[0]), "after": _errors(d.one_step[1])}}
+                {
+                    "one_step": {
+                        "before": _errors(d.one_step.before),
+                        "after": _errors(d.one_step.after),
+                        "gains": [bounded(gain) for gain in d.one_step.gains],
+                    }
+                }
                 if d.one_step is not None
                 else {}
             ),

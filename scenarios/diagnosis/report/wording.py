@@ -215,6 +215,9 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
         members = [item.short_name or name for name, item in zip(names, traits, strict=True)]
     # The member's name is in the list that follows, so it is cut off here.
     text = _from_templates(claim, wording, templates).removesuffix(f" ({members[0]})")
+    likeliest = max((claim.probability.get(name, 0.0) for name in names[1:]), default=0.0)
+    if 0.0 < likeliest < claim.probability.get(claim.name, 0.0) / FAR_LIKELIER:
+        return f"{text} ({members[0]}; less likely: {' or '.join(members[1:])})"
     count = "both" if len(members) == 2 else "all"
     return (
         f"{text} ({', '.join(members[:-1])} or {members[-1]}: {count} fit these data equally well)"
@@ -366,6 +369,8 @@ def separating_maneuvers(
 
 
 LEAST_PRINTED_SHARE = 0.005  # a smaller probability is rounded to 0 %
+LEAST_REST = 0.02  # smallest probability of all other causes that is printed
+FAR_LIKELIER = 3.0  # ratio of probabilities above which two effects do not fit equally well
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
@@ -401,6 +406,9 @@ def probability_sentence(claim: Claim) -> str:
     ]
     if others:
         sentence += f"; {', '.join(others)}"
+    rest = 1.0 - sum(value for value in claim.probability.values() if math.isfinite(value))
+    if rest >= LEAST_REST:
+        sentence += f"; others {_percent(rest)}"
     equal = [
         name
         for name in claim.alternatives

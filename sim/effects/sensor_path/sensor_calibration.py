@@ -37,7 +37,7 @@ _ALIASES_OF_SCALE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 SLOW_AND_QUICK = (
-    "slow pull-ups beside quick doublets, small and large: a scale is the same in all of them"
+    "slow maneuvers beside quick doublets, small and large: a scale is the same in all of them"
 )
 WITH_LOAD_FACTOR = (
     "a record with the load factor as well: kinematics then tie the channels together"

@@ -115,8 +115,8 @@ class AccelerometerOffset(OfChannel):
 
 TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = (
-    "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay "
-    "stays"
+    "the same maneuver at another airspeed: the error of a vane is its arm times the rate "
+    "over the airspeed, a lag or a delay stays"
 )
 VANE_IN_PITCH = (
     "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so "

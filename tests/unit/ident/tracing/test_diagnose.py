@@ -336,8 +336,9 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
     )
     assert diagnosis.error_after.rmse["alpha"] < diagnosis.error_before.rmse["alpha"]
     assert diagnosis.one_step is not None
-    before, after = diagnosis.one_step
+    before, after = diagnosis.one_step.before, diagnosis.one_step.after
     assert after.rmse["alpha"] < 0.98 * before.rmse["alpha"]
+    assert min(diagnosis.one_step.gains) > 0.0
 
 
 def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() -> None:

@@ -19,6 +19,7 @@ from ident.tracing.diagnosis import (
     Claim,
     Concern,
     Diagnosis,
+    OneStep,
     Quantity,
     Verdict,
 )
@@ -60,7 +61,7 @@ def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
 
 
 SCALE = {"scale": Quantity(1.15, 0.01, "1")}
-SPREAD = "its log evidence is 5.2 times the scatter of that between blocks of a second"
+SPREAD = "z = 5.2 by Vuong's test over blocks of a second"
 
 
 def late(values: tuple[float, ...] = LATE, spread: float = 5.2) -> Claim:
@@ -353,20 +354,20 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
 
 
 def test_predictions_one_step_ahead_have_a_table_beside_random_loads() -> None:
-    """The residual of the fit is one of such predictions: its column is there."""
+    """The residual of the fit is one of such predictions, and stands in neither table."""
     d: Diagnosis = spread_tracing().diagnosis
     assert one_step_table(d) is None and simulation_note(d) == ""
     assert "one_step" not in diagnosis_content(spread_tracing(), "")["error"]
     whole = errors_table(d, "")
     before = replace(d.error_before, rmse={name: 0.02 for name in d.error_before.rmse})
     after = replace(before, rmse={name: 0.01 for name in before.rmse})
-    filtered = replace(d, one_step=(before, after))
+    filtered = replace(d, one_step=OneStep(before, after, (30.0, -4.0)))
     shown = one_step_table(filtered)
     assert shown is not None and simulation_note(filtered)
     headings = [column.heading for column in shown.columns]
-    assert headings == [column.heading for column in whole.columns]
-    fewer = [column.heading for column in errors_table(filtered, "").columns]
-    assert [each for each in headings if each not in fewer] in ([], [RESIDUAL])
+    assert headings == [column.heading for column in errors_table(filtered, "").columns]
+    assert RESIDUAL not in headings and {*headings} <= {column.heading for column in whole.columns}
+    assert "rises by 26 (+30, -4 by record)" in shown.caption
     row = next(row for row in shown.rows if row[0] == "q")
     assert [cell_text(cell) for cell in row[1:3]] == ["1.15", "0.573"]
     unnamed = replace(filtered, effects=())
