@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
-from scenarios.files.writing import write_text
+from scenarios.files.writing import unwritable, write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.identification.cautions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
@@ -444,11 +444,7 @@ def _write(out: Path, draft: Draft) -> None:
         write_text(out / VEHICLE_FILE, vehicle_text(draft))
         write_text(out / CHANNEL_MAP_FILE, map_text(draft))
     except OSError as error:
-        raise DeclarationError(
-            f"cannot be written ({error.strerror or error})",
-            where=str(out),
-            remedy="name another folder",
-        ) from None
+        raise unwritable(out, error, "name another folder") from None
 
 
 def _short(text: str, most: int) -> str:

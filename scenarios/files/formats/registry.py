@@ -44,7 +44,7 @@ from scenarios.files.sources import (
 )
 from sim.errors import RecordError
 
-NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
+NOT_READERS = ("cells", "registry", "variables")  # modules of the package without a format
 # first bytes of packed files
 GZIP = b"\x1f\x8b"
 BZIP2 = b"BZh"
