@@ -15,12 +15,12 @@ from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.identification.cautions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
-from scenarios.preparation.declared_model import vehicle_text
 from scenarios.preparation.draft_text import (
     constant_words,
     map_text,
     missing_channels,
     unused_words,
+    vehicle_text,
 )
 from scenarios.preparation.drafting import COMMANDS, Draft, drafted, named_only
 from scenarios.preparation.plan import Plan, Request, plan_of

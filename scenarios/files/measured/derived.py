@@ -8,7 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, closest, split_header
+from scenarios.files.declarations import (
+    CHANNEL_UNITS,
+    TIME,
+    ColumnChoice,
+    closest,
+    listed,
+    split_header,
+)
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.columns import RecordFile, inside_unit, map_command
 from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
@@ -84,10 +91,9 @@ def with_derived(
                 single, {TIME: clock, **absent}, inputs, outputs, channel_units=channel_units
             )
         if not wanted:
-            names = ", ".join(topic.name for topic in topics[:8])
-            more = ", ..." if len(topics) > 8 else ""
+            names = listed([topic.name for topic in topics], 8)
             raise RecordError(
-                f"a log of {len(topics)} topics ({names}{more})",
+                f"a log of {len(topics)} topics ({names})",
                 where=str(file.path),
                 remedy=(
                     f"make a channel map with {map_command(file.path)}, and name it with --channels"
