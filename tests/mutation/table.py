@@ -630,9 +630,9 @@ SCENARIOS = (
         ("        )\n        / share,", "        )\n        * share,"),
     ),
     *changes(
-        "scenarios/survey/recurring.py",
+        "scenarios/survey/derivatives.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
-        (" / one.recurrence.probability[number]", ""),
+        (" / effect.recurrence.probability[number]", ""),
     ),
     *changes(
         "scenarios/side_by_side/comparison.py",
