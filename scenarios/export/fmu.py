@@ -50,7 +50,7 @@ class Variable(NamedTuple):
 
 
 def variables_of(model: ExportedModel) -> list[Variable]:
-    """Return the variables: starting values of states (``NAME_start``), inputs, parameters, outputs.
+    """Return the variables: starting states (``NAME_start``), inputs, parameters, outputs.
 
     An output with the name of another variable is called ``NAME_measured``.
     """

@@ -181,7 +181,7 @@ def _turned(product: XML.Element, axis: str) -> None:
 
 
 def _signals(aero: XML.Element, aircraft: Aircraft) -> dict[str, str]:
-    """Return signal of the terms -> property. Functions for rates, Mach number and mixes are added."""
+    """Return signal of the terms -> property. Functions of rates, Mach number, mixes are added."""
     result = {"alpha": "aero/alpha-rad", "beta": "aero/beta-rad", "mach": f"{ROOT}/mach"}
     result |= {name: f"{ROOT}/{name}" for name in aircraft.surfaces}
     c = aircraft.constants

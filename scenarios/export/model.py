@@ -324,7 +324,7 @@ class OperationTrace:
 
 
 class Symbol(NDArrayOperatorsMixin):
-    """Result of an operation, in place of a number; functions of NumPy and `sim.maths` accept it."""
+    """Result of an operation in place of a number; functions of NumPy and `sim.maths` take it."""
 
     shape: tuple[int, ...] = ()
     dtype = np.dtype(float)
@@ -372,7 +372,7 @@ class Symbol(NDArrayOperatorsMixin):
         raise _Undecided(f"it uses numpy.{function.__name__}, for which no formula is written")
 
     def interpolated(self, knots: Any, values: Any) -> Symbol:
-        """Return the value between the points of a table by linear interpolation, constant beyond."""
+        """Return the value of a table by linear interpolation; it is constant beyond the ends."""
         table = tuple(map(float, knots)), tuple(map(float, values))
         return self.trace.note(Operation("interpolate", (self.place,), table))
 
