@@ -451,6 +451,9 @@ def _short(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 4]} ..."
 
 
+# ---- flightid diagnose: what the model lacks
+
+
 def diagnose_records(
     request: Request, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
@@ -468,7 +471,6 @@ def diagnose_records(
             show_progress("writing the study", WRITING_DIAGNOSIS_SHARE)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.report.summary import details_in, terminal_width, written_to
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     if out is not None:

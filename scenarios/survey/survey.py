@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.pooling import Trend
+from scenarios.files.vehicles import ALSO_READ
 from scenarios.report.figure_formats import Formats
 from scenarios.survey.derivatives import Derivative, effects_over, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
@@ -78,7 +79,7 @@ class SurveyResult:
             for flight in self.flights.flights
             if flight.vehicle_beside is not None
         )
-        return (f"also read, because found beside the records: {', '.join(paths)}",) * bool(paths)
+        return (f"{ALSO_READ}: {', '.join(paths)}",) * bool(paths)
 
     def __repr__(self) -> str:
         names = ", ".join(effect.name for effect in self.recurs) or "nothing recurs"

@@ -571,7 +571,7 @@ SCENARIOS = (
     *changes(
         "scenarios/files/units.py",
         ("tests/unit/scenarios/files/test_units.py",),
-        ("_DEGREE ** (source.deg - due.deg)", "_DEGREE ** (due.deg - source.deg)"),
+        ("_DEGREE ** (source.deg - wanted.deg)", "_DEGREE ** (wanted.deg - source.deg)"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",
