@@ -406,16 +406,19 @@ def refuse_foreign_digits(arguments: Sequence[str]) -> None:
     """Raise DeclarationError if the number of an option has digits of another script or
     underscores, which Python accepts.
     """
+    if not any(_is_foreign_number(word.rpartition("=")[2]) for word in arguments):
+        return
+    numbers = _numbers_of_options(arguments[0])
     for position, word in enumerate(arguments):
         name, equals, text = word.partition("=")
-        if not name.startswith("--"):
+        if name not in numbers:
             continue
-        # An option takes at most two numbers.
-        values = [text] if equals else arguments[position + 1 : position + 3]
-        for value in values:
+        # The words after the numbers of an option are its command's: a file may be called 1_0.
+        first = position + 1
+        for value in [text] if equals else arguments[first : first + numbers[name]]:
             if value.startswith("-") and not value[1:2].isdecimal():
                 break  # the next option
-            if _is_foreign_number(value) and name in _numeric_options(arguments[0]):
+            if _is_foreign_number(value):
                 raise DeclarationError(
                     f"{value!r} is no plain number",
                     where=name,
@@ -434,26 +437,32 @@ def _is_foreign_number(text: str) -> bool:
     return True
 
 
-def _numeric_options(command: str) -> frozenset[str]:
-    """Return the options of a command that take a number, by the annotations of its function."""
+def _numbers_of_options(command: str) -> dict[str, int]:
+    """Return option -> count of its numbers, for the options of a command that take numbers; from
+    the annotations of the command's function.
+    """
     functions = {_name_of(function): function for group in COMMANDS.values() for function in group}
     if command not in functions:
-        return frozenset()
+        return {}
     hints = typing.get_type_hints(functions[command], include_extras=True).values()
     options = [(hint, option) for hint in hints for option in getattr(hint, "__metadata__", ())]
-    numeric = [option for hint, option in options if _holds_number(hint.__origin__)]
     # In an annotation, the library stores the first name of an option as its default.
-    return frozenset(
-        name
-        for option in numeric
+    return {
+        name: count
+        for hint, option in options
         for name in (option.default, *(option.param_decls or ()))
-        if isinstance(name, str)
-    )
+        if isinstance(name, str) and (count := _number_count(hint.__origin__))
+    }
 
 
-def _holds_number(kind: object) -> bool:
-    """Return whether a type is a number or, as ``list[float] | None``, contains one."""
-    return kind in (int, float) or any(map(_holds_number, typing.get_args(kind)))
+def _number_count(kind: object) -> int:
+    """Return how many numbers an option of a type takes: 2 for ``tuple[float, float]``, 1 for
+    ``list[float] | None``, which is repeated for each number, 0 for ``str``.
+    """
+    if kind in (int, float):
+        return 1
+    counts = [_number_count(part) for part in typing.get_args(kind)]
+    return sum(counts) if typing.get_origin(kind) is tuple else max(counts, default=0)
 
 
 # ---- The entry point

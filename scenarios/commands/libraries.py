@@ -26,7 +26,7 @@ from scenarios.report.summary import (
     terminal_width,
     wrapped,
 )
-from sim.errors import DeclarationError, FlightidError, ModelError
+from sim.errors import DeclarationError, ModelError
 
 if TYPE_CHECKING:
     from sim.declaration.effect import Effect, Signal
@@ -464,6 +464,8 @@ def copy_lab(number: int, folder: Path) -> Path:
     DeclarationError : the folder already has a file of this name.
     FlightidError : the file cannot be written.
     """
+    from scenarios.files.writing import unwritable
+
     path = _lab(number)
     target = folder / path.name
     if target.exists():
@@ -476,11 +478,7 @@ def copy_lab(number: int, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
     except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(target),
-            remedy="name a folder that you may write in",
-        ) from None
+        raise unwritable(target, error) from None
     print(f"copied to {target}; marimo edit {target} opens it in an editor")
     return target
 

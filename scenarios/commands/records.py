@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
-from scenarios.files.writing import write_text
+from scenarios.files.writing import unwritable, write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.identification.cautions import LIFT_OUTPUTS, NO_LIFT
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
-from scenarios.preparation.declared_model import vehicle_text
 from scenarios.preparation.draft_text import (
     constant_words,
     map_text,
     missing_channels,
     unused_words,
+    vehicle_text,
 )
 from scenarios.preparation.drafting import COMMANDS, Draft, drafted, named_only
 from scenarios.preparation.plan import Plan, Request, plan_of
@@ -444,15 +444,14 @@ def _write(out: Path, draft: Draft) -> None:
         write_text(out / VEHICLE_FILE, vehicle_text(draft))
         write_text(out / CHANNEL_MAP_FILE, map_text(draft))
     except OSError as error:
-        raise DeclarationError(
-            f"cannot be written ({error.strerror or error})",
-            where=str(out),
-            remedy="name another folder",
-        ) from None
+        raise unwritable(out, error, "name another folder") from None
 
 
 def _short(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 4]} ..."
+
+
+# ---- flightid diagnose: what the model lacks
 
 
 def diagnose_records(
@@ -472,7 +471,6 @@ def diagnose_records(
             show_progress("writing the study", WRITING_DIAGNOSIS_SHARE)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.report.summary import details_in, terminal_width, written_to
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     if out is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import AIRCRAFT_SUFFIX
-from scenarios.files.writing import write_text
+from scenarios.files.writing import unwritable, write_text
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.summary import details_in, written_to
@@ -23,7 +23,7 @@ from scenarios.studies.campaign_report import print_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.folder import write_campaign
 from scenarios.tasks.study import Execution, stopped
-from sim.errors import DeclarationError, FlightidError
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from scenarios.trials.planted.declaration import TraceScenario
@@ -318,11 +318,7 @@ def simulate(
         print(f"written: {out.name}{hint}")
         return paths
     except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(out),
-            remedy="name a file that you may write",
-        ) from None
+        raise unwritable(out, error, "name a file that you may write") from None
 
 
 def _vehicle_of(name: str) -> str:

@@ -1,10 +1,10 @@
 """Models of studies written for other programs.
 
-``model`` is the model of a study with its values, compiled, and its equations as a list of
-operations, found by calling them once with symbols; ``targets`` (a Python module among them),
-``fmu``, ``jsbsim`` and ``dave_ml`` write it. A further target is one file with a function from
-``ExportedModel`` to text or bytes, and a line in ``_WRITERS`` there.
+``model`` has the model of a study, and its equations as a list of operations, which are found by
+calling them once with symbols. ``targets`` lists the targets and writes Python modules; ``fmu``,
+``jsbsim`` and ``dave_ml`` write the others. A further target is one file with a function from
+``ExportedModel`` to text or bytes, and a line in ``_WRITERS`` of ``targets``.
 
-Delays and lags that have a state form are written as states; effects that need the whole record are
+Delays and lags that have a state form are written as states. Effects that need the whole record are
 left out, which the file and the command say.
 """

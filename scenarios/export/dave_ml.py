@@ -70,7 +70,7 @@ def dave_ml_file(model: ExportedModel) -> str:
 
     Raises
     ------
-    DeclarationError : a model of another kind, which has no coefficients.
+    DeclarationError : the model is no ``aircraft``, so it has no coefficients.
     """
     aircraft = model.aircraft_for("dave-ml", "DAVE-ML holds aerodynamic coefficients")
     root = XML.Element("DAVEfunc", xmlns=NAMESPACE)
@@ -122,7 +122,7 @@ def _variable(
 
 
 def _math(element: XML.Element) -> XML.Element:
-    """Element of a variable that holds its formula."""
+    """Add the formula of a variable and return its element."""
     return XML.SubElement(XML.SubElement(element, "calculation"), "math", xmlns=MATHML)
 
 
@@ -141,7 +141,7 @@ def _number(parent: XML.Element, value: float) -> None:
 
 
 def _signals(root: XML.Element, aircraft: Aircraft) -> dict[str, str]:
-    """Variables of signals that are calculated, and the variable of each signal of terms."""
+    """Return signal of the terms -> variable. Variables of computed signals are added."""
     symbols = {name: name for name in ("alpha", "beta", *aircraft.surfaces)}
     for rate, length in LENGTHS.items():
         symbols[rate] = f"{rate}_hat"
@@ -169,7 +169,7 @@ def _signals(root: XML.Element, aircraft: Aircraft) -> dict[str, str]:
 def _coefficient(
     root: XML.Element, axis: str, terms: list[Term], symbols: Mapping[str, str]
 ) -> None:
-    """A coefficient as the sum of its terms."""
+    """Add a coefficient as the sum of its terms."""
     element = _variable(root, axis, NAMES[axis], "1")
     total = _apply(_math(element), "plus")
     for term in terms:
@@ -181,7 +181,7 @@ def _coefficient(
 
 
 def _factor(product: XML.Element, factor: Factor, name: str) -> None:
-    """A power, an absolute value or a spline."""
+    """Add a power, an absolute value or a spline of the variable ``name``."""
     if factor.absolute:
         _symbol(_apply(product, "abs"), name)
     elif factor.knot is None:
@@ -208,10 +208,11 @@ def _factor(product: XML.Element, factor: Factor, name: str) -> None:
         _number(XML.SubElement(pieces, "otherwise"), 0.0)
 
 
-# ---- Check cases: inputs and the outputs that a reader of the file has to find
+# ---- Check cases: inputs, and the outputs that a program that reads the file has to find
 
 
 def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) -> None:
+    """Add two check cases: the start of the model, and one with rates and deflected surfaces."""
     data = XML.SubElement(root, "checkData")
     starts = {item.name: item.value for item in model.system.initial}
     begin = {name: float(starts.get(name, 0.0)) for name in FLOW_INPUTS}
@@ -228,7 +229,7 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
         ("maneuver", {**moved, **surfaces, **varying}),
     ):
         shot = XML.SubElement(data, "staticShot", name=name)
-        for part, signals, within in (
+        for part, signals, tolerance in (
             ("checkInputs", values, None),
             ("checkOutputs", coefficients_at(aircraft, values), CHECK_TOLERANCE),
         ):
@@ -237,8 +238,8 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
                 signal = XML.SubElement(place, "signal")
                 XML.SubElement(signal, "varID").text = key
                 XML.SubElement(signal, "signalValue").text = repr(float(value))
-                if within is not None:
-                    XML.SubElement(signal, "tol").text = repr(within)
+                if tolerance is not None:
+                    XML.SubElement(signal, "tol").text = repr(tolerance)
 
 
 def coefficients_at(aircraft: Aircraft, inputs: Mapping[str, float]) -> dict[str, float]:

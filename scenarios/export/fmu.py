@@ -20,6 +20,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -33,22 +34,32 @@ _CALLS = {"maximum": "fmax", "minimum": "fmin", "abs": "fabs", "power": "pow"}
 
 
 class Variable(NamedTuple):
-    """A variable of the unit; its place in the list is its value reference."""
+    """A variable of the unit; its place in the list is its value reference.
+
+    Attributes
+    ----------
+    name, unit : name and unit.
+    kind : ``state``, ``input``, ``parameter`` or ``output``.
+    start : starting value; None for an output.
+    """
 
     name: str
     unit: str
-    kind: str  # state, input, parameter, output, time
+    kind: str
     start: float | None
 
 
 def variables_of(model: ExportedModel) -> list[Variable]:
-    """Starting values of the states (``NAME_start``), inputs, parameters and outputs, in order."""
+    """Return the variables: starting states (``NAME_start``), inputs, parameters, outputs.
+
+    An output with the name of another variable is called ``NAME_measured``.
+    """
     system = model.system
     starts = {item.name: item.value for item in system.initial}
     result = [Variable(f"{s.name}_start", s.unit, "state", starts[s.name]) for s in system.states]
     result += [Variable(s.name, s.unit, "input", 0.0) for s in system.inputs]
-    result += [Variable(f"{i.name}", i.unit, "parameter", i.value) for i in system.parameters]
-    taken = {each.name for each in result}
+    result += [Variable(i.name, i.unit, "parameter", i.value) for i in system.parameters]
+    taken = {variable.name for variable in result}
     for signal in system.outputs:
         name = signal.name if signal.name not in taken else f"{signal.name}_measured"
         result.append(Variable(name, signal.unit, "output", None))
@@ -59,17 +70,17 @@ def c_source(model: ExportedModel, guid: str) -> str:
     """Return the unit in one C file."""
     formulas = formulas_of(model.system)
     variables = variables_of(model)
-    counts = [sum(each.kind == k for each in variables) for k in ("state", "input", "parameter")]
-    starts = ", ".join(repr(each.start or 0.0) for each in variables)
+    counts = Counter(variable.kind for variable in variables)
+    starts = ", ".join(repr(variable.start or 0.0) for variable in variables)
     tables: list[str] = []
     rates = _function("rates", formulas, formulas.rates, tables)
     readings = _function("readings", formulas, formulas.outputs, tables)
     head = [
         f"#define GUID {_text(guid)}",
-        f"#define NX {counts[0]}",
-        f"#define NU {counts[1]}",
-        f"#define NP {counts[2]}",
-        f"#define NY {len(model.system.outputs)}",
+        f"#define NX {counts['state']}",
+        f"#define NU {counts['input']}",
+        f"#define NP {counts['parameter']}",
+        f"#define NY {counts['output']}",
         "#define NV (NX + NU + NP + NY)",
         f"#define MAX_STEP {MAX_STEP!r}",
         f"static const double STARTS[NV] = {{{starts}}};",
@@ -78,7 +89,7 @@ def c_source(model: ExportedModel, guid: str) -> str:
 
 
 def description(model: ExportedModel, guid: str) -> str:
-    """``modelDescription.xml``."""
+    """Return ``modelDescription.xml``."""
     variables = variables_of(model)
     causes = {
         "state": 'causality="parameter" variability="fixed" initial="exact"',
@@ -86,7 +97,7 @@ def description(model: ExportedModel, guid: str) -> str:
         "parameter": 'causality="parameter" variability="fixed" initial="exact"',
         "output": 'causality="output" variability="continuous" initial="calculated"',
     }
-    units = sorted({each.unit for each in variables})
+    units = sorted({variable.unit for variable in variables})
     lines = ['<?xml version="1.0" encoding="UTF-8"?>']
     about = " ".join((f"Model {model.model}, SI and radians.", *model.remarks))
     lines += [
@@ -102,15 +113,15 @@ def description(model: ExportedModel, guid: str) -> str:
         "  </UnitDefinitions>",
         "  <ModelVariables>",
     ]
-    for place, each in enumerate(variables):
-        start = "" if each.start is None else f' start="{each.start!r}"'
+    for place, variable in enumerate(variables):
+        start = "" if variable.start is None else f' start="{variable.start!r}"'
         lines += [
-            f'    <ScalarVariable name={quoteattr(each.name)} valueReference="{place}" '
-            f"{causes[each.kind]}>",
-            f"      <Real unit={quoteattr(each.unit)}{start}/>",
+            f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{place}" '
+            f"{causes[variable.kind]}>",
+            f"      <Real unit={quoteattr(variable.unit)}{start}/>",
             "    </ScalarVariable>",
         ]
-    outputs = [i + 1 for i, each in enumerate(variables) if each.kind == "output"]
+    outputs = [i for i, variable in enumerate(variables, 1) if variable.kind == "output"]
     unknowns = "".join(f'      <Unknown index="{i}"/>\n' for i in outputs)
     lines += [
         "  </ModelVariables>",
@@ -124,12 +135,10 @@ def description(model: ExportedModel, guid: str) -> str:
 
 
 def fmu(model: ExportedModel) -> tuple[bytes, str]:
-    """Return the unit as a zip archive, and a sentence on its library.
+    """Return the unit as a ZIP archive, and a sentence on its library.
 
-    Returns
-    -------
-    The archive with ``modelDescription.xml``, ``sources/model.c`` and, where ``cc`` compiles it,
-    the library of this platform.
+    The archive has ``modelDescription.xml``, ``sources/model.c`` and, if a compiler is found, the
+    library for this platform.
     """
     source = c_source(model, "GUID")
     guid = f"{{{uuid.uuid5(_NAMESPACE, source)}}}"
@@ -138,33 +147,38 @@ def fmu(model: ExportedModel) -> tuple[bytes, str]:
     with zipfile.ZipFile(store, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", description(model, guid))
         archive.writestr("sources/model.c", source)
-        library, notes = _compiled(source, model.identifier)
+        library, remark = _compiled(source, model.identifier)
         if library is not None:
             archive.writestr(f"binaries/{library[0]}", library[1])
-    return store.getvalue(), notes
+    return store.getvalue(), remark
 
 
 def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, str]:
-    """Return the path inside ``binaries`` and content of the library; None without a compiler."""
+    """Return path inside ``binaries`` and content of the library, None without a compiler; and a
+    sentence on it.
+    """
     compiler = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc")
     bits = "64" if sys.maxsize > 2**32 else "32"
     system = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}.get(platform.system())
     if compiler is None or system is None:
         return None, "no C compiler was found: the unit holds its source alone"
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        path, made = Path(folder) / "model.c", Path(folder) / "model"
+        path, library = Path(folder) / "model.c", Path(folder) / "model"
         path.write_text(source, encoding="utf-8", newline="\n")
-        command = [compiler, "-O2", "-fPIC", "-shared", "-o", str(made), str(path), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode or not made.exists():
-            first = (done.stderr.strip().splitlines() or ["no reason given"])[0]
+        command = [compiler, "-O2", "-fPIC", "-shared", "-o", str(library), str(path), "-lm"]
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+        if process.returncode or not library.exists():
+            first = (process.stderr.strip().splitlines() or ["no reason given"])[0]
             return None, f"the C compiler failed ({first}): the unit holds its source alone"
         name = f"{system[0]}{bits}/{identifier}{system[1]}"
-        return (name, made.read_bytes()), f"with its library for {system[0]}{bits}"
+        return (name, library.read_bytes()), f"with its library for {system[0]}{bits}"
 
 
 def _function(name: str, formulas: Formulas, results: Sequence[int], tables: list[str]) -> str:
-    """Return a C function that writes the results into ``out``."""
+    """Return a C function that writes the results into ``out``.
+
+    Tables of interpolations are appended to ``tables``.
+    """
     system = formulas.system
     names = {"t": "t"}
     for kind, signals in (
@@ -172,7 +186,7 @@ def _function(name: str, formulas: Formulas, results: Sequence[int], tables: lis
         ("u", system.input_names),
         ("p", [item.name for item in system.parameters]),
     ):
-        names |= {f"{kind}:{each}": f"{kind}[{i}]" for i, each in enumerate(signals)}
+        names |= {f"{kind}:{signal}": f"{kind}[{i}]" for i, signal in enumerate(signals)}
 
     def special(operation: Operation, arguments: Sequence[str]) -> str:
         if operation.name == "choose":
@@ -188,19 +202,20 @@ def _function(name: str, formulas: Formulas, results: Sequence[int], tables: lis
             )
         return f"{_CALLS.get(operation.name, operation.name)}({', '.join(arguments)})"
 
-    made, result = statements(formulas, results, names, special)
+    assignments, texts = statements(formulas, results, names, special)
     lines = [
         f"static void {name}(double t, const double *x, const double *u, const double *p, "
         "double *out)",
         "{",
-        *(f"    const double {variable} = {formula};" for variable, formula in made),
-        *(f"    out[{i}] = {text};" for i, text in enumerate(result)),
+        *(f"    const double {variable} = {formula};" for variable, formula in assignments),
+        *(f"    out[{i}] = {text};" for i, text in enumerate(texts)),
         "}",
     ]
     return "\n".join(lines)
 
 
 def _text(text: str) -> str:
+    """Return a text as a C string."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 

@@ -1,8 +1,8 @@
 """The model of a study, ready to be written for other programs, and the equations of a compiled
 model as formulas.
 
-The functions of a `System` are called once with symbols in the place of numbers. Each operation
-is noted; what is computed twice is noted once. The list can then be written in any language [1]_.
+The functions of a `System` are called once with symbols in place of numbers. This gives a list of
+operations, each of which occurs once. The list can then be written in any language [1]_.
 
 References
 ----------
@@ -42,12 +42,12 @@ class ExportedModel:
 
     Attributes
     ----------
-    name : of the vehicle.
-    model : the name of its equations.
-    made_by : the command of the study.
-    system : compiled, with its values and starting states; SI and radians.
-    aircraft : the declaration of a model ``aircraft`` with these values, None of others.
-    remarks : sentences on what the written model leaves out.
+    name : name of the vehicle.
+    model : name of its equations.
+    made_by : command of the study.
+    system : compiled model with its values and starting states; SI and radians.
+    aircraft : declaration of a model ``aircraft`` with these values; None for other models.
+    remarks : sentences on effects that are written in another form, or left out.
     """
 
     name: str
@@ -59,21 +59,21 @@ class ExportedModel:
 
     @property
     def identifier(self) -> str:
-        """The vehicle's name in letters, digits and underscores."""
+        """Name of the vehicle in letters, digits and underscores."""
         text = re.sub(r"\W+", "_", self.name, flags=re.ASCII).strip("_")
         return text if text and not text[0].isdigit() else f"model_{text}".rstrip("_")
 
     def aircraft_for(self, target: str, holds: str) -> Aircraft:
-        """Aircraft declaration of the model, for a format that only supports aircraft.
+        """Return the declaration of the aircraft, for a format that only supports aircraft.
 
         Parameters
         ----------
-        target : of ``--to``.
-        holds : first words of the error, on what the format can contain.
+        target : word after ``--to``.
+        holds : first words of the error, on the content of the format.
 
         Raises
         ------
-        DeclarationError : a model of another kind.
+        DeclarationError : the model is no ``aircraft``.
         """
         if self.aircraft is None:
             raise DeclarationError(
@@ -93,13 +93,19 @@ def exported(
     aircraft: Aircraft | None = None,
     made_by: str = "declaration",
 ) -> ExportedModel:
-    """Return a model with values, compiled.
+    """Return a compiled model with values.
+
+    Effects on inputs and sensors are written as states where they have that form, and left out
+    otherwise.
 
     Parameters
     ----------
-    values : of parameters; others keep those of the model.
-    starts : of states.
-    aircraft : what the model was made of, of a model ``aircraft``.
+    name : name of the vehicle.
+    model : the model.
+    values : parameter -> value; other parameters keep that of the model.
+    starts : state -> starting value.
+    aircraft : declaration of a model ``aircraft``.
+    made_by : command of the study.
 
     Raises
     ------
@@ -132,41 +138,39 @@ def _without_whole_record_effects(model: Model, system: System) -> tuple[Model, 
     that names them with their values.
     """
     acting = {*system.input_stages, *system.sensor_stages}
-    left = [
+    omitted = [
         effect
         for effect in model.effects
         if effect.name in acting and not isinstance(effect, OnlineForm)
     ]
-    if not left:
+    if not omitted:
         return model, ()
-    named = []
-    for effect in left:
+    names = []
+    for effect in omitted:
         values = [
             f"{item.name} {model.parameters[full_name(effect, item.name)].value:.4g}"
             + ("" if item.unit in ("1", "-") else f" {item.unit}")
             for item in effect.parameters
         ]
-        named.append(f"{effect.name} ({', '.join(values)})" if values else effect.name)
-    for effect in left:
+        names.append(f"{effect.name} ({', '.join(values)})" if values else effect.name)
         model = model.without(effect.name)
     return model, (
-        f"Left out, since they have no states: {', '.join(named)}; "
+        f"Left out, since they have no states: {', '.join(names)}; "
         "apply them to the inputs and outputs outside this file.",
     )
 
 
 def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> ExportedModel:
-    """Return the model that a folder of ``identify`` or ``diagnose`` keeps, that which
-    ``structure`` wrote into one, or that of a vehicle file of model ``aircraft``.
+    """Return the model of a study, or that of a vehicle file of model ``aircraft``.
 
     Parameters
     ----------
-    folder : of the study, or the file.
-    user_model : the study's own model, which is run.
+    folder : folder of a study of ``identify``, ``diagnose`` or ``structure``, or a vehicle file.
+    user_model : the user's model of the study, whose file is run; None for other models.
 
     Raises
     ------
-    DeclarationError : no study, or one that keeps no model.
+    DeclarationError : there is no study, or it has no model.
     """
     from scenarios.preparation.declared_model import model_of_file
 
@@ -186,10 +190,11 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
     model = model_of_file(vehicle)
     if stored.after.effects:
         model = model.with_effects(*stored.after.effects)
+    of_first_record = stored.after.own[0] if stored.after.own else {}
     starts = {
-        key[:-3]: value
-        for key, value in (stored.after.own[0] if stored.after.own else {}).items()
-        if key.endswith("(0)")
+        name.removesuffix("(0)"): value
+        for name, value in of_first_record.items()
+        if name.endswith("(0)")
     }
     declared = None
     if stored.model == AIRCRAFT:
@@ -198,7 +203,7 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
 
 def _aircraft_of(text: str, folder: Path) -> Aircraft:
-    """Return the declaration that a study keeps as text."""
+    """Return the aircraft of a vehicle file, from its text in a study."""
     import tempfile
 
     from scenarios.files.aircraft_files import read_aircraft
@@ -252,9 +257,10 @@ class Operation:
     ----------
     name : ``add``, ``sin``, ``choose``, ``interpolate`` and so on; ``signal`` and ``number`` are
         the leaves.
-    arguments : places of operations before this one.
-    value : of a leaf its number or its name, ``x:`` of a state, ``u:`` of an input, ``p:`` of a
-        parameter before it; of a table ``(knots, values)``. None else.
+    arguments : places of its arguments in the list of operations.
+    value : number of a leaf ``number``; name of a leaf ``signal``, with ``x:`` before that of a
+        state, ``u:`` of an input, ``p:`` of a parameter; ``(knots, values)`` of a table. None for
+        other operations.
     """
 
     name: str
@@ -263,7 +269,7 @@ class Operation:
 
 
 class OperationTrace:
-    """Operations in the order in which they were made."""
+    """List of operations in the order of evaluation."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
@@ -282,13 +288,17 @@ class OperationTrace:
         return self.note(Operation("signal", (), name))
 
     def place_of(self, value: Any) -> int:
-        """Place of a symbol, or of a number as a leaf."""
+        """Return the place of a symbol, or of a number, which is added as a leaf."""
         if isinstance(value, Symbol):
             return value.place
         return self.note(Operation("number", (), float(value))).place
 
     def apply(self, name: str, *values: Any) -> Any:
-        """Result of an operation on symbols and numbers; sums and products are simplified."""
+        """Return the result of an operation on symbols and numbers.
+
+        Operations on numbers are computed. Sums with zero, and products with zero or one, are
+        simplified.
+        """
         numbers = [self._number(value) for value in values]
         if name in _FOLDED and all(number is not None for number in numbers):
             return _FOLDED[name](*numbers)
@@ -306,6 +316,7 @@ class OperationTrace:
         return self.note(Operation(name, tuple(self.place_of(value) for value in values)))
 
     def _number(self, value: Any) -> float | None:
+        """Return the number of a value; None for a symbol that is no number."""
         if not isinstance(value, Symbol):
             return float(value)
         result = self.operations[value.place]
@@ -313,7 +324,7 @@ class OperationTrace:
 
 
 class Symbol(NDArrayOperatorsMixin):
-    """A number that is not known yet; NumPy's functions and those of `sim.maths` take it."""
+    """Result of an operation in place of a number; functions of NumPy and `sim.maths` take it."""
 
     shape: tuple[int, ...] = ()
     dtype = np.dtype(float)
@@ -343,7 +354,7 @@ class Symbol(NDArrayOperatorsMixin):
         in_place = set(options) <= {"out"}  # a += b, which gives a new symbol here
         if method != "__call__" or not in_place or ufunc not in _UFUNCS:
             raise _Undecided(f"it uses numpy.{ufunc.__name__}, for which no formula is written")
-        if any(np.ndim(each) for each in inputs if not isinstance(each, Symbol)):
+        if any(np.ndim(item) for item in inputs if not isinstance(item, Symbol)):
             raise _Undecided("it joins a signal with an array")
         return self.trace.apply(_UFUNCS[ufunc], *inputs)
 
@@ -361,7 +372,7 @@ class Symbol(NDArrayOperatorsMixin):
         raise _Undecided(f"it uses numpy.{function.__name__}, for which no formula is written")
 
     def interpolated(self, knots: Any, values: Any) -> Symbol:
-        """Straight lines between the points of a table, constant beyond them."""
+        """Return the value of a table by linear interpolation; it is constant beyond the ends."""
         table = tuple(map(float, knots)), tuple(map(float, values))
         return self.trace.note(Operation("interpolate", (self.place,), table))
 
@@ -376,8 +387,9 @@ class Formulas:
 
     Attributes
     ----------
-    operations : leaves and steps in order.
-    rates, outputs : places of the results, in the order of the system's states and outputs.
+    system : the model.
+    operations : operations in the order of evaluation, leaves among them.
+    rates, outputs : places of the results, in the order of the states and outputs of the system.
     """
 
     system: System
@@ -386,15 +398,15 @@ class Formulas:
     outputs: tuple[int, ...]
 
     def needed(self, results: Sequence[int]) -> list[int]:
-        """Return the places of the operations that lead to some results, in order."""
-        wanted: set[int] = set()
-        open_ = list(results)
-        while open_:
-            place = open_.pop()
-            if place not in wanted:
-                wanted.add(place)
-                open_ += self.operations[place].arguments
-        return sorted(wanted)
+        """Return the places of the operations on which some results depend, in order."""
+        needed: set[int] = set()
+        remaining = list(results)
+        while remaining:
+            place = remaining.pop()
+            if place not in needed:
+                needed.add(place)
+                remaining += self.operations[place].arguments
+        return sorted(needed)
 
 
 def formulas_of(system: System) -> Formulas:
@@ -402,18 +414,17 @@ def formulas_of(system: System) -> Formulas:
 
     Parameters
     ----------
-    system : without effects on the input path or behind the sensors.
+    system : a model without effects on the input path or behind the sensors.
 
     Raises
     ------
-    DeclarationError : the equations decide by values, or use functions that no formula is written
-        for.
+    DeclarationError : the equations branch on values, or use functions without a formula.
     """
     trace = OperationTrace()
     t = trace.signal("t")
     x, u, p = (
-        [trace.signal(f"{kind}:{each.name}") for each in every]
-        for kind, every in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
+        [trace.signal(f"{kind}:{item.name}") for item in items]
+        for kind, items in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
     )
     try:
         rates = [trace.place_of(value) for value in system.f(t, x, u, p)]
@@ -450,14 +461,15 @@ Written = Callable[[Operation, Sequence[str]], str]
 def statements(
     formulas: Formulas, results: Sequence[int], names: Mapping[str, str], special: Written
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Assignments ``(variable, formula)`` in order, and the formulas of the results.
+    """Return assignments ``(variable, formula)`` in order, and the texts of the results.
 
     Parameters
     ----------
-    results : places.
-    names : of signals and parameters, as the language has them.
-    special : writes what is no sum, product, quotient or comparison, from the texts of its
-        arguments.
+    formulas : the equations.
+    results : places of the results.
+    names : name of a signal or parameter -> its text in the language.
+    special : returns the text of an operation other than a sum, product, quotient or comparison,
+        from the texts of its arguments.
     """
     texts: dict[int, str] = {}
     lines: list[tuple[str, str]] = []
@@ -471,7 +483,7 @@ def statements(
                 repr(operation.value) if operation.value >= 0 else f"({operation.value!r})"
             )
             continue
-        arguments = [texts[each] for each in operation.arguments]
+        arguments = [texts[argument] for argument in operation.arguments]
         sign = _SIGNS.get(operation.name)
         if sign:
             formula = f"{arguments[0]} {sign} {arguments[1]}"

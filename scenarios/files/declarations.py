@@ -11,7 +11,7 @@ import difflib
 import importlib.util
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -126,6 +126,11 @@ def closest(word: str, allowed: Iterable[str]) -> str:
     if near:
         return f"did you mean {by_lower_case[near[0]]!r}?"
     return f"use one of {', '.join(choices)}"
+
+
+def listed(words: Sequence[str], most: int) -> str:
+    """Return the first ``most`` words, separated by commas, with ``...`` in place of the others."""
+    return ", ".join(words[:most]) + (", ..." if len(words) > most else "")
 
 
 def key_path(parts: Iterable[str | int]) -> str:

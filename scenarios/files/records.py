@@ -413,7 +413,7 @@ def _checked_window(
     _check_cells(table, column, stamps, rows)
     for position in np.flatnonzero(~np.isfinite(block_time)):
         where = _cell(table, column, rows.start + int(position))
-        remedy = "give every row a time, or block_time with --from and --to"
+        remedy = "give every row a time, or cut the record with --from and --to"
         raise RecordError("time is missing", where=where, remedy=remedy)
     if block_time.size == 1:
         where = _cell(table, column, rows.start)
@@ -483,7 +483,7 @@ def _input(
         or max(float(intervals.max()), gap_at_ends) > _LONGEST_GAP * usual
     ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
-        remedy = "fill the gap, or block_time the record there with --from and --to"
+        remedy = "fill the gap, or cut the record there with --from and --to"
         raise RecordError("an input sample is missing", where=where, remedy=remedy)
     chosen = hold or ("previous" if moves_in_steps(values[finite_rows]) else "linear")
     if chosen == "previous":

@@ -362,7 +362,7 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
 
     The starts of couplings to other modes are optional, and all others are required.
     """
-    own = {
+    constants = {
         "frequency": number_of("rad/s", gt=0.0),
         "damping": number_of("1", ge=0.0),
         "generalized_mass": number_of("kg m2", gt=0.0),
@@ -380,7 +380,7 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
     optional: dict[str, Any] = {key: (_PURE_NUMBER | None, None) for key in couplings}
     return table_of(
         f"Mode{number}",
-        **_required_fields({**own, **{key: _PURE_NUMBER for key in starts}}),
+        **_required_fields({**constants, **{key: _PURE_NUMBER for key in starts}}),
         **optional,
     )
 
@@ -392,13 +392,13 @@ def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
     """
     kind = "rigid" if model == "flexible" else model
     count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
-    own = {
+    of_modes = {
         mode_parameter(local, i): unit
         for i in range(1, count + 1)
         for local, unit in MODE_DERIVATIVES.items()
     }
-    modal = {f"Ceta{i}_{by}{i}": "1" for i in range(1, count + 1) for by in ("eta", "etadot")}
-    return {**FAMILIES[kind][2], **own, **modal}
+    generalized = {f"Ceta{i}_{by}{i}": "1" for i in range(1, count + 1) for by in ("eta", "etadot")}
+    return {**FAMILIES[kind][2], **of_modes, **generalized}
 
 
 def refuse_unusable(

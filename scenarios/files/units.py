@@ -179,14 +179,14 @@ def _converted(
         shown, (f"what is declared in {shown!r}", f"it in {shown}, or leave the unit out")
     )
     wrong = error(f"unit {unit!r} does not measure {kind}", where=where, remedy=f"write {examples}")
-    source, due = _si_exponents(text), _si_exponents(normal_form(target))
-    if source is not None and due is not None:
-        radian_left_out = 0 in (source.rad, due.rad) and not source.deg and not due.deg
-        if source[:3] != due[:3] or not (source.rad == due.rad or radian_left_out):
+    source, wanted = _si_exponents(text), _si_exponents(normal_form(target))
+    if source is not None and wanted is not None:
+        radian_left_out = 0 in (source.rad, wanted.rad) and not source.deg and not wanted.deg
+        if source[:3] != wanted[:3] or not (source.rad == wanted.rad or radian_left_out):
             raise wrong
-        if source.deg == due.deg:
+        if source.deg == wanted.deg:
             return value
-        return value * _DEGREE ** (source.deg - due.deg)
+        return value * _DEGREE ** (source.deg - wanted.deg)
     if re.search(r"hz|hertz", text, re.IGNORECASE):
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
             return value * (2.0 * math.pi)
@@ -194,7 +194,7 @@ def _converted(
     if text.isupper():  # a header in capitals: M/S is no mega per siemens
         usual = re.sub(r"[A-Z]+", lambda word: _CAPITALS.get(word[0], word[0]), text)
         source = _si_exponents(usual) if usual != text else None
-        if source is not None and due is not None and source[:4] == due[:4]:
+        if source is not None and wanted is not None and source[:4] == wanted[:4]:
             return _converted(value, unit, usual, target, shown, where, error)
     units = _registry()
     target_unit = _parsed(units, normal_form(target))

@@ -494,11 +494,14 @@ def _is_bare_name(name: str) -> bool:
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
-def unwritable(path: str | Path, error: OSError) -> FlightidError:
-    """Return the error for a place that cannot be written, with the reason of the system."""
-    remedy = (
-        "make room, or name a place on another disk"
-        if error.errno in _DISK_FULL
-        else "name a folder that you may write in"
-    )
-    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)
+def unwritable(
+    path: str | Path, error: OSError, remedy: str = "name a folder that you may write in"
+) -> FlightidError:
+    """Return the error for a place that cannot be written, with the reason of the system.
+
+    ``remedy`` is for any reason other than a full disk.
+    """
+    if error.errno in _DISK_FULL:
+        remedy = "make room, or name a place on another disk"
+    what = f"cannot be written ({error.strerror or error})"
+    return FlightidError(what, where=str(path), remedy=remedy)

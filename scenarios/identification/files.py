@@ -22,6 +22,7 @@ from scenarios.files.user_models import inputs_at_rest
 from scenarios.files.writing import (
     RESPONSE,
     study_folder,
+    unwritable,
     write_content,
     write_json,
     write_record,
@@ -528,8 +529,4 @@ def write_state_space(space: StateSpace, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_content(path, FORMATS[path.suffix.lower()](space))
     except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(path),
-            remedy="name a file that you may write",
-        ) from None
+        raise unwritable(path, error, "name a file that you may write") from None

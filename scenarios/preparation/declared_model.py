@@ -1,7 +1,6 @@
 """The declared model of a vehicle file, and comparison of two readings of the same records by it.
 
-A reading is an assumption on the records, such as inputs held or linear between samples. Also
-drafts of vehicle files, with the numbers that a record has; other numbers are comments.
+A reading is an assumption on the records, such as inputs held or linear between samples.
 """
 
 from __future__ import annotations
@@ -18,10 +17,9 @@ from ident.statistics.residual_spectrum import effective_share
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.output_error import fits_at_their_least
+from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.user_models import constrained, inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile, with_priors
-from scenarios.preparation.draft_text import quoted
-from scenarios.preparation.drafting import Draft
 from scenarios.preparation.measured_inputs import about_trim, of_totals, trim_sentence
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.compile import compile_model
@@ -135,7 +133,6 @@ DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
 CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0
 # A comparison needs the log likelihood to half a unit only.
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
-LARGEST_NUMBER = 1e50  # records with larger numbers are not compared; the fit refuses them
 MOST_COMPARED_SAMPLES = 3000  # a comparison reads no further record beyond these samples
 # A computer may hold an input that is constant over a larger share of its sample intervals.
 UNMOVED_STEP_SHARE = 0.7
@@ -422,146 +419,3 @@ def _first_records(records: Sequence[Record]) -> list[Record]:
         if count >= MOST_COMPARED_SAMPLES:
             break
     return first
-
-
-# ---- Drafts of vehicle files
-
-ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs, your recorder)"
-
-
-def vehicle_text(draft: Draft) -> str:
-    """Return a draft of the vehicle file; numbers that the record lacks are comments."""
-    model = draft.nearest or "rigid"
-    if model == "ballistic":
-        return _BALLISTIC.format(name=quoted(draft.file.path.stem))
-    if model == "multirotor":
-        return _MULTIROTOR.format(name=quoted(draft.file.path.stem))
-    if model == "aircraft":
-        found = {guess.channel for guess in draft.guesses if not guess.fault}
-        return _AIRCRAFT.format(
-            name=quoted(draft.file.path.stem),
-            surfaces="\n".join(
-                f'{name} = "rad"' for name in ("elevator", "aileron", "rudder") if name in found
-            ),
-            thrust="thrust" if "thrust" in found else "none",
-            **{
-                name: f'# "{name}" = ...\n' if name in found else ""
-                for name in ("aileron", "rudder")
-            },
-        )
-    speed = next(
-        (
-            0.5 * (guess.least + guess.most)
-            for guess in draft.guesses
-            if guess.channel == "airspeed" and not guess.fault
-        ),
-        None,
-    )
-    key = "reference_airspeed" if model == "longitudinal" else "airspeed"
-    known = (
-        f"{key} = {speed:.4g}  # m/s, the middle of the recorded range"
-        if speed
-        else f"# {key} = ...  # m/s"
-    )
-    lengths = ["span"] if model == "lateral" else ["chord"]
-    inertias = (
-        ["roll_inertia", "yaw_inertia", "cross_inertia"]
-        if model == "lateral"
-        else ["pitch_inertia"]
-    )
-    more = {
-        "lateral": ["trim_alpha  # rad", "trim_theta  # rad"],
-        "longitudinal": ["thrust_arm  # m, above the centre of gravity"],
-    }.get(model, [])
-    lines = [
-        f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
-        "number.",
-        f"name = {quoted(draft.file.path.stem)}",
-        '# aircraft_class = ...  # "I" light, "II" medium, "III" large, "IV" fighter (MIL-F-8785C)',
-        '# flight_phase = ...  # "A" rapid maneuvers, "B" gradual ones, "C" approach and landing',
-        '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
-        "# wing_area = ...  # m2",
-        *(f"# {name} = ...  # m" for name in lengths),
-        *(f"# {name} = ...  # kg m2{ORIGIN_OF_INERTIA}" for name in inertias),
-        known,
-        "# air_density = ...  # kg/m3 at the height of the flight",
-        *(f"# {line.split('  ')[0]} = ...  {line.split('  ')[1]}" for line in more),
-        "[derivatives]  # where the search starts; 30 % wrong will do: from a wind tunnel, DATCOM, "
-        "AVL or a similar aircraft",
-    ]
-    return "\n".join([*lines, *(f"# {name} = ..." for name in _DERIVATIVES[model])]) + "\n"
-
-
-_BALLISTIC = """# Draft of a vehicle file for --model ballistic. Take the # from each line and give its number.
-name = {name}
-# air_density_reference = ...  # kg/m3 at altitude 0; 1.225 at sea level
-# density_scale_height = ...  # m; 8500 near the ground
-gravity = 9.80665  # m/s2
-[derivatives]  # where the search starts
-# beta = ...  # kg/m2: mass / (drag coefficient * area)
-"""  # noqa: E501
-_AIRCRAFT = """# Draft of a vehicle file for --model aircraft. Take the # from each line and give its number.
-model = "aircraft"
-name = {name}
-# mass = ...  # kg, or a text with a unit: mass = "17.6 t"
-# wing_area = ...  # m2
-# chord = ...  # m
-# span = ...  # m
-# roll_inertia = ...  # kg m2
-# pitch_inertia = ...  # kg m2
-# yaw_inertia = ...  # kg m2
-# cross_inertia = ...  # kg m2
-# air_density = ...  # kg/m3 at the height of the flight
-# airspeed = ...  # m/s, a typical one
-[surfaces]
-{surfaces}
-[thrust]
-input = "{thrust}"  # "thrust" where the record has it, in N; else "none"
-[aerodynamics.CD]  # terms and where the search starts; 30 % wrong will do
-# "1" = ...
-# "alpha" = ...
-[aerodynamics.CY]
-# "beta" = ...
-{rudder}[aerodynamics.CL]
-# "1" = ...
-# "alpha" = ...
-# "elevator" = ...
-[aerodynamics.Cl]
-# "beta" = ...
-# "p" = ...
-# "r" = ...
-{aileron}[aerodynamics.Cm]
-# "1" = ...
-# "alpha" = ...
-# "q" = ...
-# "elevator" = ...
-[aerodynamics.Cn]
-# "beta" = ...
-# "r" = ...
-{rudder}"""  # noqa: E501
-_MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
-name = {name}
-[derivatives]  # where the search starts; what is left out is held at zero
-L_p = -1.0  # 1/s, roll damping
-L_lat = 60.0  # rad/s2, roll acceleration at full command
-L_0 = 0.0  # rad/s2, that a steady command balances
-M_q = -1.0
-M_lon = 60.0
-M_0 = 0.0
-N_r = -0.5
-N_ped = 10.0
-N_0 = 0.0
-Z_col = -20.0  # m/s2, specific force (down) at full thrust
-Z_0 = 0.0
-motor_time_constant = 0.04  # s
-delay = 0.01  # s, from command to motor
-"""  # noqa: E501
-_DERIVATIVES = {
-    "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
-    "longitudinal": (
-        "CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "CL_q", "CL_de", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de",  # noqa: E501
-    ),
-    "lateral": (
-        "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",  # noqa: E501
-    ),
-}  # fmt: skip

@@ -21,9 +21,8 @@ from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, is_c
 from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import RecordFile, split_at
-from scenarios.files.measured.grid import clock_of, clock_place, holds_dates, stated_unit
+from scenarios.files.measured.grid import clock_of, clock_place, holds_dates, measures, stated_unit
 from scenarios.files.records import read_record
-from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 SURFACES = ("elevator", "stick", "aileron", "rudder", "thrust")
@@ -309,7 +308,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 def _states_unit(topic: Topic, index: int, channel: str) -> bool:
     """Return whether the file states a unit that suits the channel; any unit suits a clock."""
     unit = stated_unit(topic.table, index)
-    return channel == TIME or (unit is not None and _converts(unit, CHANNEL_UNITS[channel]))
+    return channel == TIME or (unit is not None and measures(unit, CHANNEL_UNITS[channel]))
 
 
 def _clock(topic: Topic) -> Guess | None:
@@ -382,7 +381,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     reason = f"named {split_header(cell)[0]}"
     stated = stated_unit(topic.table, index)
     if channel == TIME:
-        if stated is not None and not _converts(stated, inside):
+        if stated is not None and not measures(stated, inside):
             # The brackets hold the name of a message or a sensor, no unit.
             stated = next(
                 (unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")),
@@ -395,7 +394,7 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
         )
     if stated is None:
         stated = _suffix(cell)
-    if stated is not None and _converts(stated, inside):
+    if stated is not None and measures(stated, inside):
         return Guess(channel, ColumnChoice(path, stated), f"{reason}, in {stated}")
     values = _numbers(topic, index)
     fill = fill_value(values)
@@ -560,14 +559,6 @@ def _suffix(cell: str) -> str | None:
     """Return a unit after an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
     return UNIT_SUFFIXES.get(word)
-
-
-def _converts(unit: str, inside: str) -> bool:
-    try:
-        to_si(1.0, unit, inside, "")
-    except RecordError:
-        return False
-    return True
 
 
 def _numbers(topic: Topic, index: int) -> np.ndarray:

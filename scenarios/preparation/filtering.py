@@ -220,19 +220,23 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
 
         count = int((time[-1] - time[0]) * plan.rate * ROUNDING) + 1
         new = time[0] + np.arange(count) / plan.rate
-        smooth_inputs = smooth
-        smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
-        smooth |= {
-            channel.name: _knots_of_lines(time, smooth_inputs[channel.name], new)
-            for channel in record.inputs
+        smooth = {
+            name: _knots_of_lines(time, values, new)
+            if name in record.input_names
+            else CubicSpline(time, values)(new)
+            for name, values in smooth.items()
         }
         near = {name: np.interp(new, time, bad.astype(float)) > 0.0 for name, bad in near.items()}
     inputs = tuple(
         Channel.of(channel.name, channel.unit, smooth[channel.name]) for channel in record.inputs
     )
     outputs = tuple(
-        Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name]))
-        for c in record.outputs
+        Channel.of(
+            channel.name,
+            channel.unit,
+            np.where(near[channel.name], np.nan, smooth[channel.name]),
+        )
+        for channel in record.outputs
     )
     return replace(record, time=new, inputs=inputs, outputs=outputs, hold=Hold.LINEAR), sentence
 

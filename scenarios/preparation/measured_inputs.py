@@ -283,24 +283,21 @@ def unused_airspeed(
     )
 
 
-def without_flow(record: Record) -> Record:
-    """Return the record without measured airspeed and pressure, which are no model's outputs."""
-    if not any(name in record.output_names for name in MEASURED):
-        return record
-    return replace(
-        record, outputs=tuple(channel for channel in record.outputs if channel.name not in MEASURED)
-    )
+def _without_outputs(record: Record, names: Collection[str]) -> Record:
+    """Return the record without measured outputs that no equation has."""
+    kept = tuple(channel for channel in record.outputs if channel.name not in names)
+    return replace(record, outputs=kept) if len(kept) < len(record.outputs) else record
 
 
 def with_flow(
-    model: Model, records: Sequence[Record], *, weight: bool = True
+    model: Model, records: Sequence[Record], *, trim_lift: bool = True
 ) -> tuple[Model, list[Record]]:
     """Return the model and the records with the measured flow as further inputs.
 
     Both are unchanged if no record has a measured flow. If only some records have one, the others
     are taken to be at the declared speed.
 
-    ``weight``: whether the trim lift follows the pressure. If not, each speed has its own trim.
+    ``trim_lift``: whether the trim lift follows the pressure. If not, each speed has its own trim.
 
     Raises
     ------
@@ -310,9 +307,9 @@ def with_flow(
         return model, list(records)
     flows = [measured_flow(record, model) for record in records]
     if all(flow is None for flow in flows):
-        return model, [without_flow(record) for record in records]
+        return model, [_without_outputs(record, MEASURED) for record in records]
     has_density = any(flow is not None and flow.density is not None for flow in flows)
-    wider = with_flow_inputs(model, density=has_density, weight=weight)
+    wider = with_flow_inputs(model, density=has_density, trim_lift=trim_lift)
     added = wider.equations.inputs[len(model.equations.inputs) :]
     return wider, [
         _with_flow_channels(record, flow, model, added)
@@ -320,9 +317,9 @@ def with_flow(
     ]
 
 
-def with_flow_inputs(model: Model, *, density: bool, weight: bool = True) -> Model:
+def with_flow_inputs(model: Model, *, density: bool, trim_lift: bool = True) -> Model:
     """Return the model with changes of airspeed, air density and trim lift as further inputs."""
-    names = [SPEED, *([DENSITY] if density else []), *([LIFT] if weight else [])]
+    names = [SPEED, *([DENSITY] if density else []), *([LIFT] if trim_lift else [])]
     ports = {port.name: port for port in model.equations.ports}
     added = tuple(
         Signal(name, ports[name].unit, f"recorded: {ports[name].meaning}") for name in names
@@ -433,7 +430,7 @@ def _with_flow_channels(
         Channel.of(signal.name, signal.unit, interval_means(rows[signal.name], record.hold))
         for signal in added
     )
-    return replace(without_flow(record), inputs=(*record.inputs, *inputs))
+    return replace(_without_outputs(record, MEASURED), inputs=(*record.inputs, *inputs))
 
 
 def pressure_at_rest(time: np.ndarray, flow: Flow, model: Model) -> float:
@@ -552,7 +549,7 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
     """
     if any(signal.name == ATTITUDE for signal in model.equations.outputs):
         return model, list(records), ""
-    without = [without_attitude(record) for record in records]
+    without = [_without_outputs(record, (ATTITUDE,)) for record in records]
     has_attitude = [_has_attitude(record) for record in records]
     if not wants_attitude(model):
         return model, without, ""
@@ -566,15 +563,6 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
         for bare, record in zip(without, records, strict=True)
     ]
     return wider_model, with_input, "the pitch attitude is measured: a phugoid takes it as it is"
-
-
-def without_attitude(record: Record) -> Record:
-    """Return the record without its measured attitude, no output of a model at constant speed."""
-    if ATTITUDE not in record.output_names:
-        return record
-    return replace(
-        record, outputs=tuple(channel for channel in record.outputs if channel.name != ATTITUDE)
-    )
 
 
 def _has_attitude(record: Record) -> bool:

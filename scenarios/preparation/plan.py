@@ -11,7 +11,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS, listed
 from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
@@ -365,8 +365,7 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
     for wanted in requested:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            available = ", ".join(f"{known.number} {known.name}" for known in parts.parts[:12])
-            available += ", ..." if len(parts.parts) > 12 else ""
+            available = listed([f"{known.number} {known.name}" for known in parts.parts], 12)
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,

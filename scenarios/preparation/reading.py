@@ -226,16 +226,16 @@ STEADY_PRESSURE_SHARE = 0.01  # a pressure that changes by a smaller share count
 
 @dataclass(frozen=True)
 class Decided:
-    """Decisions on earlier records that apply to later records whose files do not state them.
+    """Decisions on fitted records, for later records whose files do not state them.
 
     Attributes
     ----------
     hold : behaviour of the inputs between samples.
-    weight : whether the trim lift follows the measured pressure.
+    trim_lift : whether the trim lift follows the measured pressure.
     """
 
     hold: Hold
-    weight: bool
+    trim_lift: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,9 +346,8 @@ def prepare(
             if note or doubt:
                 name = named(file.identity.name, segment, several=len(plan.segments) > 1)
                 unused_airspeeds.append((name, note, doubt))
-    parts = [(file, segment) for file in files for segment in plan.segments] + [
-        (file, part) for file in validate
-    ]
+    parts = [(file, segment) for file in files for segment in plan.segments]
+    parts += [(file, part) for file in validate]
     optional = (
         *(usable_flow_channels(model) if flow else ()),
         *((ATTITUDE,) if attitude and wants_attitude(model) else ()),
@@ -361,7 +360,7 @@ def prepare(
     ]
     texts = [f"{record.name}: {note}" for (record, _), notes in whole for note in notes]
     texts += [f"{name}: {note}" for name, note, _ in unused_airspeeds]
-    read: list[Read] = []
+    read: list[Read] = []  # pieces of all records, those to fit first
     parted: list[PartedRecord] = []
     fit_pieces = 0
     for n, ((record, stated), _) in enumerate(whole):
@@ -399,11 +398,11 @@ def for_model(
     read = [*fitted, *validation]
     own, all_stated = is_own(model), all(stated for _, stated in read)
     outputs = [signal.name for signal in model.equations.outputs]
-    first = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
+    loads = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
     if decided is None:
-        hold, weight, notes = _decisions(first, model, plan, all_stated=all_stated)
+        hold, trim_lift, notes = _decisions(loads, model, plan, all_stated=all_stated)
     else:
-        hold, weight, notes = plan.hold or decided.hold, decided.weight, []
+        hold, trim_lift, notes = plan.hold or decided.hold, decided.trim_lift, []
     records: list[Record] = []
     texts: list[str] = []
     for record, stated in read:
@@ -430,7 +429,7 @@ def for_model(
             if name not in trims and (sentence := trim_sentence(record, name))
         ]
     texts += [sentence for record in records if (sentence := flow_sentence(record, model))]
-    with_inputs, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
+    with_inputs, ready = with_flow(model, [record for record, _ in trimmed], trim_lift=trim_lift)
     has_flow = with_inputs is not model
     with_inputs, ready, sentence = with_attitude(with_inputs, ready)
     if sentence:
@@ -516,37 +515,36 @@ def _read(
 def _decisions(
     fitted: Sequence[Record], model: Model, plan: Plan, *, all_stated: bool
 ) -> tuple[Hold | None, bool, list[str]]:
-    """Decide the hold of the inputs and the trim lift.
+    """Return the hold of the inputs (None: that of each record), ``Decided.trim_lift``, and notes.
 
-    ``all_stated``: the files of all records state the hold. Returns the hold (None: that of each
-    record), ``Decided.weight``, and notes.
+    ``all_stated``: whether the files of all records state the hold.
     """
-    weight, of_weight = _weight(fitted, model)
+    trim_lift, lift_notes = _trim_lift(fitted, model)
     if not model.equations.inputs:
-        return None, weight, of_weight
+        return None, trim_lift, lift_notes
     if plan.hold is not None:
         word = "held" if plan.hold is Hold.PREVIOUS else "linear"
-        weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
-        return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
+        trim_lift, lift_notes = _trim_lift(with_hold(fitted, plan.hold), model)
+        return plan.hold, trim_lift, [f"inputs {word} between samples: {BY_HAND}", *lift_notes]
     gain = (
         0.0
         if all_stated
-        else gain_of_linear_inputs(fitted, model, partial(with_flow, weight=weight))
+        else gain_of_linear_inputs(fitted, model, partial(with_flow, trim_lift=trim_lift))
     )
     if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
-        return None, weight, of_weight
-    weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
+        return None, trim_lift, lift_notes
+    trim_lift, lift_notes = _trim_lift(with_hold(fitted, Hold.LINEAR), model)
     sentence = (
         "inputs linear between samples: the declared model fits better than with held ones "
         f"(likelihood ratio test: {gain:.1f}, {DECISIVE_LOG_LIKELIHOOD_RATIO:g} needed)"
     )
-    return Hold.LINEAR, weight, [f"{sentence}; --hold previous holds them", *of_weight]
+    return Hold.LINEAR, trim_lift, [f"{sentence}; --hold previous holds them", *lift_notes]
 
 
-def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
+def _trim_lift(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
     """Return whether the trim lift follows the measured pressure, and notes.
 
-    It does in flight. It does not in simulated records of perturbations.
+    In flight it does; in simulated records of perturbations it does not.
     """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):
@@ -558,7 +556,7 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
     ]
     comparison = compared_readings(
         with_flow(model, fitted),
-        with_flow(model, fitted, weight=False),
+        with_flow(model, fitted, trim_lift=False),
         outputs,
         MISSING_TRIM_LIFT_SHARE,
     )

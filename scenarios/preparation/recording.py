@@ -21,6 +21,7 @@ from ident.recording.series import (
     shown,
 )
 from ident.statistics.noise_levels import input_edges, isolated_wrong
+from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import Plan
 from scenarios.report.document import Column, Table
@@ -35,7 +36,6 @@ from sim.record import Channel, Record
 
 TRUST = "--trust-record"
 WARNED, NOTED = "a warning", "only noted"  # how a finding was handled
-LARGEST_NUMBER = 1e50  # a record with a larger value is not checked: squares overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def checked_records(
     for record in records:
         _refuse_endless(record)
         if any(np.max(np.abs(channel.values)) > LARGEST_NUMBER for channel in record.channels):
-            checked.append(record)  # the fit of the record reports such values
+            checked.append(record)  # the squares would overflow; the fit reports such values
             continue
         for finding in inspect(record, expected):
             record, handled = _handled(record, finding, plan)
@@ -239,9 +239,10 @@ def record_lines(check: RecordCheck) -> list[str]:
     return [f"record: {line}" for line in check.lines]
 
 
-def record_rows(check: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Return the rows of a page's table: record, channel, finding, times, handling."""
-    return [
+def record_table(check: RecordCheck) -> Table:
+    """Return the findings as a table of a page."""
+    columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
+    rows = tuple(
         (
             handled.record,
             handled.finding.channel,
@@ -250,17 +251,12 @@ def record_rows(check: RecordCheck) -> list[tuple[str, str, str, str, str]]:
             f"{handled.masked} samples {handled.done}" if handled.masked else handled.done,
         )
         for handled in check.seen
-    ]
-
-
-def record_table(check: RecordCheck) -> Table:
-    """Return the findings as a table of a page."""
-    columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
+    )
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "
         "and no error"
     )
-    return Table(caption, columns, tuple(record_rows(check)))
+    return Table(caption, columns, rows)
 
 
 def _content(handled: HandledFinding) -> dict[str, Any]:

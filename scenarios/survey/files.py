@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,9 +25,10 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL as USUAL_FORMATS
 from scenarios.report.figure_formats import Drawn, Formats
 from scenarios.report.folder import figures, write_page
+from scenarios.survey.derivatives import Derivative
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import MAIN
-from scenarios.survey.recurring import LIBRARY_SIZE, Derivative
+from scenarios.survey.recurring import LIBRARY_SIZE
 from scenarios.survey.report import (
     belongs_phrase,
     counts_phrase,
@@ -53,16 +54,14 @@ if TYPE_CHECKING:
     from scenarios.plots.maneuvers import OverCondition
 
 
-# ---- What the figures of a survey are given
+# ---- Figures
 
-# what arms are drawn over, the first that varies
-USUAL = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")
+# Conditions on the horizontal axis of figures; the first that differs between flights is taken.
+USUAL_CONDITIONS = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")
 
 
 def survey_figures(survey: SurveyResult) -> Iterator[Named]:
-    """Yield the effects by flight; shared values over the condition; derivatives over the condition
-    with which they change.
-    """
+    """Yield the figures: effects by flight, and effects and derivatives over conditions."""
     from scenarios.plots.maneuvers import (
         Shared,
         figure_effects,
@@ -73,7 +72,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
     title = survey.flights.title
     if survey.recurs:
         flights = survey.recurs[0].flights
-        probabilities = {each.name: each.recurrence.probability for each in survey.recurs}
+        probabilities = {effect.name: effect.recurrence.probability for effect in survey.recurs}
         yield (
             "effects",
             partial(
@@ -81,28 +80,26 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
             ),
         )
     condition = next(
-        (name for name in (*USUAL, *survey.conditions) if name in survey.conditions), None
+        (name for name in (*USUAL_CONDITIONS, *survey.conditions) if name in survey.conditions),
+        None,
     )
     if condition is None:
         return
-    at, unit = survey.conditions[condition], survey.condition_units[condition]
+    by_flight, unit = survey.conditions[condition], survey.condition_units[condition]
     rows = []
-    for each in survey.recurs:
-        here = [number for number, name in enumerate(each.flights) if name in at]
-        has = np.array([each.flights[number] in each.has for number in here])
-        where = np.array([at[each.flights[number]] for number in here])
-        sigma = float(np.sqrt(each.recurrence.covariance[0, 0]))
-        (local, own), *_ = each.parameters.items()
+    for effect in survey.recurs:
+        names, places, where = _flights_at(effect.flights, by_flight)
+        (parameter, parameter_unit), *_ = effect.parameters.items()
         rows.append(
             Shared(
-                f"{each.name} {local}",
-                own,
+                f"{effect.name} {parameter}",
+                parameter_unit,
                 where,
-                each.values[here, 0],
-                each.sigmas[here, 0],
-                has,
-                float(each.recurrence.value[0]),
-                sigma,
+                effect.values[places, 0],
+                effect.sigmas[places, 0],
+                np.array([name in effect.has for name in names]),
+                float(effect.recurrence.value[0]),
+                float(np.sqrt(effect.recurrence.covariance[0, 0])),
             )
         )
     if rows:
@@ -117,17 +114,17 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
             ),
         )
     stems = file_stems(list(survey.conditions))
-    for name in dict.fromkeys(_condition(each, condition) for each in survey.derivatives):
-        mine = [
-            _over_condition(each, survey, name)
-            for each in survey.derivatives
-            if _condition(each, condition) == name
+    for name in dict.fromkeys(_condition(item, condition) for item in survey.derivatives):
+        shown = [
+            _over_condition(item, survey, name)
+            for item in survey.derivatives
+            if _condition(item, condition) == name
         ]
         yield (
             f"over_{stems[name]}",
             partial(
                 figure_over_condition,
-                mine,
+                shown,
                 name,
                 survey.condition_units[name],
                 f"{title}: derivatives over {name}",
@@ -135,39 +132,48 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
         )
 
 
-def _condition(each: Derivative, usual: str) -> str:
-    """Return the condition that a derivative is drawn over: the one with which it changes."""
-    return each.drifts[0] if each.drifts is not None else usual
+def _flights_at(
+    flights: Sequence[str], by_flight: Mapping[str, float]
+) -> tuple[list[str], list[int], np.ndarray]:
+    """Return the flights with a known condition: names, places among all flights, conditions."""
+    places = [place for place, name in enumerate(flights) if name in by_flight]
+    names = [flights[place] for place in places]
+    return names, places, np.array([by_flight[name] for name in names])
 
 
-def _over_condition(each: Derivative, survey: SurveyResult, condition: str) -> OverCondition:
+def _condition(derivative: Derivative, usual: str) -> str:
+    """Return the condition with which a derivative changes, else the ``usual`` one."""
+    return derivative.drifts[0] if derivative.drifts is not None else usual
+
+
+def _over_condition(derivative: Derivative, survey: SurveyResult, condition: str) -> OverCondition:
+    """Return a derivative for its figure: the flights, and the trend or the common value."""
     from scenarios.plots.maneuvers import Line, OverCondition
 
-    at = survey.conditions[condition]
-    here = [number for number, name in enumerate(each.flights) if name in at]
-    where = np.array([at[each.flights[number]] for number in here])
-    along = np.linspace(where.min(), where.max(), 60) if len(where) else np.zeros(0)
-    drift = each.drifts
-    if drift is not None:
-        middle, sigma = drift[1].band(along)
-        between = drift[1].scatter
+    _, places, where = _flights_at(derivative.flights, survey.conditions[condition])
+    grid = np.linspace(where.min(), where.max(), 60) if len(where) else np.zeros(0)
+    if derivative.drifts is not None:
+        trend = derivative.drifts[1]
+        middle, sigma = trend.band(grid)
+        scatter = trend.scatter
     else:
-        middle = np.full_like(along, each.common.value)
-        sigma, between = np.full_like(along, each.common.sigma), each.common.scatter
+        middle = np.full_like(grid, derivative.common.value)
+        sigma = np.full_like(grid, derivative.common.sigma)
+        scatter = derivative.common.scatter
     return OverCondition(
-        each.name,
-        each.unit,
+        derivative.name,
+        derivative.unit,
         where,
-        each.values[here],
-        each.sigmas[here],
-        each.out[here],
-        Line(along, middle, sigma, between),
+        derivative.values[places],
+        derivative.sigmas[places],
+        derivative.out[places],
+        Line(grid, middle, sigma, scatter),
     )
 
 
-# ---- The page of a survey: opened each morning, what is new first
+# ---- The page of a survey
 
-HOW = (
+METHOD = (
     "Each flight was fitted with every combination of the effects that several flights name. An "
     "effect recurs if the flights agree on one value of it more than chance explains, even without "
     "the flight that shows it most. A flight has it, or does not have it, at 95 % probability. "
@@ -179,58 +185,47 @@ HOW = (
 def survey_page(
     survey: SurveyResult, figure_files: Sequence[Drawn] = (), linked: Collection[str] = ()
 ) -> Page:
-    """The page of a survey with its figures; flights in ``linked`` have a page of their own."""
+    """Return the page of a survey with its figures; ``linked`` flights have pages of their own."""
     word, rest = verdict_of(survey)
-    texts = [
-        f"{each.name}: {part}"
-        for each in survey.recurs
-        for part in (belongs_phrase(each, survey), rivals_phrase(each))
-        if part
+    effect_phrases = [
+        f"{effect.name}: {phrase}"
+        for effect in survey.recurs
+        for phrase in (belongs_phrase(effect, survey), rivals_phrase(effect))
+        if phrase
     ]
-    alone = single_phrases(survey)
+    summary = filter(None, [counts_phrase(survey), verdicts_phrase(survey), *drift_phrases(survey)])
     return Page(
         title=f"{survey.flights.title}: survey",
         kind=f"{survey.flights.model} model, {len(survey.survey_files.diagnoses)} flights",
         verdict=capital(word.lower()),
         tone=_tone(survey),
         sentence=as_sentence(rest),
-        summary=tuple(
-            map(
-                as_sentence,
-                map(
-                    capital,
-                    filter(
-                        None,
-                        [counts_phrase(survey), verdicts_phrase(survey), *drift_phrases(survey)],
-                    ),
-                ),
-            )
-        ),
-        warnings=tuple(map(as_sentence, survey.warnings)),
+        summary=_sentences(map(capital, summary)),
+        warnings=_sentences(survey.warnings),
         sections=(
             *section("Figures", *figures(figure_files)),
             *section(
                 "New since the last survey",
-                Bullets(tuple(map(as_sentence, map(capital, new_flight_phrases(survey))))),
+                Bullets(_sentences(map(capital, new_flight_phrases(survey)))),
             ),
             *section(
                 "Recurring effects",
                 effects_table(survey),
-                Bullets(tuple(map(as_sentence, texts))),
-                Prose(as_sentence(HOW), "note"),
+                Bullets(_sentences(effect_phrases)),
+                Prose(as_sentence(METHOD), "note"),
             ),
             *section(
                 "Derivatives",
                 derivatives_table(survey),
-                Bullets(tuple(map(as_sentence, other_cause_phrases(survey)))),
+                Bullets(_sentences(other_cause_phrases(survey))),
             ),
             *section("Flights that stand out", outlying_table(survey)),
             *section(
-                "Flights", flights_table(survey, linked), Bullets(tuple(map(as_sentence, alone)))
+                "Flights",
+                flights_table(survey, linked),
+                Bullets(_sentences(single_phrases(survey))),
             ),
-            *section(
-                "Assumptions", Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes))))
-            ),
+            *section("Assumptions", Bullets(_sentences((*_assumptions(survey), *survey.notes)))),
         ),
         reproduction=reproduction(
             ["flightid", "survey", str(survey.flights.path)],
@@ -241,17 +236,19 @@ def survey_page(
     )
 
 
+def _sentences(phrases: Iterable[str]) -> tuple[str, ...]:
+    return tuple(map(as_sentence, phrases))
+
+
 def _tone(survey: SurveyResult) -> str:
+    """Return the colour word of the verdict."""
     if not survey.survey_files.diagnoses:
         return "open"
-    return (
-        "fair"
-        if survey.recurs or survey.warnings or survey.verdicts.get(Verdict.UNEXPLAINED.value)
-        else "good"
-    )
+    unexplained = survey.verdicts.get(Verdict.UNEXPLAINED.value)
+    return "fair" if survey.recurs or survey.warnings or unexplained else "good"
 
 
-def _rests(survey: SurveyResult) -> list[str]:
+def _assumptions(survey: SurveyResult) -> list[str]:
     tried = listed(survey.tried, 10) or "none, since no two flights name the same"
     return [
         f"Effects tested on all flights: {tried}",
@@ -272,8 +269,9 @@ def _rests(survey: SurveyResult) -> list[str]:
 def write_survey(
     survey: SurveyResult, folder: str | Path, *, figures: Formats = USUAL_FORMATS
 ) -> Path:
-    """Write ``derivatives.csv``, figures, the page and ``survey.json``, whole or not at all; the
-    folder. ``flights/`` is left as it is.
+    """Write ``derivatives.csv``, figures, the page and ``survey.json``, and return the folder.
+
+    All files are written, or none. ``flights/`` is left as it is.
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "derivatives.csv", derivatives_text(survey))

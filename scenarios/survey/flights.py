@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from scenarios.files.schemas import FlightEntry, SurveyEntry
 
 
-# ---- A vehicle file with what one flight changes of it, as TOML
+# ---- A vehicle file with the changes of a flight, as TOML
 
 
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,31 +41,30 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """TOML text of the content of a TOML file: one line a key, tables inline."""
+    """Return the content of a TOML file as text: one line for each key, tables inline."""
     return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
 
 
 def _inline(value: Any) -> str:
     if isinstance(value, float):
-        return repr(value)  # inf and nan, too, are TOML
+        return repr(value)  # TOML has inf and nan
     if isinstance(value, Mapping):
-        return (
-            "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
-        )
+        entries = [f"{_text(key)} = {_inline(entry)}" for key, entry in value.items()]
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(_inline, value)) + "]"
     return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
 
 
 def _text(value: str) -> str:
-    # what JSON and TOML write alike
+    # JSON and TOML write texts alike, except for the character DEL.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 # ---- The flights of a survey as its file declares them
 
 RESULT_VERSION = "1"  # version of stored results; others are recomputed
-# Quantities that are conditions wherever they are given, in the unit in which they are kept.
+# Quantities that are flight conditions, also if the vehicle file has them -> unit of their values.
 CONDITIONS = {
     "mass": "kg",
     "airspeed": "m/s",
@@ -82,10 +82,22 @@ CONDITIONS = {
 
 @dataclass(frozen=True)
 class SurveyFlight:
-    """One flight: its name, request (files not yet opened), and flight condition.
+    """One flight of a survey; its files are not yet opened.
 
-    ``vehicle``: text of the vehicle file with the flight's changes, or empty. ``condition``: values
-    with units, by name. ``digest``: hash of everything that affects the results.
+    Attributes
+    ----------
+    name : name of the flight and of its folder.
+    records : its records, each fitted.
+    model : name of the model, or path of a user's model.
+    vehicle : text of the vehicle file with the changes of the flight; empty without a file.
+    vehicle_name : name of the vehicle file.
+    channels : channel map.
+    effects : a user's file with effects.
+    plan : preparation of the records.
+    effort : effort of the diagnosis.
+    condition : name of a flight condition -> value and unit.
+    date, tail : date of the flight and tail number of the aircraft, as given.
+    digest : hash of everything that affects the results.
     """
 
     name: str
@@ -104,13 +116,11 @@ class SurveyFlight:
 
     @property
     def vehicle_beside(self) -> Path | None:
-        """The vehicle file that is read because it is in the folder of the record, where the survey
-        names none.
-        """
+        """The vehicle file in the folder of the record, which is read if the survey names none."""
         return None if self.vehicle else vehicle_next_to(self.records[0])
 
     def request(self) -> Request:
-        """Request of the diagnosis of this flight."""
+        """Return the request of the diagnosis of this flight."""
         raw = self.vehicle.encode()
         identity = InputFile(self.vehicle_name, hashlib.sha256(raw).hexdigest())
         vehicle = Source(Path(self.vehicle_name), raw, identity) if raw else None
@@ -128,7 +138,7 @@ class SurveyFlight:
 
 @dataclass(frozen=True)
 class Flights:
-    """A survey's file: its path and hash, its title, its model, its flights in their order."""
+    """The file of a survey: path, hash, title, model, and the flights in their order."""
 
     path: Path
     sha256: str
@@ -138,13 +148,13 @@ class Flights:
 
 
 def read_flights(path: str | Path) -> Flights:
-    """Read a survey's file; paths in it are relative to it.
+    """Read the file of a survey. Paths in it are relative to its folder.
 
     Raises
     ------
-    DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two
-        flights of one name, no flight; a line with file, flight and remedy. A record that does not
-        exist is no error here: its flight is reported as failed.
+    DeclarationError : there is no such file, a key is unknown or missing, a value is wrong, two
+        flights have one name, or there is no flight. A missing record is no error here: its flight
+        is reported as failed.
     """
     from scenarios.files.schemas import SurveyEntry
 
@@ -154,31 +164,27 @@ def read_flights(path: str | Path) -> Flights:
     model = str(root / entry.model) if is_model_file(entry.model) else entry.model
     refuse_unknown_model(model, f"{where}, key model")
     vehicle = toml_of(read_toml_source(root / entry.vehicle)) if entry.vehicle is not None else {}
-    result = [
-        (_name_of(each, root, where, number), each)
-        for number, each in enumerate([*_listed(entry, root, where), *entry.flights], start=1)
-    ]
-    if not result:
+    entries = [*_listed(entry, root, where), *entry.flights]
+    if not entries:
         raise DeclarationError(
             "there is no flight",
             where=where,
             remedy='add [[flights]] tables, or records = "flights/*.csv"',
         )
-    names = [name for name, _ in result]
+    names = [_name_of(flight, where, number) for number, flight in enumerate(entries, start=1)]
     first: dict[str, str] = {}
     for name in names:
         other = first.setdefault(name.lower(), name)
         if names.count(name) > 1 or other != name:
-            pair = (
-                name
-                if other == name
-                else f"{other} and {name}, one folder where case does not count"
-            )
+            pair = name
+            if other != name:
+                pair = f"{other} and {name}, one folder where case does not count"
             raise DeclarationError(
                 f"two flights are called {pair}", where=where, remedy="give each a name of its own"
             )
     flights = tuple(
-        _flight(name, each, entry, root, model, vehicle, where) for name, each in result
+        _flight(name, flight, entry, root, model, vehicle, where)
+        for name, flight in zip(names, entries, strict=True)
     )
     flights = _in_one_unit(flights, where)
     _refuse_unreadable(
@@ -193,38 +199,43 @@ def read_flights(path: str | Path) -> Flights:
 
 
 def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
-    """Flights of the records that the top of the file lists, sorted by name."""
+    """Return flights of the records that the top of the file lists, sorted by name.
+
+    A record that a flight names itself is left out.
+    """
     from scenarios.files.schemas import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
-    listed = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
-    out = []
+    named = {
+        Path(record)
+        for flight in entry.flights
+        for record in (flight.records or [str(flight.record)])
+    }
+    flights = []
     for pattern in patterns:
-        anchor = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else root
-        below = str(Path(pattern).relative_to(anchor)) if Path(pattern).is_absolute() else pattern
-        matched = (
-            sorted(anchor.glob(below))
-            if any(mark in pattern for mark in "*?[")
-            else [root / pattern]
-        )
+        folder, relative = root, pattern
+        if Path(pattern).is_absolute():
+            folder = Path(Path(pattern).anchor)
+            relative = str(Path(pattern).relative_to(folder))
+        is_pattern = any(mark in pattern for mark in "*?[")
+        matched = sorted(folder.glob(relative)) if is_pattern else [root / pattern]
         if not matched:
             raise DeclarationError(
                 f"no file matches {pattern!r}",
                 where=f"{where}, key records",
                 remedy="check the path; it is relative to this file",
             )
-        paths = [each.relative_to(root) if each.is_relative_to(root) else each for each in matched]
-        out += [
-            FlightEntry.model_validate({"record": each.as_posix()})
-            for each in paths
-            if each not in listed
+        paths = [path.relative_to(root) if path.is_relative_to(root) else path for path in matched]
+        flights += [
+            FlightEntry.model_validate({"record": path.as_posix()})
+            for path in paths
+            if path not in named
         ]
-    return out
+    return flights
 
 
-def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
-    import re
-
+def _name_of(entry: FlightEntry, where: str, number: int) -> str:
+    """Return the name of a flight: the given one, else that of its first record."""
     from scenarios.files.schemas import FOLDER_NAME
 
     if (entry.record is None) == (entry.records is None):
@@ -253,6 +264,10 @@ def _flight(
     vehicle: Mapping[str, Any],
     where: str,
 ) -> SurveyFlight:
+    """Return a flight. An entry that it does not have is that at the top of the file (``shared``).
+
+    ``vehicle`` is the content of the vehicle file, and ``where`` the file of the survey.
+    """
     place = f"{where}, flight {name}"
     start, stop = _own_or_shared(entry.from_, shared.from_), _own_or_shared(entry.to, shared.to)
     hold, rate, lowpass = (
@@ -273,7 +288,7 @@ def _flight(
         )
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
-    records = tuple(root / each for each in (entry.records or [str(entry.record)]))
+    records = tuple(root / record for record in (entry.records or [str(entry.record)]))
     maneuver = _own_or_shared(entry.maneuver, shared.maneuver)
     file = _own_or_shared(entry.maneuvers, shared.maneuvers)
     plan = _with_maneuvers(
@@ -310,12 +325,13 @@ def _flight(
 def _with_maneuvers(
     plan: Plan, records: tuple[Path, ...], maneuver: Any, file: Path | None, place: str
 ) -> Plan:
-    """Return the plan with the maneuvers that a flight names. Raises DeclarationError; a record
-    that is not there fails with its flight.
+    """Return the plan with the maneuvers that a flight names; unchanged if a record is missing.
+
+    Raises DeclarationError as ``with_maneuvers``.
     """
     from scenarios.preparation.plan import with_maneuvers
 
-    if not all(each.is_file() for each in records):
+    if not all(record.is_file() for record in records):
         return plan
     try:
         return with_maneuvers(
@@ -330,8 +346,9 @@ def _with_maneuvers(
 def _refuse_unreadable(
     flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str
 ) -> None:
-    """Raise DeclarationError for an error common to all flights: a missing map or file of effects,
-    a wrong vehicle.
+    """Raise DeclarationError for a missing channel map or file of effects, or a wrong vehicle.
+
+    ``vehicle`` is the path of the vehicle file, ``shared`` its text, ``where`` the survey's file.
     """
     for flight in flights:
         for path in (flight.channels, flight.effects):
@@ -342,22 +359,20 @@ def _refuse_unreadable(
                     where=f"{where}, flight {flight.name}",
                     remedy="check the path; it is relative to this file",
                 )
-    texts: dict[str, SurveyFlight] = {}
+    first_with_text: dict[str, SurveyFlight] = {}
     for flight in flights:
-        texts.setdefault(flight.vehicle, flight)
+        first_with_text.setdefault(flight.vehicle, flight)
     # The vehicle file first: its errors do not belong to a flight.
-    for text in sorted(filter(None, texts), key=lambda text: text != shared):
-        source = texts[text].request().vehicle
+    for text in sorted(filter(None, first_with_text), key=lambda text: text != shared):
+        flight = first_with_text[text]
         try:
-            read_vehicle(source, texts[text].model)
+            read_vehicle(flight.request().vehicle, flight.model)
         except DeclarationError as error:
-            place = error.where.removeprefix(texts[text].vehicle_name)
-            origin = (
-                f"{vehicle}{place}"
-                if text == shared
-                else f"{where}, flight {texts[text].name}, vehicle{place}"
-            )
-            raise DeclarationError(error.what, where=origin, remedy=error.remedy) from None
+            origin = vehicle if text == shared else f"{where}, flight {flight.name}, vehicle"
+            place = error.where.removeprefix(flight.vehicle_name)
+            raise DeclarationError(
+                error.what, where=f"{origin}{place}", remedy=error.remedy
+            ) from None
 
 
 def _own_or_shared(own: Any, shared: Any) -> Any:
@@ -365,17 +380,15 @@ def _own_or_shared(own: Any, shared: Any) -> Any:
 
 
 def _condition(key: str, value: object, place: str) -> tuple[float, str]:
-    """Return a condition in its standard unit if known, else as given."""
+    """Return a flight condition: value and unit. A known one has the unit in ``CONDITIONS``."""
     from scenarios.files.schemas import number_in
 
     unit = CONDITIONS.get(key.lower())
     if unit is not None or not isinstance(value, str):
         return number_in(value, unit or "1", f"{place}, {key}"), unit or "1"
-    number, _, own = value.strip().partition(" ")
+    number, _, unit = (word.strip() for word in value.strip().partition(" "))
     try:
-        return to_si(
-            float(number), own.strip(), own.strip(), f"{place}, {key}", DeclarationError
-        ), own.strip() or "1"
+        return to_si(float(number), unit, unit, f"{place}, {key}", DeclarationError), unit or "1"
     except ValueError:
         raise DeclarationError(
             f"{value!r} is not a number with a unit",
@@ -385,44 +398,39 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
 
 
 def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFlight, ...]:
-    """Each condition in the unit of the first flight that has it. Raises DeclarationError if it
-    measures something else.
+    """Return the flights with each condition in the unit of the first flight that has it.
+
+    Raises DeclarationError if a condition cannot be converted to this unit.
     """
     units: dict[str, str] = {}
-    out = []
+    converted = []
     for flight in flights:
         condition = {}
         for key, (value, unit) in flight.condition.items():
             first = units.setdefault(key, unit)
-            condition[key] = (
-                to_si(
-                    value, unit, first, f"{where}, flight {flight.name}, {key}", DeclarationError
-                ),
-                first,
-            )
-        out.append(replace(flight, condition=condition))
-    return tuple(out)
+            place = f"{where}, flight {flight.name}, {key}"
+            condition[key] = to_si(value, unit, first, place, DeclarationError), first
+        converted.append(replace(flight, condition=condition))
+    return tuple(converted)
 
 
 def _digest(flight: SurveyFlight) -> str:
-    """Return a hash of everything that a flight's results depend on, also of which files are
-    missing.
+    """Return a hash of everything that the results of a flight depend on.
+
+    A missing file counts as well: the results change when it appears.
     """
-    files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
-    files += [
-        each
-        for each in (
-            flight.channels,
-            flight.effects,
-            Path(flight.model) if is_model_file(flight.model) else None,
-            flight.vehicle_beside,
-        )
-        if each is not None
+    further = (
+        flight.channels,
+        flight.effects,
+        Path(flight.model) if is_model_file(flight.model) else None,
+        flight.vehicle_beside,
+    )
+    files = [*flight.records, *(record.with_suffix(".json") for record in flight.records)]
+    files += [path for path in further if path is not None]
+    hashes = [
+        hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "" for path in files
     ]
-    contents = [
-        hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files
-    ]
-    rest = [
+    content = [
         RESULT_VERSION,
         own_version(),
         flight.name,
@@ -430,9 +438,9 @@ def _digest(flight: SurveyFlight) -> str:
         flight.vehicle,
         repr(flight.plan),
         flight.effort,
-        *contents,
+        *hashes,
     ]
-    return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 # ---- Check and diagnosis of one flight, as a task
@@ -444,7 +452,16 @@ FOLDER = "flights"
 
 @dataclass(frozen=True)
 class Diagnoses:
-    """Diagnoses of a survey; each task is a flight and writes its folder."""
+    """Diagnoses of the flights of a survey; each task diagnoses a flight and writes its folder.
+
+    Attributes
+    ----------
+    flights : the flights.
+    folder : folder of the survey.
+    figures : formats of the figures of each flight.
+    name : the work in words, for messages on its progress.
+    block : number of flights of a task.
+    """
 
     flights: tuple[SurveyFlight, ...]
     folder: Path
@@ -454,20 +471,24 @@ class Diagnoses:
 
     @property
     def columns(self) -> Mapping[str, str]:
+        """Types of the columns of the rows."""
         return {"flight": "text", "verdict": "text"}
 
     def identity(self) -> Mapping[str, Any]:
+        """Return the values by which an unfinished run of the same work is recognised."""
         return {"flights": [flight.digest for flight in self.flights]}
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        return [self._one(self.flights[task.number]) for task in tasks]
-
-    def _one(self, flight: SurveyFlight) -> Row | str:
-        try:
-            kept = diagnosed(flight, self.folder / FOLDER / flight.name, self.figures)
-        except FlightidError as error:
-            return str(error)
-        return {"flight": flight.name, "verdict": kept["verdict"]}
+        """Diagnose the flights of the tasks, and return a row or the text of an error for each."""
+        rows: list[Row | str] = []
+        for task in tasks:
+            flight = self.flights[task.number]
+            try:
+                content = diagnosed(flight, self.folder / FOLDER / flight.name, self.figures)
+                rows.append({"flight": flight.name, "verdict": content["verdict"]})
+            except FlightidError as error:
+                rows.append(str(error))
+        return rows
 
 
 def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str, Any]:
@@ -483,23 +504,23 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
     tracing = diagnose_files(flight.request())
     (folder / KEPT).unlink(missing_ok=True)  # the old result no longer belongs to the folder
     write_diagnosis(tracing, folder, figures=figures)
-    d = tracing.diagnosis
+    diagnosis = tracing.diagnosis
     content = {
         "schema": SCHEMA,
         "digest": flight.digest,
         "name": flight.name,
-        "verdict": d.verdict.value,
+        "verdict": diagnosis.verdict.value,
         "headline": headline(tracing),
         "effects": [
             {
-                "name": c.name,
-                "claimed": c.claimed,
-                "alternatives": list(c.alternatives),
-                "parameters": quantities(c.parameters),
+                "name": effect.name,
+                "claimed": effect.claimed,
+                "alternatives": list(effect.alternatives),
+                "parameters": quantities(effect.parameters),
             }
-            for c in d.effects
+            for effect in diagnosis.effects
         ],
-        "derivatives": quantities(d.after),
+        "derivatives": quantities(diagnosis.after),
         "check": kinematics_of(flight),
         "simulated": tracing.simulated,
         "seconds": round(time.perf_counter() - started, 3),
@@ -509,28 +530,27 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
 
 def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
-    """Kinematic check of a flight's sensors, or why there is none."""
+    """Return the kinematic check of the sensors of a flight, or the reason why there is none."""
     from scenarios.compatibility.check import check_files
     from scenarios.compatibility.report import finding_lines
 
     try:
         result = check_files(flight.request())
     except FlightidError as error:
-        return {"done": False, "sentences": [f"{error.what}"], "findings": []}
-    names = list(
-        dict.fromkeys(finding.name for finding in result.result.findings if finding.stands)
-    )
-    return {"done": True, "sentences": list(finding_lines(result)), "findings": names}
+        return {"done": False, "sentences": [error.what], "findings": []}
+    names = dict.fromkeys(finding.name for finding in result.result.findings if finding.stands)
+    return {"done": True, "sentences": list(finding_lines(result)), "findings": list(names)}
 
 
 def kept_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
-    """Stored diagnosis of a flight if record, vehicle, model, options and version are unchanged;
-    else None.
+    """Return the stored diagnosis of a flight; None without one, or if its inputs have changed.
+
+    Inputs are records, vehicle, model, options and the version of the package.
     """
     content = json_or_none(folder / FOLDER / flight.name / KEPT)
-    sound = (
+    is_current = (
         isinstance(content, dict)
         and content.get("schema") == SCHEMA
         and content.get("digest") == flight.digest
     )
-    return content if sound else None
+    return content if is_current else None

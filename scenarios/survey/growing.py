@@ -1,5 +1,5 @@
-"""A survey's folder that grows: new flights are computed, on this machine or a cluster, and fitted
-with the sets of effects.
+"""Work of a survey on its flights, on this machine or a cluster: diagnoses of new flights, and fits
+with sets of effects. Results are kept in the folder of the survey.
 """
 
 from __future__ import annotations
@@ -38,19 +38,26 @@ if TYPE_CHECKING:
     from sim.declaration.proposal import Traceable
 
 
-# ---- Each flight fitted with every set of the effects that recur
+# ---- Fits of each flight with every set of effects
 
 SCHEMA = "flightid/survey-fits/2"
 KEPT = "sets.json"
-Starts = Mapping[str, float]  # by full name of a parameter
+Starts = Mapping[str, float]  # full name of a parameter -> starting value
 
 
 @dataclass(frozen=True)
 class PooledFits:
-    """Fits of all flights; each task fits one flight with all sets of ``effects``.
+    """Fits of all flights; each task fits one flight with all sets of effects.
 
-    ``starts``: starting values of effects, from other flights. ``own``: further effects of each
-    flight alone, with their values.
+    Attributes
+    ----------
+    flights : the flights.
+    effects : effects that may recur.
+    starts : starting values of these effects, from all flights.
+    own : further effects that only one flight has, with starting values, for each flight.
+    folder : folder of the survey.
+    name : the work in words, for messages on its progress.
+    block : number of flights of a task.
     """
 
     flights: tuple[SurveyFlight, ...]
@@ -63,13 +70,15 @@ class PooledFits:
 
     @property
     def columns(self) -> Mapping[str, str]:
+        """Types of the columns of the rows."""
         return {"flight": "text", "sets": "int"}
 
     def identity(self) -> Mapping[str, Any]:
+        """Return the values by which an unfinished run of the same work is recognised."""
         return {"digests": [self.digest(number) for number in range(len(self.flights))]}
 
     def digest(self, number: int) -> str:
-        """Hash of everything that a flight's fits depend on, without the starting values."""
+        """Return a hash of all that the fits of a flight depend on, except starting values."""
         content = [
             SCHEMA,
             self.flights[number].digest,
@@ -79,44 +88,45 @@ class PooledFits:
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
     def path(self, number: int) -> Path:
+        """Return the path of the stored fits of a flight."""
         return self.folder / FOLDER / self.flights[number].name / KEPT
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
-        """Return the fits of a flight from its folder; None if these are not there."""
+        """Return the stored fits of a flight; None without fits, or if they are outdated."""
         content = json_or_none(self.path(number))
-        return (
-            content
-            if isinstance(content, dict) and content.get("digest") == self.digest(number)
-            else None
-        )
+        if isinstance(content, dict) and content.get("digest") == self.digest(number):
+            return content
+        return None
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        out: list[Row | str] = []
+        """Fit the flights of the tasks, and return a row, or the text of an error, for each."""
+        rows: list[Row | str] = []
         for task in tasks:
             try:
                 sets = fitted_sets(
                     self.flights[task.number], self.effects, self.starts, self.own[task.number]
                 )
             except FlightidError as error:
-                out.append(str(error))
+                rows.append(str(error))
                 continue
             write_json(
                 self.path(task.number),
                 {"schema": SCHEMA, "digest": self.digest(task.number), **sets},
             )
-            out.append({"flight": self.flights[task.number].name, "sets": len(sets["sets"])})
-        return out
+            rows.append({"flight": self.flights[task.number].name, "sets": len(sets["sets"])})
+        return rows
 
 
 def fitted_sets(
     flight: SurveyFlight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]
 ) -> dict[str, Any]:
-    """Return likelihood, estimates and covariance of a flight with each set of effects.
+    """Return log likelihood, estimates and covariance of a flight with each set of effects.
 
     For coloured residuals, the log likelihood is scaled by the share of independent samples, taken
-    from the largest set. ``sets`` include the flight's ``own`` effects. ``sets_without`` include
-    only effects of single flights, such as gusts, since a flight alone may claim one effect instead
-    of two recurring ones.
+    from the fit of the largest set. All fits under ``sets`` have the flight's ``own`` effects as
+    well. Those under ``sets_without`` have only those ``own`` effects that concern single flights
+    by their nature, such as gusts: a flight alone may claim one effect instead of two recurring
+    ones.
     """
     from ident.statistics.residual_spectrum import effective_share
     from ident.tracing.fitted_model import FitData
@@ -136,70 +146,74 @@ def fitted_sets(
     opened = opened_files(request, vehicle_path_of(request))
     prepared = loop_input_for(opened, request.plan)
     records = (*prepared.records, *prepared.predicted)
-    by_name = {
-        each.name: each
-        for each in candidates_for(prepared.model, own_effects(request.effects, prepared.model)[0])
-    }
+    users_effects = own_effects(request.effects, prepared.model)[0]
+    by_name = {effect.name: effect for effect in candidates_for(prepared.model, users_effects)}
     measured = {name for record in records for name in record.output_names}
     outputs = [item.name for item in prepared.model.equations.outputs if item.name in measured]
     data = FitData(records, measured_masks(records, outputs), prepared.model, outputs)
     settings = FitSettings(max_step=step_for(prepared.model, prepared.records, 0.01), enough=1e-6)
-    able = [name for name in names if name in by_name]
+    usable = [name for name in names if name in by_name]
     search = _EffectSetFits(
         data,
         settings,
         by_name,
         starts,
-        {full: value for each in own.values() for full, value in each.items()},
+        {full: value for values in own.values() for full, value in values.items()},
     )
-    beside = [name for name in own if name in by_name]
-    remain = [name for name in beside if is_of_flight(name)]
-    result = {True: search.sets(able, beside)} | (
-        {False: search.sets(able, remain)} if remain != beside else {}
-    )
-    most = next((each for each in reversed(result[True].values()) if each is not None), None)
-    share = (
-        effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems])
-        if most is not None
-        else 1.0
-    )
+    own_usable = [name for name in own if name in by_name]
+    of_flight = [name for name in own_usable if is_of_flight(name)]
+    fits = {"sets": search.sets(usable, own_usable)}
+    if of_flight != own_usable:
+        fits["sets_without"] = search.sets(usable, of_flight)
+    successful = [fitted for fitted in fits["sets"].values() if fitted is not None]
+    share = 1.0
+    if successful:
+        largest = successful[-1]
+        valid = [problem.valid for problem in largest.fit.layout.problems]
+        share = effective_share(largest.fit.residuals, valid)
     declared = [
         item.name
         for item in prepared.model.parameters
         if item.free and not item.name.startswith("bias_")
     ]
     units = {item.name: item.unit for item in prepared.model.parameters}
-    local = {name: [item.name for item in by_name[name].parameters if item.free] for name in able}
     return {
         "declared": declared,
         "units": {name: units[name] for name in declared},
         "effects": {
             name: {
-                "parameters": local[name],
+                "parameters": [*_units(by_name[name])],
                 "units": _units(by_name[name]),
-                "full": _full(by_name[name]),
+                "full": _full_names(by_name[name]),
             }
-            for name in able
+            for name in usable
         },
         "independent": share,
-        "own": [name for name in beside if name not in remain],
+        "own": [name for name in own_usable if name not in of_flight],
         **{
             key: {
-                "+".join(sorted(taken)): _fit_content(
-                    each, declared, [by_name[n] for n in sorted(taken)], share
+                "+".join(sorted(chosen)): _fit_content(
+                    fitted, declared, [by_name[name] for name in sorted(chosen)], share
                 )
-                for taken, each in result[own_in].items()
-                if each
+                for chosen, fitted in by_set.items()
+                if fitted is not None
             }
-            for key, own_in in (("sets", True), ("sets_without", False))
-            if own_in in result
+            for key, by_set in fits.items()
         },
     }
 
 
 @dataclass(frozen=True, eq=False)
 class _EffectSetFits:
-    """Fits of one record with sets of effects, each started from the best smaller set."""
+    """Fits of the records of a flight with sets of effects, each started from the best smaller set.
+
+    Attributes
+    ----------
+    data : records and model.
+    settings : settings of the fits.
+    known : name -> effect.
+    starts, own : starting values of the effects that may recur, and of those of the flight alone.
+    """
 
     data: FitData
     settings: FitSettings
@@ -208,22 +222,25 @@ class _EffectSetFits:
     own: Starts
 
     def sets(
-        self, names: Sequence[str], beside: Sequence[str]
+        self, names: Sequence[str], always: Sequence[str]
     ) -> dict[frozenset[str], FittedModel | None]:
-        """Return fits with every subset of ``names``, plus ``beside``; the full set last."""
-        result: dict[frozenset[str], FittedModel | None] = {}
+        """Return the fits with every subset of ``names``, the full set last, None for a failed fit.
+
+        Every fit has the effects ``always`` as well.
+        """
+        fits: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):
-                sound = [
-                    each
+                smaller = [
+                    fitted
                     for name in chosen
-                    if (each := result[frozenset(chosen) - {name}]) is not None
+                    if (fitted := fits[frozenset(chosen) - {name}]) is not None
                 ]
-                start = min(sound, key=lambda each: each.fit.cost, default=None)
-                result[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
-        return result
+                start = min(smaller, key=lambda fitted: fitted.fit.cost, default=None)
+                fits[frozenset(chosen)] = self._fitted([*always, *chosen], start)
+        return fits
 
-    def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
+    def _fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
         from ident.tracing.fitted_model import fit_set, start_from
 
         return fit_set(
@@ -235,10 +252,11 @@ class _EffectSetFits:
 
 
 def _units(effect: Traceable) -> dict[str, str]:
+    """Return free parameter -> unit."""
     return {item.name: item.unit for item in effect.parameters if item.free}
 
 
-def _full(effect: Traceable) -> list[str]:
+def _full_names(effect: Traceable) -> list[str]:
     from sim.declaration.effect import full_name
 
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
@@ -247,41 +265,46 @@ def _full(effect: Traceable) -> list[str]:
 def _fit_content(
     fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float
 ) -> dict[str, Any]:
-    """Estimates of the declared parameters and then of the effects', with their covariance."""
+    """Return the content of a fit: estimates of the declared parameters, then of those of the
+    effects, with their covariance.
+
+    A parameter that the fit does not have is zero, with a variance of 1e30.
+    """
     from ident.statistics.intervals import inverse_information
 
     normal, _ = fitted.fit.normal_equations()
     covariance, _ = inverse_information(normal, fitted.fit.theta)
-    places = {name: at for at, name in enumerate(fitted.fit.layout.names)}
-    names = [*declared, *(full for effect in effects for full in _full(effect))]
-    at = [places.get(name, places.get(f"{name}, record 1", -1)) for name in names]
-    sound = np.array([place >= 0 for place in at])
-    chosen = np.array([max(place, 0) for place in at], dtype=int)
-    estimate = np.where(sound, fitted.fit.theta[chosen], 0.0)
+    places = {name: place for place, name in enumerate(fitted.fit.layout.names)}
+    names = [*declared, *(full for effect in effects for full in _full_names(effect))]
+    at = np.array([places.get(name, places.get(f"{name}, record 1", -1)) for name in names], int)
+    is_fitted, at = at >= 0, np.maximum(at, 0)
     return {
         "log_likelihood": share * fitted.fit.log_likelihood,
         "names": names,
-        "estimate": estimate,
+        "estimate": np.where(is_fitted, fitted.fit.theta[at], 0.0),
         "covariance": np.where(
-            np.outer(sound, sound), covariance[np.ix_(chosen, chosen)], 1e30 * np.eye(len(at))
+            np.outer(is_fitted, is_fitted), covariance[np.ix_(at, at)], 1e30 * np.eye(len(at))
         )
         / share,
     }
 
 
-# ---- A survey's work as the workers of a cluster do it
+# ---- The same work on a cluster
 
-FILES = "files"  # column with a flight's files, as a ZIP archive in text form
+FILES = "files"  # column with the files of a flight, as a ZIP archive in base64
 STUDY = "diagnosis.json"
 
 
 @dataclass(frozen=True)
 class Sent:
-    """The same work for a cluster.
+    """Work of a survey for the workers of a cluster.
 
-    ``work``: as this machine would do it, into its folder. ``place``: the current folder, from
-    which paths are read. ``typed``: the words of the command line, which pages show. ``inputs``:
-    files that are there, which every worker has to see at the same path.
+    Attributes
+    ----------
+    work : the work, with the folder on this machine.
+    place : current folder, to which paths are relative.
+    typed : words of the command line, which pages show.
+    inputs : existing files, which every worker has to see at the same path.
     """
 
     work: Diagnoses | PooledFits
@@ -291,21 +314,25 @@ class Sent:
 
     @property
     def name(self) -> str:
+        """The work in words."""
         return self.work.name
 
     @property
     def block(self) -> int:
+        """Number of flights of a task."""
         return self.work.block
 
     @property
     def columns(self) -> Mapping[str, str]:
+        """Types of the columns of the rows."""
         return {**self.work.columns, FILES: "text"}
 
     def identity(self) -> Mapping[str, Any]:
+        """Return the values by which an unfinished run of the same work is recognised."""
         return self.work.identity()
 
     def unready(self) -> tuple[str, str] | None:
-        """Why this machine cannot do the work, and the remedy; None if it can."""
+        """Return the reason why this machine cannot do the work, and the remedy; None if it can."""
         for path in self.inputs:
             if not (self.place / path).is_file():
                 return (
@@ -315,26 +342,27 @@ class Sent:
         return None
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """Each task in a temporary folder; its files are part of its row."""
-        os.chdir(self.place)  # of a process that does this work alone
+        """Do each task in a temporary folder, and return its row with the files that it wrote."""
+        os.chdir(self.place)  # the process does nothing else
         sys.argv = list(self.typed)
-        out: list[Row | str] = []
+        rows: list[Row | str] = []
         for task in tasks:
             with TemporaryDirectory(prefix="flightid-") as scratch:
-                own = Path(scratch) / FOLDER / self.work.flights[task.number].name
-                own.mkdir(parents=True)
+                folder = Path(scratch) / FOLDER / self.work.flights[task.number].name
+                folder.mkdir(parents=True)
                 (row,) = replace(self.work, folder=Path(scratch)).run([task])
-                out.append(row if isinstance(row, str) else {**row, FILES: _packed(own)})
-        return out
+                rows.append(row if isinstance(row, str) else {**row, FILES: _packed(folder)})
+        return rows
 
     def taken(self, row: Row) -> Row:
-        """Write the files that came with a row into this machine's folder; the row without them.
-        Raises FlightidError.
+        """Write the files of a row into the folder of the survey, and return the row without them.
+
+        Raises FlightidError if the folder cannot be written.
         """
         files = _unpacked(str(row[FILES]))
         folder = self.work.folder / FOLDER / str(row["flight"])
         if STUDY in files:
-            # what it says is no longer of this folder
+            # The old result no longer belongs to the folder.
             (folder / KEPT_FILES).unlink(missing_ok=True)
             with study_folder(folder, STUDY) as scratch:
                 for name, content in files.items():
@@ -349,13 +377,16 @@ class Sent:
 
 
 def sent(work: Diagnoses | PooledFits) -> Sent:
-    """Return a survey's work, to be given to a cluster by this process."""
-    files = {path: None for flight in work.flights for path in _inputs(flight) if path.is_file()}
+    """Return the work of a survey, to be given to a cluster by this process."""
+    files = dict.fromkeys(
+        path for flight in work.flights for path in _inputs(flight) if path.is_file()
+    )
     folder = Path.cwd()
     return Sent(replace(work, folder=folder / work.folder), folder, tuple(sys.argv), tuple(files))
 
 
 def _inputs(flight: SurveyFlight) -> list[Path]:
+    """Return the files that the work on a flight reads."""
     model = [Path(flight.model)] if is_model_file(flight.model) else []
     return [
         *flight.records,
@@ -365,6 +396,7 @@ def _inputs(flight: SurveyFlight) -> list[Path]:
 
 
 def _packed(folder: Path) -> str:
+    """Return the files of a folder as a ZIP archive in base64."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as files:
         for path in sorted(folder.iterdir()):
@@ -373,11 +405,12 @@ def _packed(folder: Path) -> str:
 
 
 def _unpacked(text: str) -> dict[str, bytes]:
+    """Return file name -> content of an archive as ``_packed`` returns it."""
     with zipfile.ZipFile(io.BytesIO(base64.b64decode(text))) as files:
-        return {Path(each.filename).name: files.read(each) for each in files.infolist()}
+        return {Path(item.filename).name: files.read(item) for item in files.infolist()}
 
 
-# ---- A survey's folder that grows
+# ---- Results of all flights
 
 MAIN = "survey.json"
 GROWING_SCHEMA = "flightid/survey/1"
@@ -386,11 +419,16 @@ Tell = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class SurveyFiles:
-    """The diagnoses of a survey's flights, and which of them are new.
+    """The diagnoses of the flights of a survey, and the names of new and removed flights.
 
-    ``diagnoses``: content of each flight's diagnosis file by name of the flight, in the order of
-    the survey file. ``computed``, ``failed`` (with the reason), ``removed`` since the last
-    survey, ``before``: names of the flights that the last survey had.
+    Attributes
+    ----------
+    diagnoses : flight -> content of its diagnosis file, in the order of the survey file.
+    flights : flight -> its declaration.
+    computed : flights that were diagnosed in this run.
+    failed : flight that could not be diagnosed -> reason.
+    removed : flights that only the last survey had.
+    before : flights of the last survey.
     """
 
     diagnoses: Mapping[str, Mapping[str, Any]]
@@ -402,10 +440,10 @@ class SurveyFiles:
 
     @property
     def new(self) -> tuple[str, ...]:
-        """Flights that the last survey had not; none in the first one."""
-        return (
-            tuple(name for name in self.diagnoses if name not in self.before) if self.before else ()
-        )
+        """Return the flights that the last survey did not have; none in the first survey."""
+        if not self.before:
+            return ()
+        return tuple(name for name in self.diagnoses if name not in self.before)
 
 
 def survey_files(
@@ -418,11 +456,11 @@ def survey_files(
 ) -> SurveyFiles:
     """Diagnose the flights without results in the folder, and return all results.
 
-    Runs in processes, or on the ``cluster`` at an address.
+    It works in ``jobs`` processes, or on the ``cluster`` at an address.
 
     Raises
     ------
-    KeyboardInterrupt : Ctrl-C, with how many flights are kept.
+    KeyboardInterrupt : after Ctrl-C. The message has the number of flights that are kept.
     FlightidError : ``folder`` cannot be written.
     """
     before = last_survey(folder)
@@ -447,21 +485,20 @@ def survey_files(
             for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
             if error
         }
-    result = {flight.name: kept_diagnosis(flight, folder) for flight in survey_flights.flights}
-    diagnoses = {name: content for name, content in result.items() if content is not None}
-    for name in result:
-        if name not in diagnoses and name not in failed:
-            failed[name] = "nothing was kept of it"
+    kept = {flight.name: kept_diagnosis(flight, folder) for flight in survey_flights.flights}
+    diagnoses = {name: content for name, content in kept.items() if content is not None}
+    for name in kept:
+        if name not in diagnoses:
+            failed.setdefault(name, "nothing was kept of it")
     computed = tuple(flight.name for flight in missing if flight.name in diagnoses)
-    had = frozenset(str(name) for name in before.get("flights", {}))
-    removed = tuple(sorted(had - set(result)))
+    flights_before = frozenset(map(str, before.get("flights", {})))
     return SurveyFiles(
         diagnoses,
-        {f.name: replace(f) for f in survey_flights.flights},
+        {flight.name: flight for flight in survey_flights.flights},
         computed,
         failed,
-        removed,
-        had,
+        tuple(sorted(flights_before - set(kept))),
+        flights_before,
     )
 
 
@@ -473,26 +510,22 @@ def run_flights(
     tell: Tell,
     cluster: str | None,
 ) -> RowTable:
-    """Run a survey's work on ``count`` flights and return its rows. Raises as ``run_study``.
+    """Do the work of a survey on ``count`` flights, and return its rows. Raises as ``run_study``.
 
-    Files of the flights are written into ``folder``.
+    The files of the flights are written into ``folder``.
     """
     task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
     )
-    if cluster is None:
-        return run_study(work, task_request, tell)
-
-    return run_study(sent(work), task_request, tell)
+    return run_study(work if cluster is None else sent(work), task_request, tell)
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """Return the document of the last survey in a folder; empty if there is none."""
     content = json_or_none(folder / MAIN)
-    return (
-        content
-        if isinstance(content, dict)
+    is_survey = (
+        isinstance(content, dict)
         and content.get("schema") == GROWING_SCHEMA
         and isinstance(content.get("flights"), dict)
-        else {}
     )
+    return content if is_survey else {}

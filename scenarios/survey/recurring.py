@@ -1,116 +1,116 @@
-"""Effects that recur over flights, and derivatives of all flights given them."""
+"""Effects that recur over the flights of a survey."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
 
 from ident.pooling import (
     Evidence,
-    Pooled,
     Recurrence,
-    Trend,
-    adjusted_p_values,
-    conditioned,
-    outlying_flights,
     pooled,
     recurrence,
-    trend,
-    without_one,
 )
 
 # ---- Which effects may recur
 
-# flights with an effect as claim or alternative that make it a candidate
-FEWEST_NAMED = 2
-MOST_EFFECTS = 5  # effects that are tried together: 32 sets a flight
+FEWEST_NAMED = 2  # least number of flights with an effect as claim or alternative
+MOST_EFFECTS = 5  # effects that are tried together: 32 sets for each flight
 
 DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
 
 def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
-    """Return the effects that may recur, the most often named first: claimed somewhere, and named
-    in two flights at least.
+    """Return the effects that may recur, the most often claimed first.
+
+    They are claimed in one flight at least, and named in two. Flights may name one effect
+    differently, so an alternative of an effect counts as well.
     """
     claimed: Counter[str] = Counter()
     named: Counter[str] = Counter()
     for flight in diagnoses.values():
-        names = {
-            name for each in flight["effects"] for name in (each["name"], *each["alternatives"])
-        }
-        named.update(names)
-        claimed.update(
-            {
-                name
-                for each in flight["effects"]
-                if each["claimed"]
-                for name in (each["name"], *each["alternatives"])
-            }
-        )
-    # Flights may name one effect differently: alternatives are tried as rivals.
-    wanted = [
+        for counter, effects in (
+            (named, flight["effects"]),
+            (claimed, [effect for effect in flight["effects"] if effect["claimed"]]),
+        ):
+            counter.update(
+                {name for effect in effects for name in (effect["name"], *effect["alternatives"])}
+            )
+    recurring_names = [
         name
         for name in named
         if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)
     ]
-    return tuple(
-        sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST_EFFECTS]
-    )
+    recurring_names.sort(key=lambda name: (-claimed[name], -named[name], name))
+    return tuple(recurring_names[:MOST_EFFECTS])
 
 
 def is_of_flight(name: str) -> bool:
     """Return whether an effect concerns single flights only: an event, a drift, rough air."""
     from sim.effects.library import library
 
-    traits = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
-    mine = traits.get(name)
-    return mine is not None and (
-        mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of)
+    by_name = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
+    traits = by_name.get(name)
+    return traits is not None and (
+        traits.per_record
+        or bool(traits.onset)
+        or traits.background
+        or bool(traits.wrong_samples_of)
     )
 
 
 def effects_of_one_flight(
     flight: Mapping[str, Any], shared: Sequence[str]
 ) -> dict[str, dict[str, float]]:
-    """Effects that a flight claims and that are its own, with their values by full name."""
+    """Return the effects that only this flight claims, with the values of their parameters by full
+    name. The ``shared`` effects and their alternatives are left out.
+    """
     rivals = {
         name
-        for each in flight["effects"]
-        if each["name"] in shared
-        for name in each["alternatives"]
+        for effect in flight["effects"]
+        if effect["name"] in shared
+        for name in effect["alternatives"]
     }
-    mine = [
-        e
-        for e in flight["effects"]
-        if e["claimed"] and e["name"] not in shared and e["name"] not in rivals
-    ]
     return {
-        e["name"]: {f"{e['name']}.{local}": q["value"] for local, q in e["parameters"].items()}
-        for e in mine
+        effect["name"]: _values_by_full_name(effect)
+        for effect in flight["effects"]
+        if effect["claimed"] and effect["name"] not in {*shared, *rivals}
+    }
+
+
+def _values_by_full_name(effect: Mapping[str, Any]) -> dict[str, float]:
+    return {
+        f"{effect['name']}.{local}": quantity["value"]
+        for local, quantity in effect["parameters"].items()
     }
 
 
 def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, float]:
-    """Starting values of each effect's parameters: the median over the flights that name it."""
-    seen: dict[str, list[float]] = {}
+    """Return full name -> starting value of each effect's parameters: the median over the flights
+    that name the effect.
+    """
+    found: dict[str, list[float]] = {}
     for flight in diagnoses.values():
-        for each in flight["effects"]:
-            if each["name"] in names:
-                for local, q in each["parameters"].items():
-                    seen.setdefault(f"{each['name']}.{local}", []).append(q["value"])
-    return {name: float(np.median(values)) for name, values in seen.items()}
+        for effect in flight["effects"]:
+            if effect["name"] in names:
+                for name, value in _values_by_full_name(effect).items():
+                    found.setdefault(name, []).append(value)
+    return {name: float(np.median(values)) for name, values in found.items()}
 
 
-# ---- Which effects recur: judged over all flights together
+# ---- Which effects recur: decided over all flights together
 
-# effects that a search may name, for which the chance of a false recurrence is counted
+# Number of effects for which the chance of a false recurrence is corrected.
 LIBRARY_SIZE = 60
-EQUAL_CHI_SQUARE = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
-CLEAR_CHI_SQUARE = 10.0  # least gain; chosen, as for an effect in a diagnosis
+# Differences of twice the log likelihood, as in a diagnosis: below the first, two effects are
+# equally likely; above the second, a difference is clear.
+EQUAL_CHI_SQUARE = 3.0
+CLEAR_CHI_SQUARE = 10.0
 PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a flight's model
 
 
@@ -118,9 +118,15 @@ PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a fligh
 class Recurring:
     """An effect that recurs.
 
-    ``parameters`` with units, in the order of ``found.value``; ``flights`` in the order of
-    ``found.probability``. ``rivals``: by how much twice the log likelihood of all flights prefers
-    it to each. ``named``: flights that claimed it by themselves.
+    Attributes
+    ----------
+    name : name of the effect.
+    parameters : parameter -> unit, in the order of the values.
+    flights : names of the N flights that were fitted.
+    recurrence : common value, and the probability that each flight has the effect.
+    values, sigmas : parameters in each flight and their standard deviations, ``(N, p)``.
+    rivals : other effect -> by how much twice the log likelihood of all flights prefers this one.
+    named : flights whose own diagnosis claims the effect.
     """
 
     name: str
@@ -134,56 +140,54 @@ class Recurring:
 
     @property
     def has(self) -> tuple[str, ...]:
-        return tuple(
-            name for name, there in zip(self.flights, self.recurrence.has, strict=True) if there
-        )
+        """Return the flights that have the effect."""
+        return tuple(compress(self.flights, self.recurrence.has))
 
     @property
     def has_not(self) -> tuple[str, ...]:
-        return tuple(
-            name for name, there in zip(self.flights, self.recurrence.has_not, strict=True) if there
-        )
+        """Return the flights that do not have the effect."""
+        return tuple(compress(self.flights, self.recurrence.has_not))
 
     @property
-    def untold(self) -> tuple[str, ...]:
-        return tuple(
-            name for name in self.flights if name not in self.has and name not in self.has_not
-        )
+    def undecided(self) -> tuple[str, ...]:
+        """Return the flights that may have the effect or not."""
+        return tuple(name for name in self.flights if name not in {*self.has, *self.has_not})
 
 
 def evidence_of(
-    fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
+    fits: Sequence[Mapping[str, Any]], name: str, others: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """Return parameters of effects that differ between flights, with their clearest trend."""
-    gain: list[float] = []
-    value: list[np.ndarray] = []
-    covariance: list[np.ndarray] = []
-    able: list[bool] = []
+    """Return the evidence of each flight on an effect, and whether the flight has any, ``(N,)``.
+
+    Parameters
+    ----------
+    fits : stored fits of the N flights.
+    name : the effect.
+    others : further effects of each flight.
+    """
     size = max(
-        (len(each["effects"][name]["parameters"]) for each in fits if name in each["effects"]),
+        (len(fitted["effects"][name]["full"]) for fitted in fits if name in fitted["effects"]),
         default=1,
     )
-    for each, others in zip(fits, beside, strict=True):
-        without, with_it = (
-            each["sets"].get("+".join(sorted(taken)))
-            for taken in (others - {name}, others | {name})
-        )
-        sound = without is not None and with_it is not None and name in each["effects"]
-        able.append(sound)
-        if not sound:
-            gain.append(0.0)
-            value.append(np.zeros(size))
-            covariance.append(np.eye(size))
+    gain, has_evidence = np.zeros(len(fits)), np.zeros(len(fits), dtype=bool)
+    value, covariance = np.zeros((len(fits), size)), np.tile(np.eye(size), (len(fits), 1, 1))
+    for n, (fitted, others_of_flight) in enumerate(zip(fits, others, strict=True)):
+        without = fit_with(fitted, others_of_flight - {name})
+        with_effect = fit_with(fitted, others_of_flight | {name})
+        if without is None or with_effect is None or name not in fitted["effects"]:
             continue
-        assert without is not None
-        assert with_it is not None
-        at = [with_it["names"].index(full) for full in each["effects"][name]["full"]]
-        gain.append(max(0.0, with_it["log_likelihood"] - without["log_likelihood"]))
-        value.append(np.array(with_it["estimate"])[at])
-        covariance.append(np.array(with_it["covariance"])[np.ix_(at, at)])
-    return Evidence(np.array(gain), np.array(value), np.array(covariance)), np.array(
-        able, dtype=bool
-    )
+        at = [with_effect["names"].index(full) for full in fitted["effects"][name]["full"]]
+        has_evidence[n] = True
+        gain[n] = max(0.0, with_effect["log_likelihood"] - without["log_likelihood"])
+        value[n] = np.array(with_effect["estimate"])[at]
+        covariance[n] = np.array(with_effect["covariance"])[np.ix_(at, at)]
+    return Evidence(gain, value, covariance), has_evidence
+
+
+def fit_with(fitted: Mapping[str, Any], effects: frozenset[str]) -> Mapping[str, Any] | None:
+    """Return the fit of a flight with a set of effects; None if it failed."""
+    fit: Mapping[str, Any] | None = fitted["sets"].get("+".join(sorted(effects)))
+    return fit
 
 
 def recurring(
@@ -198,35 +202,44 @@ def recurring(
     flight with a probability above one half. Then each selected effect is tested again with the
     others, and replaced if all flights together prefer a rival.
     """
-    taken: list[str] = []
+    selected: list[str] = []
     sets = [frozenset[str]() for _ in fits]
-    while len(taken) < len(names):
-        pooled = {
-            name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken
-        }
-        tried = {name: each for name, each in pooled.items() if each is not None and each.recurs}
-        if not tried:
+    while len(selected) < len(names):
+        remaining = [name for name in names if name not in selected]
+        likelihoods = _likelihoods(fits, remaining, sets)
+        if not likelihoods:
             break
-        best = max(tried, key=lambda name: tried[name].log_likelihood)
-        taken.append(best)
-        sets = assigned(fits, taken, sets)
-        for name in list(taken):
-            again = recurrence_of_effect(fits, name, sets)
-            if again is None or not again.recurs:
-                taken.remove(name)
-                sets = [each - {name} for each in sets]
-        if best not in taken:
+        best = max(likelihoods, key=lambda name: likelihoods[name])
+        selected.append(best)
+        sets = assigned(fits, selected, sets)
+        for name in list(selected):
+            if not _likelihoods(fits, [name], sets):
+                selected.remove(name)
+                sets = [effects - {name} for effects in sets]
+        if best not in selected:
             break
-    for name in list(taken):
-        better = _preferred(
-            name, [rival for rival in names if rival not in taken], fits, sets, diagnoses
-        )
-        if better != name:
-            taken[taken.index(name)] = better
-            sets = assigned(fits, taken, [each - {name} for each in sets])
-    return [
-        _recurring_of(name, names, taken, flights, fits, sets, diagnoses) for name in taken
-    ], sets
+    for name in list(selected):
+        rivals = [rival for rival in names if rival not in selected]
+        preferred = _preferred(name, rivals, fits, sets, diagnoses)
+        if preferred != name:
+            selected[selected.index(name)] = preferred
+            sets = assigned(fits, selected, [effects - {name} for effects in sets])
+    found = [
+        _recurring_of(name, names, selected, flights, fits, sets, diagnoses) for name in selected
+    ]
+    return found, sets
+
+
+def _likelihoods(
+    fits: Sequence[Mapping[str, Any]], names: Sequence[str], sets: Sequence[frozenset[str]]
+) -> dict[str, float]:
+    """Return effect -> gain in log likelihood over all flights, for the effects that recur."""
+    results = {name: recurrence_of_effect(fits, name, sets) for name in names}
+    return {
+        name: result.log_likelihood
+        for name, result in results.items()
+        if result is not None and result.recurs
+    }
 
 
 def _preferred(
@@ -242,126 +255,139 @@ def _preferred(
     conditions is preferred, since the aircraft has one value. If this does not decide, the
     diagnoses of the flights do, which use the declared derivatives.
     """
-    bare = [each - {name} for each in sets]
-    result = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
-    likely = {
-        one: 2.0 * each.log_likelihood
-        for one, each in result.items()
-        if each is not None and each.recurs
-    }
-    if not likely:
+    without = [effects - {name} for effects in sets]
+    likelihoods = _likelihoods(fits, (name, *rivals), without)
+    if not likelihoods:
         return name
-    equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL_CHI_SQUARE]
+    least = max(likelihoods.values()) - 0.5 * EQUAL_CHI_SQUARE
+    equal = [rival for rival, likelihood in likelihoods.items() if likelihood > least]
     if len(equal) == 1:
         return equal[0]
-    differ = {
-        one: _differences(
+    differences = {
+        rival: _differences(
             fits,
-            [each | {one} if name in mine else each for each, mine in zip(bare, sets, strict=True)],
+            [
+                others | {rival} if name in effects else others
+                for others, effects in zip(without, sets, strict=True)
+            ],
         )
-        for one in equal
+        for rival in equal
     }
-    steady = [one for one in equal if differ[one] < min(differ.values()) + CLEAR_CHI_SQUARE]
+    most = min(differences.values()) + CLEAR_CHI_SQUARE
+    steady = [rival for rival in equal if differences[rival] < most]
     claims = Counter(
-        e["name"] for flight in diagnoses.values() for e in flight["effects"] if e["claimed"]
+        effect["name"]
+        for flight in diagnoses.values()
+        for effect in flight["effects"]
+        if effect["claimed"]
     )
-    return max(steady, key=lambda one: (claims[one], one == name, one))
+    return max(steady, key=lambda rival: (claims[rival], rival == name, rival))
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
     """Return the difference of the derivatives of all flights from common values: the sum of
     Cochran's statistics.
     """
-    seen: dict[str, list[tuple[float, float]]] = {}
-    for each, taken in zip(fits, sets, strict=True):
-        fitted = each["sets"].get("+".join(sorted(taken)))
-        if fitted is not None:
-            sigmas = np.sqrt(np.diag(fitted["covariance"]))
+    found: dict[str, list[tuple[float, float]]] = {}
+    for fitted, effects in zip(fits, sets, strict=True):
+        fit = fit_with(fitted, effects)
+        if fit is not None:
+            sigmas = np.sqrt(np.diag(fit["covariance"]))
             for name, value, sigma in zip(
-                each["declared"], fitted["estimate"], sigmas, strict=False
+                fitted["declared"], fit["estimate"], sigmas, strict=False
             ):
-                seen.setdefault(name, []).append((value, float(sigma)))
-    return sum(pooled(*np.array(values).T).q for values in seen.values() if len(values) > 1)
+                found.setdefault(name, []).append((value, float(sigma)))
+    return sum(pooled(*np.array(values).T).q for values in found.values() if len(values) > 1)
 
 
 def recurrence_of_effect(
     fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]
 ) -> Recurrence | None:
-    """Pool an effect over the flights that can be used; None with fewer than two."""
-    evidence, able = evidence_of(fits, name, sets)
-    if able.sum() < 2:
+    """Return the recurrence of an effect over the flights with evidence on it; None with fewer than
+    two such flights.
+    """
+    evidence, has_evidence = evidence_of(fits, name, sets)
+    if has_evidence.sum() < 2:
         return None
-    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY_SIZE)
-    if able.all():
+    result = recurrence(evidence.of(np.flatnonzero(has_evidence)), LIBRARY_SIZE)
+    if has_evidence.all():
         return result
-    probability = np.full(len(able), result.share)
-    probability[able] = result.probability
-    at_common = np.zeros(len(able))
-    at_common[able] = result.at_common
-    return Recurrence(**{**vars(result), "probability": probability, "at_common": at_common})
+    probability = np.full(len(has_evidence), result.share)
+    probability[has_evidence] = result.probability
+    at_common = np.zeros(len(has_evidence))
+    at_common[has_evidence] = result.at_common
+    return replace(result, probability=probability, at_common=at_common)
 
 
 def assigned(
-    fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequence[frozenset[str]]
+    fits: Sequence[Mapping[str, Any]], selected: Sequence[str], sets: Sequence[frozenset[str]]
 ) -> list[frozenset[str]]:
-    """Effects of each flight that are more likely present than not, iterated until none changes."""
-    now = list(sets)
+    """Return the ``selected`` effects that each flight has with a probability above one half.
+
+    The probabilities depend on the other effects of a flight, so they are computed again until no
+    set changes.
+    """
+    current = list(sets)
     for _ in range(4):
-        before = list(now)
-        for name in taken:
-            result = recurrence_of_effect(fits, name, now)
+        before = list(current)
+        for name in selected:
+            result = recurrence_of_effect(fits, name, current)
             if result is not None:
-                now = [
-                    each | {name} if p > PRESENT_PROBABILITY else each - {name}
-                    for each, p in zip(now, result.probability, strict=True)
+                current = [
+                    effects | {name} if p > PRESENT_PROBABILITY else effects - {name}
+                    for effects, p in zip(current, result.probability, strict=True)
                 ]
-        if now == before:
+        if current == before:
             break
-    return now
+    return current
 
 
 def _recurring_of(
     name: str,
     names: Sequence[str],
-    taken: Sequence[str],
+    selected: Sequence[str],
     flights: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
     sets: Sequence[frozenset[str]],
     diagnoses: DiagnosesByFlight,
 ) -> Recurring:
+    """Return a selected effect with its values and its rivals among ``names``."""
     result = recurrence_of_effect(fits, name, sets)
     assert result is not None
     evidence, _ = evidence_of(fits, name, sets)
-    effect_content = next(each["effects"][name] for each in fits if name in each["effects"])
+    content = next(fitted["effects"][name] for fitted in fits if name in fitted["effects"])
+    without = [effects - {name} for effects in sets]
     margins = {}
     for rival in names:
-        if rival not in taken:
-            other = recurrence_of_effect(fits, rival, [each - {name} for each in sets])
+        if rival not in selected:
+            other = recurrence_of_effect(fits, rival, without)
             margins[rival] = 2.0 * (
                 result.log_likelihood - (other.log_likelihood if other is not None else 0.0)
             )
-    by_itself = tuple(
-        one
-        for one in flights
-        if any(e["claimed"] and e["name"] == name for e in diagnoses[one]["effects"])
+    named = tuple(
+        flight
+        for flight in flights
+        if any(
+            effect["claimed"] and effect["name"] == name for effect in diagnoses[flight]["effects"]
+        )
     )
     sigmas = np.sqrt(np.einsum("nii->ni", evidence.covariance))
     return Recurring(
         name,
-        {local: effect_content["units"][local] for local in effect_content["parameters"]},
+        {local: content["units"][local] for local in content["parameters"]},
         tuple(flights),
         result,
         evidence.value,
         sigmas,
         margins,
-        by_itself,
+        named,
     )
 
 
 # ---- Recurring effects in addition to those of single flights
 
-# twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
-# diagnosis
+# An effect of a single flight is needed if it raises twice the log likelihood by this; as in a
+# diagnosis.
 NEEDED_CHI_SQUARE = 10.0
 MOST_ROUNDS = 4  # repetitions of the search; usually fewer
 
@@ -372,214 +398,39 @@ def recurring_with_other_effects(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """Find recurring effects as ``recurring``, and drop unnecessary effects of single flights.
+    """Return the recurring effects and those of each flight as ``recurring``, and the fits used.
 
-    A flight alone may claim one effect instead of two recurring ones. Its own effects are dropped
-    if the recurring ones fit it about as well; then the search is repeated. Also returns the fits
-    of each flight.
+    A flight alone may claim one effect instead of two recurring ones. Its single effects are
+    dropped if the recurring ones fit it about as well; then the search is repeated.
     """
-    left = (False,) * len(fits)
+    dropped = (False,) * len(fits)
     for _ in range(MOST_ROUNDS):
-        now = [
-            {**each, "sets": each["sets_without"]} if without else each
-            for each, without in zip(fits, left, strict=True)
+        used_fits = [
+            {**fitted, "sets": fitted["sets_without"]} if is_dropped else fitted
+            for fitted, is_dropped in zip(fits, dropped, strict=True)
         ]
-        result, sets = recurring(names, flights, now, diagnoses)
-        taken = frozenset(each.name for each in result)
-        before, left = left, tuple(_needless(each, taken) for each in fits)
-        if left == before:
+        result, sets = recurring(names, flights, used_fits, diagnoses)
+        recurring_names = frozenset(effect.name for effect in result)
+        before, dropped = dropped, tuple(_needless(fitted, recurring_names) for fitted in fits)
+        if dropped == before:
             break
-    return result, sets, now
+    return result, sets, used_fits
 
 
-def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Return whether a flight's own effects are unnecessary in addition to ``taken``."""
+def _needless(fitted: Mapping[str, Any], recurring_names: frozenset[str]) -> bool:
+    """Return whether a flight fits about as well without its single effects."""
 
-    def most(sets: Mapping[str, Any]) -> float:
+    def largest_likelihood(sets: Mapping[str, Any]) -> float:
         return max(
             (
-                each["log_likelihood"]
-                for key, each in sets.items()
-                if frozenset(filter(None, key.split("+"))) <= taken
+                fit["log_likelihood"]
+                for key, fit in sets.items()
+                if frozenset(filter(None, key.split("+"))) <= recurring_names
             ),
             default=-np.inf,
         )
 
-    return (
-        "sets_without" in fitted
-        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED_CHI_SQUARE
-    )
-
-
-# ---- Derivatives of all flights
-
-# rate of false discoveries among the trends, and among the derivatives said to differ
-FALSE_DISCOVERY_RATE = 0.05
-UNDETERMINED_SIGMA_RATIO = (
-    1e6  # sigma over value above which a flight does not determine a derivative
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Derivative:
-    """One derivative over the flights.
-
-    Attributes
-    ----------
-    values, sigmas : ``(n,)`` of ``flights``.
-    differs : false discovery rate at which the value is not constant.
-    trends : by condition, with their false discovery rates.
-    off : ``(n,)``, distance from line or common value in sigmas.
-    out : outlying flights.
-    """
-
-    name: str
-    unit: str
-    flights: tuple[str, ...]
-    values: np.ndarray
-    sigmas: np.ndarray
-    common: Pooled
-    differs: float
-    trends: Mapping[str, tuple[Trend, float]]
-    off: np.ndarray
-    out: np.ndarray
-
-    @property
-    def drifts(self) -> tuple[str, Trend] | None:
-        """The condition with which it changes most surely, where one does."""
-        significant = {
-            name: (line, q) for name, (line, q) in self.trends.items() if q < FALSE_DISCOVERY_RATE
-        }
-        if not significant:
-            return None
-        best = min(significant, key=lambda name: (significant[name][0].p_value, name))
-        return best, significant[best][0]
-
-
-def estimates(
-    flights: Sequence[str],
-    fits: Sequence[Mapping[str, Any]],
-    recurring_effects: Sequence[Recurring],
-    sets: Sequence[frozenset[str]],
-) -> list[dict[str, tuple[float, float]]]:
-    """Return the derivatives of each flight, with shared values estimated from all flights."""
-    out: list[dict[str, tuple[float, float]]] = []
-    shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
-    for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
-        fitted = each["sets"].get("+".join(sorted(taken)))
-        if fitted is None:
-            out.append({})
-            continue
-        value, covariance = np.array(fitted["estimate"]), np.array(fitted["covariance"])
-        covariance_own = covariance
-        for name in sorted(taken & set(shared)):
-            one = shared[name]
-            at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
-            # as it weighs in the common value
-            own = covariance_own[np.ix_(at, at)] / one.recurrence.probability[number]
-            others = without_one(
-                one.recurrence.value, one.recurrence.covariance, one.values[number], own
-            )
-            if others is not None:
-                value, covariance = conditioned(value, covariance, at, *others)
-        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        out.append(
-            {
-                n: (float(v), float(s))
-                for n, v, s in zip(each["declared"], value, sigma, strict=False)
-                if 0 < s < UNDETERMINED_SIGMA_RATIO * max(abs(v), 1e-12)
-            }
-        )
-    return out
-
-
-def effects_over(
-    recurring_effects: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
-) -> dict[tuple[str, str], tuple[str, Trend]]:
-    """Return parameters of effects that differ between flights, with the most significant trend."""
-    trends_found: list[tuple[tuple[str, str], str, Trend]] = []
-    for each in recurring_effects:
-        if each.recurrence.agrees:
-            continue
-        for condition, by_flight in conditions.items():
-            at = [
-                number
-                for number, name in enumerate(each.flights)
-                if name in each.has and name in by_flight
-            ]
-            where = np.array([by_flight[each.flights[number]] for number in at])
-            for place, local in enumerate(each.parameters):
-                line = trend(each.values[at, place], each.sigmas[at, place], where)
-                if line is not None:
-                    trends_found.append(((each.name, local), condition, line))
-    rates = adjusted_p_values(np.array([line.p_value for *_, line in trends_found]))
-    out: dict[tuple[str, str], tuple[str, Trend]] = {}
-    for (key, condition, line), rate in zip(trends_found, rates, strict=True):
-        if rate < FALSE_DISCOVERY_RATE and (key not in out or line.p_value < out[key][1].p_value):
-            out[key] = condition, line
-    return out
-
-
-def over_flights(
-    flights: Sequence[str],
-    told: Sequence[Mapping[str, tuple[float, float]]],
-    conditions: Mapping[str, Mapping[str, float]],
-    units: Mapping[str, str],
-) -> list[Derivative]:
-    """Each derivative over all flights; ``conditions`` by name and flight."""
-    names = list(dict.fromkeys(name for each in told for name in each))
-    made = []
-    for name in names:
-        has = [number for number, each in enumerate(told) if name in each]
-        values, sigmas = (
-            np.array([told[number][name][which] for number in has]) for which in (0, 1)
-        )
-        lines: dict[str, Trend] = {}
-        for condition, by_flight in conditions.items():
-            at = [place for place, number in enumerate(has) if flights[number] in by_flight]
-            line = trend(
-                values[at], sigmas[at], np.array([by_flight[flights[has[place]]] for place in at])
-            )
-            if line is not None:
-                lines[condition] = line
-        made.append(
-            (
-                name,
-                tuple(flights[number] for number in has),
-                values,
-                sigmas,
-                pooled(values, sigmas),
-                lines,
-            )
-        )
-    rates = iter(
-        adjusted_p_values(np.array([line.p_value for *_, lines in made for line in lines.values()]))
-    )
-    differ = adjusted_p_values(np.array([common.p_same for *_, common, _ in made]))
-    out = []
-    for (name, here, values, sigmas, common, lines), rate in zip(made, differ, strict=True):
-        trends = {condition: (line, float(next(rates))) for condition, line in lines.items()}
-        derivative = Derivative(
-            name,
-            units.get(name, ""),
-            here,
-            values,
-            sigmas,
-            common,
-            float(rate),
-            trends,
-            np.zeros(len(here)),
-            np.zeros(len(here), dtype=bool),
-        )
-        drift = derivative.drifts
-        left = values - common.value
-        if drift is not None:
-            left = (
-                values
-                - drift[1].band(
-                    np.array([conditions[drift[0]].get(one, drift[1].middle) for one in here])
-                )[0]
-            )
-        off, stands = outlying_flights(left, sigmas)
-        out.append(Derivative(**{**vars(derivative), "off": off, "out": stands}))
-    return out
+    if "sets_without" not in fitted:
+        return False
+    gain = largest_likelihood(fitted["sets"]) - largest_likelihood(fitted["sets_without"])
+    return 2.0 * gain < NEEDED_CHI_SQUARE

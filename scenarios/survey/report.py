@@ -28,42 +28,34 @@ from scenarios.report.document import (
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
+from scenarios.survey.derivatives import FALSE_DISCOVERY_RATE, Derivative
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
-from scenarios.survey.recurring import (
-    EQUAL_CHI_SQUARE,
-    FALSE_DISCOVERY_RATE,
-    LIBRARY_SIZE,
-    Derivative,
-    Recurring,
-)
+from scenarios.survey.recurring import EQUAL_CHI_SQUARE, LIBRARY_SIZE, Recurring
 from scenarios.survey.survey import SurveyResult
 
-# ---- What a survey found, in sentences and rows that terminal, page and JSON share
+# ---- Sentences and tables for terminal, page and JSON
 
-# Linear effects between the recorded input and the aircraft: exchanged with it, they act on all
-# outputs alike.
+# Linear effects between the recorded input and the aircraft. In a linear model they are equivalent
+# to the same effect in all outputs.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
 LEAST_P_VALUE = 1e-99  # smaller probabilities are reported as this
-HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
+HAS, HAS_NOT, UNDECIDED = "has it", "does not have it", "undecided"
 
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
-    """Return a word or two, and the sentence after it."""
+    """Return the verdict in one or two words, and the sentence after it."""
     diagnoses = survey.survey_files.diagnoses
     if not diagnoses:
         return "NO FLIGHT", "no flight could be used"
     if survey.recurs:
-        return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
-    open_ones = survey.verdicts.get(Verdict.UNEXPLAINED.value, 0)
-    besides = (
-        f"; {open_ones} of them {'are' if open_ones > 1 else 'is'} unexplained" if open_ones else ""
-    )
-    return (
-        "NOTHING RECURS",
-        f"no effect acts in two or more of {len(diagnoses)} flights beyond chance{besides}",
-    )
+        return "RECURS", "; ".join(map(effect_phrase, survey.recurs))
+    sentence = f"no effect acts in two or more of {len(diagnoses)} flights beyond chance"
+    unexplained = survey.verdicts.get(Verdict.UNEXPLAINED.value, 0)
+    if unexplained:
+        sentence += f"; {unexplained} of them {'are' if unexplained > 1 else 'is'} unexplained"
+    return "NOTHING RECURS", sentence
 
 
 def verdicts_phrase(survey: SurveyResult) -> str:
@@ -74,74 +66,68 @@ def verdicts_phrase(survey: SurveyResult) -> str:
 
 def effect_phrase(effect: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
-    values = values_of(effect)
-    text = (
-        f" {values[0].partition(' ')[2]}"
-        if len(values) == 1
-        else f" ({', '.join(values)})"
-        if len(values) == 2
-        else ""
-    )
+    values, text = values_of(effect), ""
+    if len(values) == 1:
+        text = f" {values[0].partition(' ')[2]}"  # without the name of the only parameter
+    elif len(values) == 2:
+        text = f" ({', '.join(values)})"
     return f"{effect.name}{text} in {len(effect.has)} of {len(effect.flights)} flights"
 
 
 def values_of(effect: Recurring) -> list[str]:
-    """Return the common values with sigmas, in display units."""
-    out = []
+    """Return the common values of the parameters with their sigmas, in display units."""
+    texts = []
     sigmas = np.sqrt(np.diag(effect.recurrence.covariance))
     for (local, unit), value, sigma in zip(
         effect.parameters.items(), effect.recurrence.value, sigmas, strict=True
     ):
         factor, text = shown_in(unit, local)
-        out.append(
+        texts.append(
             f"{local} {number_text(factor * value, factor * sigma)} +- "
             f"{number_text(factor * sigma, factor * sigma)}{spaced(text)}"
         )
-    return out
+    return texts
 
 
 def belongs_phrase(effect: Recurring, survey: SurveyResult) -> str:
     """Return the flights in which an effect is present, and whether its value is constant or
     changes with a condition.
     """
-    text = (
+    counts = (
         f"{len(effect.has)} have it, {len(effect.has_not)} do not, "
-        f"{len(effect.untold)} are undecided"
+        f"{len(effect.undecided)} are undecided"
     )
-    whose = (
-        f"it belongs to the aircraft: no flight excludes it ({text})"
-        if effect.recurrence.belongs == "aircraft"
-        else f"it acts in some flights only: {text}"
-    )
-    same = (
-        "the values of all flights agree"
-        if effect.recurrence.agrees
-        else f"its values differ by {100 * effect.recurrence.scatter:.0f} % (one sigma) between "
-        "flights"
-    )
+    where = f"it acts in some flights only: {counts}"
+    if effect.recurrence.belongs == "aircraft":
+        where = f"it belongs to the aircraft: no flight excludes it ({counts})"
+    scatter = "the values of all flights agree"
+    if not effect.recurrence.agrees:
+        percent = f"{100 * effect.recurrence.scatter:.0f} %"
+        scatter = f"its values differ by {percent} (one sigma) between flights"
     changes = [
         f"{local} {change}"
         for local in effect.parameters
         if (change := _effect_change(survey, effect, local))
     ]
-    return "; ".join([whose, same, *changes])
+    return "; ".join([where, scatter, *changes])
 
 
 def _effect_change(survey: SurveyResult, effect: Recurring, local: str) -> str:
-    result = survey.effect_trends.get((effect.name, local))
-    if result is None:
+    """Return the change of an effect's parameter with a condition; empty if it does not change."""
+    change = survey.effect_trends.get((effect.name, local))
+    if change is None:
         return ""
-    factor, text = shown_in(effect.parameters[local], local)
-    return _change(*result, survey.condition_units.get(result[0], "1"), text, factor)
+    factor, unit = shown_in(effect.parameters[local], local)
+    return _change(*change, survey.condition_units.get(change[0], "1"), unit, factor)
 
 
 def rivals_phrase(effect: Recurring) -> str:
-    """Return the effects that the evidence excludes, and those that it does not."""
+    """Return the other effects that are equally likely, and those that are less likely."""
     equal = [name for name, margin in effect.rivals.items() if margin < EQUAL_CHI_SQUARE]
     margins = {name: margin for name, margin in effect.rivals.items() if margin >= EQUAL_CHI_SQUARE}
-    out = []
+    phrases = []
     if equal:
-        out.append(
+        phrases.append(
             f"equally likely: {' or '.join(equal)}; chosen since the derivatives agree better "
             "between flights, or by the flights' diagnoses"
         )
@@ -150,13 +136,13 @@ def rivals_phrase(effect: Recurring) -> str:
         names = f"{', '.join(others)} and {last}" if others else last
         more = " at least" if others else ""
         least = f"likelihood ratio test: {min(margins.values()):.4g}{more}"
-        out.append(f"preferred to {names} ({least})")
+        phrases.append(f"preferred to {names} ({least})")
     if effect.name in AT_THE_INPUT:
-        out.append(
+        phrases.append(
             "the same lag or delay in all recorded outputs fits as well: a linear model cannot "
             "tell the two apart"
         )
-    return "; ".join(out)
+    return "; ".join(phrases)
 
 
 def drift_phrase(survey: SurveyResult, derivative: Derivative) -> str:
@@ -171,26 +157,29 @@ def drift_phrase(survey: SurveyResult, derivative: Derivative) -> str:
 
 
 def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.0) -> str:
-    """``"changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``."""
-    own = "" if unit in ("", "1") else f" {unit}"
+    """Return ``"changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``.
+
+    ``per`` is the unit of the condition, and ``factor`` converts the slope to ``unit``.
+    """
+    unit_text = "" if unit in ("", "1") else f" {unit}"
     slope, sigma = factor * line.slope, factor * line.slope_sigma
     return (
-        f"changes with {condition} by {slope:.3g} +- {sigma:.2g}{own} per "
+        f"changes with {condition} by {slope:.3g} +- {sigma:.2g}{unit_text} per "
         f"{per if per != '1' else 'unit'}"
     )
 
 
 def drift_phrases(survey: SurveyResult) -> list[str]:
-    """Return every derivative that changes with a condition."""
-    return [phrase for each in survey.derivatives if (phrase := drift_phrase(survey, each))]
+    """Return a phrase on each derivative that changes with a condition."""
+    return [phrase for item in survey.derivatives if (phrase := drift_phrase(survey, item))]
 
 
 def other_cause_phrases(survey: SurveyResult) -> list[str]:
-    """Other possible causes of the changes with a condition, such as wrong masses."""
+    """Return other possible causes of the changes with a condition, such as wrong masses."""
     forces = [
-        each.name
-        for each in survey.derivatives
-        if each.drifts is not None and each.drifts[0] == "mass" and each.name.startswith(FORCES)
+        item.name
+        for item in survey.derivatives
+        if item.drifts is not None and item.drifts[0] == "mass" and item.name.startswith(FORCES)
     ]
     if not forces:
         return []
@@ -202,17 +191,17 @@ def other_cause_phrases(survey: SurveyResult) -> list[str]:
 
 
 def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
-    """Outlying flights: flight, derivative, standard deviations."""
+    """Return flight, derivative and distance in standard deviations of each outlier."""
     return [
-        (flight, each.name, float(far))
-        for each in survey.derivatives
-        for flight, far, out in zip(each.flights, each.off, each.out, strict=True)
+        (flight, item.name, float(off))
+        for item in survey.derivatives
+        for flight, off, out in zip(item.flights, item.off, item.out, strict=True)
         if out
     ]
 
 
 def counts_phrase(survey: SurveyResult) -> str:
-    """Counts of flights in this survey: all, computed, kept, new, failed and removed."""
+    """Return the numbers of flights: all, computed, kept, new, failed and removed."""
     files = survey.survey_files
     parts = [
         f"{len(files.diagnoses)} flights",
@@ -226,11 +215,10 @@ def counts_phrase(survey: SurveyResult) -> str:
 
 def single_phrases(survey: SurveyResult) -> list[str]:
     """Return the effects that flights claim and that do not recur."""
-    out = [
+    return [
         f"{effect} is named in {listed(flights)} and does not recur"
         for effect, flights in survey.alone.items()
-    ]
-    return out + [
+    ] + [
         f"{effect} is named in {listed(flights)}, where the recurring effects explain as much"
         for effect, flights in survey.needless.items()
     ]
@@ -238,36 +226,35 @@ def single_phrases(survey: SurveyResult) -> list[str]:
 
 def new_flight_phrases(survey: SurveyResult) -> list[str]:
     """Return the new flights, each with its own verdict and the recurring effects that it has."""
-    out = []
+    phrases = []
     for name in survey.survey_files.new:
         diagnosis = survey.survey_files.diagnoses[name]
-        has = [each.name for each in survey.recurs if name in each.has]
-        besides = (
-            f"; it has the recurring {' and '.join(has)}"
-            if has
-            else "; it has no recurring effect"
-            if survey.recurs
-            else ""
-        )
-        out.append(f"{diagnosis['verdict']}, {name}: {diagnosis['headline']}{besides}")
-    return out
+        phrase = f"{diagnosis['verdict']}, {name}: {diagnosis['headline']}"
+        effects = [effect.name for effect in survey.recurs if name in effect.has]
+        if effects:
+            phrase += f"; it has the recurring {' and '.join(effects)}"
+        elif survey.recurs:
+            phrase += "; it has no recurring effect"
+        phrases.append(phrase)
+    return phrases
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
-    """Return the names with commas, those beyond ``most`` counted."""
+    """Return the first ``most`` names with commas, and the number of further ones."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def status_in_flight(effect: Recurring, flight: str) -> str:
-    """Status of an effect in one flight."""
+    """Return whether a flight has an effect, in words."""
     if flight not in effect.flights:
-        return "–"
-    return HAS if flight in effect.has else HAS_NOT if flight in effect.has_not else UNTOLD
+        return MISSING
+    return HAS if flight in effect.has else HAS_NOT if flight in effect.has_not else UNDECIDED
 
 
 def newest_first(survey: SurveyResult) -> list[str]:
-    """Return the names of the flights, the newest first: those new in this survey, then by date,
-    without dates by their place in the file.
+    """Return the names of the flights, the newest first.
+
+    First are those that are new in this survey; then later dates, and later places in the file.
     """
     order = list(survey.survey_files.diagnoses)
     new = set(survey.survey_files.new)
@@ -280,76 +267,77 @@ def newest_first(survey: SurveyResult) -> list[str]:
 
 def effects_table(survey: SurveyResult) -> Table:
     """Return the table of the recurring effects."""
-    some = survey.recurs
+    effects = survey.recurs
 
     def counts(flights: Callable[[Recurring], Sequence[str]]) -> list[Cell]:
-        return [Number(len(flights(each)), digits=0) for each in some]
+        return [Number(len(flights(effect)), digits=0) for effect in effects]
 
-    whose = {"aircraft": "the aircraft"}
+    owners = {"aircraft": "the aircraft"}
     chances = [
         Number(p, shown=f"{p:.1g}" if p > LEAST_P_VALUE else f"<{LEAST_P_VALUE:.0e}")
-        for p in (each.recurrence.p_value for each in some)
+        for p in (effect.recurrence.p_value for effect in effects)
     ]
     return table(
         "effects that recur",
-        (Column("effect"), [each.name for each in some]),
-        (Column("common value"), ["; ".join(values_of(each)) for each in some]),
+        (Column("effect"), [effect.name for effect in effects]),
+        (Column("common value"), ["; ".join(values_of(effect)) for effect in effects]),
         (
             Column("belongs to"),
-            [whose.get(each.recurrence.belongs, "some flights") for each in some],
+            [owners.get(effect.recurrence.belongs, "some flights") for effect in effects],
         ),
-        (Column("have it", PURE), counts(lambda each: each.has)),
-        (Column("do not have it", PURE), counts(lambda each: each.has_not)),
-        (Column("undecided", PURE), counts(lambda each: each.untold)),
-        (Column("named by the flight alone", PURE), counts(lambda each: each.named)),
+        (Column("have it", PURE), counts(lambda effect: effect.has)),
+        (Column("do not have it", PURE), counts(lambda effect: effect.has_not)),
+        (Column("undecided", PURE), counts(lambda effect: effect.undecided)),
+        (Column("named by the flight alone", PURE), counts(lambda effect: effect.named)),
         (
             Column("values agree", right=True),
-            ["yes" if e.recurrence.agrees else "no" for e in some],
+            ["yes" if effect.recurrence.agrees else "no" for effect in effects],
         ),
         (Column("chance of a false recurrence", PURE), chances),
     )
 
 
 def derivatives_table(survey: SurveyResult) -> Table:
-    """Return the derivatives over the flights."""
-    some = survey.derivatives
-    changes = [drift_phrase(survey, each).partition(" changes ")[2] or MISSING for each in some]
-    differs = ["yes" if each.differs < FALSE_DISCOVERY_RATE else "no" for each in some]
+    """Return the table of the derivatives over the flights."""
+    items = survey.derivatives
+    changes = [drift_phrase(survey, item).partition(" changes ")[2] or MISSING for item in items]
+    differs = ["yes" if item.differs < FALSE_DISCOVERY_RATE else "no" for item in items]
     return table(
         "derivatives over the flights",
-        (Column("derivative"), [each.name for each in some]),
+        (Column("derivative"), [item.name for item in items]),
         (
             Column("common value", BY_ROW),
-            [Number(each.common.value, each.common.sigma) for each in some],
+            [Number(item.common.value, item.common.sigma) for item in items],
         ),
         (
             Column("scatter between flights", BY_ROW),
-            [formatted(each.common.scatter, ".2g") for each in some],
+            [formatted(item.common.scatter, ".2g") for item in items],
         ),
         (Column("differs", right=True), differs),
         (Column("changes"), changes),
-        units=[each.unit for each in some],
+        units=[item.unit for item in items],
     )
 
 
 def outlying_table(survey: SurveyResult) -> Table:
     """Return the table of flights that lie outside the scatter of the others."""
-    far = outlying(survey)
+    outliers = outlying(survey)
     return table(
         "flights that stand out",
-        (Column("flight"), [flight for flight, _, _ in far]),
-        (Column("derivative"), [name for _, name, _ in far]),
-        (Column("off", SIGMAS), [formatted(off, "+.1f") for _, _, off in far]),
+        (Column("flight"), [flight for flight, _, _ in outliers]),
+        (Column("derivative"), [name for _, name, _ in outliers]),
+        (Column("off", SIGMAS), [formatted(off, "+.1f") for _, _, off in outliers]),
     )
 
 
 def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     """Return the table of flights, newest first; ``linked`` flights have links to their pages."""
     order, files = newest_first(survey), survey.survey_files
-    diagnosis = [files.diagnoses[name] for name in order]
+    diagnoses = [files.diagnoses[name] for name in order]
 
     def alone(name: str) -> str:
-        return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
+        effects = [effect for effect, flights in survey.alone.items() if name in flights]
+        return ", ".join(effects) or MISSING
 
     names = [
         Link(name, f"{FOLDER}/{name}/report.html") if name in linked else name for name in order
@@ -362,13 +350,13 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
         (Column("this survey"), ["new" if name in files.new else "" for name in order]),
         (Column("date"), [files.flights[name].date or MISSING for name in order]),
         (Column("tail"), [files.flights[name].tail or MISSING for name in order]),
-        (Column("verdict"), [each["verdict"] for each in diagnosis]),
+        (Column("verdict"), [diagnosis["verdict"] for diagnosis in diagnoses]),
         *(
-            (Column(each.name), [status_in_flight(each, name) for name in order])
-            for each in survey.recurs
+            (Column(effect.name), [status_in_flight(effect, name) for name in order])
+            for effect in survey.recurs
         ),
         (Column("alone"), [alone(name) for name in order]),
-        (Column("kinematics"), [kinematics(each) for each in diagnosis]),
+        (Column("kinematics"), [kinematics(diagnosis) for diagnosis in diagnoses]),
     ]
     always = ("flight", "verdict", "kinematics")
     return table(
@@ -382,9 +370,7 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
 
 
 def kinematics(diagnosis: Mapping[str, Any]) -> str:
-    """Sensor faults of a flight from kinematics: the first one, and the number of alternatives and
-    further ones.
-    """
+    """Return the first sensor fault that kinematics shows in a flight, and the number of others."""
     if not diagnosis["check"]["done"]:
         return "not possible"
     first, *others = diagnosis["check"]["findings"] or ["no fault found"]
@@ -404,13 +390,13 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
         "model": survey.flights.model,
         "verdict": word.lower(),
         "headline": rest,
-        "effects": [effect_content(each, survey) for each in survey.recurs],
+        "effects": [effect_content(effect, survey) for effect in survey.recurs],
         "tried": list(survey.tried),
         "candidates": LIBRARY_SIZE,
         "alone": {name: list(flights) for name, flights in survey.alone.items()},
         "needless": {name: list(flights) for name, flights in survey.needless.items()},
         "unfitted": dict(survey.unfitted),
-        "derivatives": {each.name: derivative_content(each, survey) for each in survey.derivatives},
+        "derivatives": {item.name: derivative_content(item, survey) for item in survey.derivatives},
         "stand_out": [
             {"flight": flight, "derivative": name, "sigmas": off}
             for flight, name, off in outlying(survey)
@@ -430,7 +416,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
 
 
 def effect_content(effect: Recurring, survey: SurveyResult) -> dict[str, Any]:
-    """JSON content of one recurring effect."""
+    """Return the JSON content of a recurring effect."""
     result = effect.recurrence
     sigmas = np.sqrt(np.diag(result.covariance))
     common = zip(effect.parameters.items(), result.value, sigmas, strict=True)
@@ -476,7 +462,7 @@ def effect_content(effect: Recurring, survey: SurveyResult) -> dict[str, Any]:
 
 
 def derivative_content(derivative: Derivative, survey: SurveyResult) -> dict[str, Any]:
-    """JSON content of one derivative over the flights."""
+    """Return the JSON content of a derivative over the flights."""
     common = derivative.common
     return {
         "unit": derivative.unit,
@@ -519,46 +505,44 @@ def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
         "condition": {
             key: {"value": value, "unit": unit} for key, (value, unit) in flight.condition.items()
         },
-        "claimed": [each["name"] for each in diagnosis["effects"] if each["claimed"]],
+        "claimed": [effect["name"] for effect in diagnosis["effects"] if effect["claimed"]],
         "check": diagnosis["check"],
         "report": f"flights/{name}/report.html",
     }
 
 
 def derivatives_text(survey: SurveyResult) -> str:
-    """``derivatives.csv``: one row per flight and derivative, with the flight's conditions; SI."""
+    """Return ``derivatives.csv``: one row per flight and derivative, with the conditions, in SI."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     columns = ("flight", "derivative", "unit", "value", "std", "sigmas_off", "stands_out")
     writer.writerow([*columns, *survey.conditions])
-    for each in survey.derivatives:
-        for name, value, sigma, off, out in zip(
-            each.flights, each.values, each.sigmas, each.off, each.out, strict=True
+    for item in survey.derivatives:
+        for flight, value, sigma, off, out in zip(
+            item.flights, item.values, item.sigmas, item.off, item.out, strict=True
         ):
-            at = [
-                repr(by_flight[name]) if name in by_flight else ""
+            conditions = [
+                repr(by_flight[flight]) if flight in by_flight else ""
                 for by_flight in survey.conditions.values()
             ]
             numbers = (repr(float(value)), repr(float(sigma)), f"{off:.4g}", int(out))
-            writer.writerow([name, each.name, each.unit, *numbers, *at])
+            writer.writerow([flight, item.name, item.unit, *numbers, *conditions])
     return text.getvalue()
 
 
-# ---- A survey in lines for the terminal: five of summary, then tables
+# ---- Text for the terminal: a summary of five lines, then tables
 
 
 def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) -> str:
     """Return the text of the survey for a terminal of this width."""
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_as_lines(effects_table(survey), width)
-    for each in survey.recurs:
-        text = "; ".join(
-            part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part
-        )
-        lines += wrapped(f"{each.name}: {text}", width)
+    for effect in survey.recurs:
+        text = "; ".join(filter(None, (belongs_phrase(effect, survey), rivals_phrase(effect))))
+        lines += wrapped(f"{effect.name}: {text}", width)
     lines += ["", *table_as_lines(derivatives_table(survey), width)]
-    far = table_as_lines(outlying_table(survey), width)
-    lines += ["", *far] if far else []
+    outliers = table_as_lines(outlying_table(survey), width)
+    lines += ["", *outliers] if outliers else []
     lines += ["", *table_as_lines(flights_table(survey), width)]
     for text in (
         *survey.warnings,
@@ -571,22 +555,17 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
 
 
 def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
-    """Summary: the survey, recurring effects, changes with a condition, outlying flights."""
+    """Return the summary: the flights, recurring effects, trends, outlying flights."""
     word, rest = verdict_of(survey)
     changes = (
         "; ".join(drift_phrases(survey)) or "no derivative changes with a condition beyond chance"
     )
-    far = outlying(survey)
-    stands = (
-        f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}"
-        if far
-        else "no flight stands out"
-    )
-    stands = "; ".join(filter(None, (stands, verdicts_phrase(survey))))
+    outliers = list(dict.fromkeys(flight for flight, _, _ in outlying(survey)))
+    outlier_phrase = f"stand out: {listed(outliers)}" if outliers else "no flight stands out"
     return Summary(
         f"{survey.flights.title}: {counts_phrase(survey)}",
         f"{word}: {rest}",
         changes,
-        stands,
+        "; ".join(filter(None, (outlier_phrase, verdicts_phrase(survey)))),
         details,
     )

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ident.pooling import Trend
+from scenarios.files.vehicles import ALSO_READ
 from scenarios.report.figure_formats import Formats
+from scenarios.survey.derivatives import Derivative, effects_over, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
 from scenarios.survey.growing import PooledFits, SurveyFiles, Tell, run_flights, survey_files
 from scenarios.survey.recurring import (
-    Derivative,
     Recurring,
     candidates,
     effects_of_one_flight,
-    effects_over,
-    estimates,
-    over_flights,
     recurring_with_other_effects,
     starts_of,
 )
@@ -31,12 +29,21 @@ DIAGNOSIS_SHARE = 0.75  # share of the work that is the diagnoses
 class SurveyResult:
     """The result of a survey.
 
-    ``flights``: as declared. ``survey_files``: the diagnosis of each flight. ``recurs``: effects
-    that recur. ``tried``: effects fitted to all flights. ``alone``: effects of single flights that
-    do not recur, with these flights; ``needless``: those that what recurs explains as
-    well. ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a
-    condition. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``:
-    those that could not be, with the reason.
+    Attributes
+    ----------
+    flights : the flights as declared.
+    survey_files : the diagnosis of each flight.
+    recurs : effects that recur.
+    tried : effects that were fitted to all flights.
+    alone : effects that do not recur -> flights that claim them.
+    needless : effects that do not recur and that the recurring ones replace -> flights that claim
+        them.
+    derivatives : derivatives over the flights.
+    conditions : condition -> flight -> value; only conditions that differ between flights.
+    condition_units : condition -> unit.
+    effect_trends : effect and parameter -> condition with which the value changes, and its trend.
+    refitted : number of flights that were fitted with the effects in this run.
+    unfitted : flight that could not be fitted -> reason.
     """
 
     flights: Flights
@@ -56,40 +63,33 @@ class SurveyResult:
     def warnings(self) -> tuple[str, ...]:
         """Flights without information on the recurring effects, each with the reason."""
         failed = [f"{name} failed: {reason}" for name, reason in self.survey_files.failed.items()]
-        return (
-            *failed,
-            *(
-                f"{name} could not be fitted with what recurs: {reason}"
-                for name, reason in self.unfitted.items()
-            ),
-        )
+        unfitted = [
+            f"{name} could not be fitted with what recurs: {reason}"
+            for name, reason in self.unfitted.items()
+        ]
+        return (*failed, *unfitted)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The vehicle files that were read without being named, in one sentence; empty without
         one.
         """
-        result = dict.fromkeys(
+        paths = dict.fromkeys(
             str(flight.vehicle_beside)
             for flight in self.flights.flights
             if flight.vehicle_beside is not None
         )
-        return (
-            (f"also read, because found beside the records: {', '.join(result)}",) if result else ()
-        )
+        return (f"{ALSO_READ}: {', '.join(paths)}",) * bool(paths)
 
     def __repr__(self) -> str:
-        named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
-        return f"<Survey of {len(self.survey_files.diagnoses)} flights: {named}>"
+        names = ", ".join(effect.name for effect in self.recurs) or "nothing recurs"
+        return f"<Survey of {len(self.survey_files.diagnoses)} flights: {names}>"
 
     @property
     def verdicts(self) -> Mapping[str, int]:
-        """Number of single flights with each verdict."""
-        return dict(
-            Counter(
-                str(each["verdict"]) for each in self.survey_files.diagnoses.values()
-            ).most_common()
-        )
+        """Number of flights with each verdict of a single flight, the most frequent first."""
+        verdicts = [str(content["verdict"]) for content in self.survey_files.diagnoses.values()]
+        return dict(Counter(verdicts).most_common())
 
 
 def survey_flights(
@@ -102,8 +102,14 @@ def survey_flights(
 ) -> SurveyResult:
     """Survey the flights of a file into a folder, in which the result of each flight is kept.
 
-    ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose
-    workers take their place.
+    Parameters
+    ----------
+    path : the file that declares the flights.
+    folder : folder of the survey.
+    jobs : processes of this machine.
+    figures : formats of the figures of each flight.
+    tell : called with the stage and the share of the work that is done.
+    cluster : address of a Dask scheduler, whose workers are used in place of processes.
 
     Raises
     ------
@@ -112,7 +118,7 @@ def survey_flights(
     """
     survey = read_flights(path)
     tell("reading", 0.0)
-    had = survey_files(
+    files = survey_files(
         survey,
         folder,
         jobs,
@@ -120,88 +126,83 @@ def survey_flights(
         lambda stage, share: tell(stage, DIAGNOSIS_SHARE * share),
         cluster,
     )
-    names = candidates(had.diagnoses)
-    share_done = (
-        DIAGNOSIS_SHARE if had.computed else 0.0
-    )  # so that the time that is left follows from the share
+    names = candidates(files.diagnoses)
+    # Without new diagnoses the fits are all of the work, and the remaining time follows from them.
+    share_done = DIAGNOSIS_SHARE if files.computed else 0.0
     fits, refitted, unfitted = _fits(
-        had,
+        files,
         names,
         folder,
         jobs,
         lambda stage, share: tell(stage, share_done + (0.95 - share_done) * share),
         cluster,
     )
-    fitted = tuple(fits)
-    result, sets, taken_of = recurring_with_other_effects(
-        names, fitted, list(fits.values()), had.diagnoses
+    flights = tuple(fits)
+    recurring, sets, used_fits = recurring_with_other_effects(
+        names, flights, list(fits.values()), files.diagnoses
     )
-    conditions, condition_units = conditions_of(had)
-    estimated = estimates(fitted, taken_of, result, sets)
-    units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
-    taken = {each.name for each in result} | {rival for each in result for rival in each.rivals}
-    left = {
-        name
-        for name, each in zip(fitted, taken_of, strict=True)
-        if each["sets"] is each.get("sets_without")
+    conditions, condition_units = conditions_of(files)
+    units = {name: unit for fitted in fits.values() for name, unit in fitted["units"].items()}
+    derivatives = over_flights(flights, estimates(used_fits, recurring, sets), conditions, units)
+    effect_trends = effects_over(recurring, conditions)
+    # Flights that fit as well without their single effects.
+    without_single_effects = {
+        flight
+        for flight, fitted in zip(flights, used_fits, strict=True)
+        if fitted["sets"] is fitted.get("sets_without")
     }
+    explained = {name for effect in recurring for name in (effect.name, *effect.rivals)}
     alone: dict[str, list[str]] = {}
     needless: dict[str, list[str]] = {}
-    for name, flight in had.diagnoses.items():
-        for each in flight["effects"]:
-            if each["claimed"] and each["name"] not in taken:
-                gone = name in left and each["name"] in fits[name]["own"]
-                (needless if gone else alone).setdefault(each["name"], []).append(name)
-    derivatives = over_flights(fitted, estimated, conditions, units)
-    changes = effects_over(result, conditions)
+    for flight, content in files.diagnoses.items():
+        for effect in content["effects"]:
+            name = effect["name"]
+            if effect["claimed"] and name not in explained:
+                dropped = flight in without_single_effects and name in fits[flight]["own"]
+                (needless if dropped else alone).setdefault(name, []).append(flight)
     tell("pooled", 0.96)
-    single, gone_of = (
-        {name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless)
-    )
     return SurveyResult(
         survey,
-        had,
-        tuple(result),
+        files,
+        tuple(recurring),
         names,
-        single,
-        gone_of,
+        {name: tuple(flights_of) for name, flights_of in sorted(alone.items())},
+        {name: tuple(flights_of) for name, flights_of in sorted(needless.items())},
         tuple(derivatives),
         conditions,
         condition_units,
-        changes,
+        effect_trends,
         refitted,
         unfitted,
     )
 
 
 def _fits(
-    had: SurveyFiles,
+    files: SurveyFiles,
     names: tuple[str, ...],
     folder: Path,
     jobs: int,
     tell: Tell,
     cluster: str | None,
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
-    """Return the fits of each flight with every set of what may recur, how many flights were fitted
-    for that now, and which could not be.
+    """Return the fits of each flight with every set of the effects ``names``; the number of flights
+    that were fitted in this run; and the flights that could not be fitted, with the reasons.
     """
-    flights = [had.flights[name] for name in had.diagnoses]
-    whole = PooledFits(
-        tuple(flights),
+    flights = tuple(files.flights[name] for name in files.diagnoses)
+    fits = PooledFits(
+        flights,
         names,
-        starts_of(had.diagnoses, names),
-        tuple(effects_of_one_flight(each, names) for each in had.diagnoses.values()),
+        starts_of(files.diagnoses, names),
+        tuple(effects_of_one_flight(content, names) for content in files.diagnoses.values()),
         folder,
     )
-    missing = [number for number in range(len(flights)) if whole.kept(number) is None]
+    missing = [number for number in range(len(flights)) if fits.kept(number) is None]
     failed: dict[str, str] = {}
     if missing:
-        work = PooledFits(
-            tuple(flights[n] for n in missing),
-            names,
-            whole.starts,
-            tuple(whole.own[n] for n in missing),
-            folder,
+        work = replace(
+            fits,
+            flights=tuple(flights[n] for n in missing),
+            own=tuple(fits.own[n] for n in missing),
         )
         try:
             table = run_flights(work, len(missing), jobs, folder, tell, cluster)
@@ -213,17 +214,22 @@ def _fits(
         failed = {
             flights[missing[int(number)]].name: str(error) for number, error in errors if error
         }
-    result = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
-    return {name: each for name, each in result.items() if each is not None}, len(missing), failed
+    kept = {flight.name: fits.kept(number) for number, flight in enumerate(flights)}
+    fitted = {name: content for name, content in kept.items() if content is not None}
+    return fitted, len(missing), failed
 
 
-def conditions_of(had: SurveyFiles) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
-    """Conditions that differ between flights, by name and flight, and their units."""
+def conditions_of(files: SurveyFiles) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """Return condition -> flight -> value for the conditions that differ between flights, and
+    condition -> unit.
+    """
     values: dict[str, dict[str, float]] = {}
     units: dict[str, str] = {}
-    for name in had.diagnoses:
-        for key, (value, unit) in had.flights[name].condition.items():
-            values.setdefault(key, {})[name] = value
-            units[key] = unit
-    varied = {key: each for key, each in values.items() if len(set(each.values())) > 1}
-    return varied, {key: units[key] for key in varied}
+    for flight in files.diagnoses:
+        for name, (value, unit) in files.flights[flight].condition.items():
+            values.setdefault(name, {})[flight] = value
+            units[name] = unit
+    varied = {
+        name: by_flight for name, by_flight in values.items() if len({*by_flight.values()}) > 1
+    }
+    return varied, {name: units[name] for name in varied}

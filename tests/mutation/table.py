@@ -571,7 +571,7 @@ SCENARIOS = (
     *changes(
         "scenarios/files/units.py",
         ("tests/unit/scenarios/files/test_units.py",),
-        ("_DEGREE ** (source.deg - due.deg)", "_DEGREE ** (due.deg - source.deg)"),
+        ("_DEGREE ** (source.deg - wanted.deg)", "_DEGREE ** (wanted.deg - source.deg)"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",
@@ -630,9 +630,9 @@ SCENARIOS = (
         ("        )\n        / share,", "        )\n        * share,"),
     ),
     *changes(
-        "scenarios/survey/recurring.py",
+        "scenarios/survey/derivatives.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
-        (" / one.recurrence.probability[number]", ""),
+        (" / effect.recurrence.probability[number]", ""),
     ),
     *changes(
         "scenarios/side_by_side/comparison.py",

@@ -11,12 +11,11 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Protocol
 
 import numpy as np
 
-from scenarios.files.declarations import CHANNEL_UNITS, is_clock, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, is_clock, listed, split_header
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 
@@ -213,14 +212,14 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
     header, titles and remarks, may have any number of cells.
     """
     for index, cells in enumerate(rows[:LOOKED_AT]):
-        width = _width(cells)
+        width = width_of(cells)
         below = [row for row in rows[index + 1 : index + 4] if any(cell.strip() for cell in row)]
         numeric = [row for row in below if has_number(row)]
         if (
             width >= 1
             and not has_number(cells)
-            and any(_width(row) <= width for row in numeric)
-            and _width(numeric[0]) * 2 >= width
+            and any(width_of(row) <= width for row in numeric)
+            and width_of(numeric[0]) * 2 >= width
         ):
             return index
     return None
@@ -295,8 +294,8 @@ def is_number(cell: str) -> bool:
     return False
 
 
-def _width(cells: Sequence[str]) -> int:
-    """Return the number of cells up to the last one that is not empty."""
+def width_of(cells: Sequence[str]) -> int:
+    """Return the number of cells of a row up to the last one that is not empty."""
     return max((index + 1 for index, cell in enumerate(cells) if cell.strip()), default=0)
 
 
@@ -418,12 +417,8 @@ def no_table(path: Path, content: Sequence[str], remedy: str) -> RecordError:
     """Return the error for a file without a column of numbers. ``content`` has the names of what
     the file contains instead.
     """
-    listed = ", ".join(content[:12]) + (", ..." if len(content) > 12 else "")
-    return RecordError(
-        f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",
-        where=str(path),
-        remedy=remedy,
-    )
+    held = f"; it holds {listed(content, 12)}" if content else ""
+    return RecordError(f"no column of numbers is in the file{held}", where=str(path), remedy=remedy)
 
 
 def begins_with(raw: bytes, mark: bytes) -> bool:
@@ -433,11 +428,6 @@ def begins_with(raw: bytes, mark: bytes) -> bool:
     if mark.startswith(b"\n"):
         return mark in b"\n" + raw[:FIRST_LINES]
     return raw.startswith(mark)
-
-
-def as_module(module: ModuleType) -> Reader:
-    """Return a module with the type of a reader."""
-    return module
 
 
 def _vector(values: Any) -> np.ndarray:

@@ -24,31 +24,27 @@ NAME_ATTRIBUTES = ("columns", "column_names", "names", "labels", "fields", "chan
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     """Return the topics of the file, by the rules of ``variables.py``."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise missing_library(error, path, FORMAT, EXTRA) from None
-    try:
-        with h5py.File(io.BytesIO(raw), "r") as file:
-            variables = _variables(file, file, matlab=False)
-    except Exception as error:  # a damaged file fails in many ways inside the library
-        raise damaged(error, path, FORMAT) from None
-    return topics_of_variables(path, variables)
+    return _topics(path, raw, matlab=False)
 
 
 def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
     """Return the topics of a MAT file of version 7.3. Its arrays are transposed, and its texts are
     numbers.
     """
+    return _topics(path, raw, matlab=True)
+
+
+def _topics(path: Path, raw: bytes, *, matlab: bool) -> tuple[Topic, ...]:
     try:
         import h5py
     except ImportError as error:
-        raise missing_library(error, path, "MAT files of version 7.3", EXTRA) from None
+        name = "MAT files of version 7.3" if matlab else FORMAT
+        raise missing_library(error, path, name, EXTRA) from None
     try:
-        with h5py.File(io.BytesIO(raw[:]), "r") as file:
-            variables = _variables(file, file, matlab=True)
+        with h5py.File(io.BytesIO(raw), "r") as file:
+            variables = _variables(file, file, matlab=matlab)
     except Exception as error:  # a damaged file fails in many ways inside the library
-        raise damaged(error, path, "MAT") from None
+        raise damaged(error, path, "MAT" if matlab else FORMAT) from None
     return topics_of_variables(path, variables)
 
 

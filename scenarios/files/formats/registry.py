@@ -23,13 +23,12 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.declarations import is_clock, split_header
+from scenarios.files.declarations import is_clock, listed, split_header
 from scenarios.files.formats.cells import (
     MISSING,
     CellTable,
     Reader,
     Topic,
-    as_module,
     begins_with,
     first_line,
     is_number,
@@ -44,7 +43,7 @@ from scenarios.files.sources import (
 )
 from sim.errors import RecordError
 
-NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
+NOT_READERS = ("cells", "registry", "variables")  # modules of the package without a format
 # first bytes of packed files
 GZIP = b"\x1f\x8b"
 BZIP2 = b"BZh"
@@ -67,9 +66,7 @@ def readers() -> dict[str, Reader]:
         if module.name not in NOT_READERS
     )
     ordered = [*(name for name in names if name != "text"), "text"]
-    return {
-        name: as_module(importlib.import_module(f"{formats.__name__}.{name}")) for name in ordered
-    }
+    return {name: importlib.import_module(f"{formats.__name__}.{name}") for name in ordered}
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
@@ -257,8 +254,7 @@ def _one_log(
         separate records.
     """
     files = [file for file, _ in topics_by_file]
-    shown = ", ".join(str(file) for file in files[:6]) + (", ..." if len(files) > 6 else "")
-    what = f"the archive holds {len(files)} files ({shown})"
+    what = f"the archive holds {len(files)} files ({listed([*map(str, files)], 6)})"
     remedy = "unpack it, and give one of its files"
     for file, topics in topics_by_file:
         if len(topics) != 1:
@@ -284,13 +280,13 @@ def _unpacked(path: Path, raw: bytes) -> bytes:
     RecordError : if the file is damaged, or if its content is too large. The size is checked while
         the file is unpacked, since a small file may have a content of any size.
     """
-    open_file: Callable[[io.BytesIO], Any]
+    open_file: Callable[..., Any]
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
-        name, open_file = "a bzip2", bz2.BZ2File
+        name, open_file = "a bzip2", bz2.open
     elif raw.startswith(XZ) or path.suffix.lower() == ".xz":
-        name, open_file = "an xz", lzma.LZMAFile
+        name, open_file = "an xz", lzma.open
     else:
-        name, open_file = "a gzip", _gzip
+        name, open_file = "a gzip", gzip.open
     pieces, size = [], 0
     try:
         with open_file(io.BytesIO(raw)) as file:
@@ -312,10 +308,6 @@ def _unpacked(path: Path, raw: bytes) -> bytes:
             remedy="compress it again, or give the plain file",
         ) from None
     return b"".join(pieces)
-
-
-def _gzip(content: io.BytesIO) -> gzip.GzipFile:
-    return gzip.GzipFile(fileobj=content)
 
 
 # ---- A folder with one CSV file for each channel, read as one log

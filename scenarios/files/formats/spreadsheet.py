@@ -20,6 +20,7 @@ from scenarios.files.formats.cells import (
     missing_library,
     no_table,
     unit_row,
+    width_of,
 )
 
 FORMAT = "spreadsheet"
@@ -64,7 +65,7 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
     head = header_row(texts)
     if head is None or head + 1 >= len(rows):
         return None
-    width = max((i + 1 for i, cell in enumerate(texts[head]) if cell.strip()), default=0)
+    width = width_of(texts[head])
     where = f"{path}, sheet {sheet!r}"
     header = tuple(header_cell(cell, where) for cell in texts[head][:width])
     units = unit_row(header, texts[head + 1][:width])

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from scenarios.files.declarations import listed
 from scenarios.files.formats.cells import Topic, no_table, table_of_columns
 
 DATA = ("data", "Data", "values", "Values", "signal", "value")
@@ -269,8 +270,8 @@ def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
         word: level[word] for word in UNITS if word in level
     }
     return {
-        signal if key == data[0] else key: named if key == data[0] else each
-        for key, each in level.items()
+        signal if key == data[0] else key: named if key == data[0] else value
+        for key, value in level.items()
         if key not in UNITS
     }
 
@@ -327,13 +328,10 @@ def _columns(
     not_used = [
         f"{key} ({_size(value)})"
         for key, value in arrays.items()
-        if key not in {*chosen, *columns} and np.size(value) > 1 and not _is_names(value)
+        if key not in {*chosen, *columns} and np.size(value) > 1 and not _texts(value)
     ]
     if not_used:
-        notes.append(
-            "arrays of another length are no columns: "
-            f"{', '.join(not_used[:6])}{', ...' if len(not_used) > 6 else ''}"
-        )
+        notes.append(f"arrays of another length are no columns: {listed(not_used, 6)}")
     return columns, rows, notes
 
 
@@ -358,13 +356,7 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
     values.
     """
     clock = next(
-        (
-            value
-            for word in CLOCKS
-            for key, value in numeric.items()
-            if key == word and value.shape[1] == 1
-        ),
-        None,
+        (numeric[word] for word in CLOCKS if word in numeric and numeric[word].shape[1] == 1), None
     )
     if clock is not None and clock.shape[0] >= FEWEST_TABLE_ROWS:
         return int(clock.shape[0])
@@ -388,10 +380,6 @@ def _upright(value: np.ndarray) -> np.ndarray:
 
 def _is_numeric(value: np.ndarray) -> bool:
     return value.dtype.kind in "fiub" and value.ndim in (1, 2) and value.size > 1
-
-
-def _is_names(value: Any) -> bool:
-    return bool(_texts(value))
 
 
 def _texts(value: Any) -> list[str]:

@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.declarations import CHANNEL_UNITS, STICK, ColumnChoice, closest, split_header
+from scenarios.files.declarations import (
+    CHANNEL_UNITS,
+    STICK,
+    ColumnChoice,
+    closest,
+    listed,
+    split_header,
+)
 from scenarios.files.formats.cells import CellTable, Topic
 from scenarios.files.formats.registry import opened_folder, topics_of
 from scenarios.files.sources import (
@@ -194,8 +201,7 @@ def map_command(file: str | Path) -> str:
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
     """Return the error for a channel that a model needs and the file does not have."""
-    present = [cell for cell in header if cell]
-    shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
+    shown = listed([cell for cell in header if cell], 20)
     remedy = (
         f"name the column {channel}, or give --channels a map with {channel} = {{column = "
         f'"HEADER"}}; {map_command(file)} drafts one'
@@ -478,14 +484,11 @@ def read_record_file(path: str | Path) -> RecordFile:
             source.path, topics[0].table, sidecar, source.identity, notes=topics[0].notes
         )
     notes = tuple(f"{topic.name}: {note}" for topic in topics for note in topic.notes)
-    return RecordFile(
-        source.path,
-        _headers_of(source.path, topics),
-        sidecar,
-        source.identity,
-        topics=topics,
-        notes=notes,
-    )
+    # A table without rows, whose header messages show.
+    header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
+    empty = tuple(np.zeros(0) for _ in header)
+    table = CellTable(str(source.path), header, empty, np.zeros(0, dtype=int))
+    return RecordFile(source.path, table, sidecar, source.identity, topics=topics, notes=notes)
 
 
 def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
@@ -510,12 +513,6 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
             what, where="--columns", remedy="give one name a column, separated by commas"
         )
     return replace(file, table=replace(file.table, header=tuple(name.strip() for name in names)))
-
-
-def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
-    """Return a table without rows that has all columns of a log, for messages."""
-    header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
-    return CellTable(str(path), header, tuple(np.zeros(0) for _ in header), np.zeros(0, dtype=int))
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
@@ -591,9 +588,6 @@ def refuse_twice(
         path = path_of(record)
         key = resolved(path) if path is not None else id(record)
         if key in seen:
-            raise RecordError("the record is named twice", where=_name_of(record), remedy=remedy)
+            name = str(record.path if isinstance(record, RecordFile) else record)
+            raise RecordError("the record is named twice", where=name, remedy=remedy)
         seen.add(key)
-
-
-def _name_of(record: Path | RecordFile) -> str:
-    return str(record.path if isinstance(record, RecordFile) else record)

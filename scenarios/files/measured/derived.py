@@ -8,7 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, closest, split_header
+from scenarios.files.declarations import (
+    CHANNEL_UNITS,
+    TIME,
+    ColumnChoice,
+    closest,
+    listed,
+    split_header,
+)
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.columns import RecordFile, inside_unit, map_command
 from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
@@ -78,13 +85,15 @@ def with_derived(
             for name, choice in {**by_own_name, **chosen}.items()
             if name != TIME
         ]
-        if not wanted:
-            what = (
-                f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, "
-                "...)"
+        if not wanted and TIME in chosen:
+            single, clock = _topic_with_clock(file, chosen[TIME], channel_units)
+            return with_derived(
+                single, {TIME: clock, **absent}, inputs, outputs, channel_units=channel_units
             )
+        if not wanted:
+            names = listed([topic.name for topic in topics], 8)
             raise RecordError(
-                what,
+                f"a log of {len(topics)} topics ({names})",
                 where=str(file.path),
                 remedy=(
                     f"make a channel map with {map_command(file.path)}, and name it with --channels"
@@ -117,6 +126,31 @@ def source_columns(
         for name, choice in requested.items()
     ]
     return tuple(sorted({index for item in wanted for _, index in item.places.values()}))
+
+
+def _topic_with_clock(
+    file: RecordFile, choice: ColumnChoice, channel_units: Mapping[str, str]
+) -> tuple[RecordFile, ColumnChoice]:
+    """Return a file with the table of the topic whose clock the channel map names, and the entry of
+    this clock for that table.
+
+    Raises
+    ------
+    RecordError : if the column is missing, or if the entry names columns of several topics.
+    """
+    where = f"{file.path}, channel {TIME}"
+    wanted = _wanted(file, file.topics, TIME, choice, False, channel_units)
+    numbers_of_topics = {number for number, _ in wanted.places.values()}
+    if len(numbers_of_topics) > 1:
+        raise RecordError(
+            f"{choice.column!r} names columns of several topics",
+            where=where,
+            remedy="name the clock of one topic",
+        )
+    topic = file.topics[numbers_of_topics.pop()]
+    note = f"only {topic.name} is read, whose clock the channel map names"
+    single = replace(file, table=topic.table, topics=(), notes=(*file.notes, note))
+    return single, replace(choice, column=str(choice.column).replace(f"{topic.name}.", ""))
 
 
 def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:

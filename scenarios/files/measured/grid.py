@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.declarations import TIME, ColumnChoice, is_clock, split_header
+from scenarios.files.declarations import TIME, ColumnChoice, is_clock, listed, split_header
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.clock import (
     SECONDS,
@@ -390,10 +390,10 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
             if number not in used and topic.table.header == header
         ]
         if unread:
-            shown = ", ".join(unread[:6]) + (", ..." if len(unread) > 6 else "")
             have, are = ("has", "is") if len(unread) == 1 else ("have", "are")
             sentences.append(
-                f"{shown} {have} the same columns as {topics[used_number].name} and {are} not read"
+                f"{listed(unread, 6)} {have} the same columns as {topics[used_number].name} and "
+                f"{are} not read"
             )
     return sentences
 

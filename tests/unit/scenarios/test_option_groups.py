@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+from contextlib import nullcontext
 from pathlib import Path
 
+import pytest
 import typer.main
 
 from scenarios.cli import app
+from scenarios.cli.application import refuse_foreign_digits
 from scenarios.cli.options import GROUPS, Output, Preparation, with_groups
 from scenarios.cli.record_commands import identify
+from sim.errors import DeclarationError
 
 
 def test_a_group_becomes_its_options_in_place() -> None:
@@ -37,3 +41,18 @@ def test_the_groups_of_a_command_reach_the_shell() -> None:
 def test_a_folder_and_no_figures(tmp_path: Path) -> None:
     with Output(out=tmp_path, no_figures=True).of() as told:
         assert told.out == tmp_path and told.figures == ()
+
+
+@pytest.mark.parametrize(
+    ("words", "refused"),
+    [
+        (["maneuvers", "--rate", "1_0", "flight.csv"], True),
+        (["maneuvers", "--rate", "5", "1_0"], False),  # the name of a file
+        (["response", "--band", "0.5", "1_0", "flight.csv"], True),
+        (["response", "--band=0.5", "1_0"], False),
+        (["response", "--input", "1_0", "flight.csv"], False),  # the name of a column
+    ],
+)
+def test_only_numbers_of_options_must_be_plain(words: list[str], refused: bool) -> None:
+    with pytest.raises(DeclarationError, match="1_0") if refused else nullcontext():
+        refuse_foreign_digits(words)

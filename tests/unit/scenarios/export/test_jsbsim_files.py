@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from scenarios.export.jsbsim import jsbsim_file
 from scenarios.export.model import ExportedModel, exported
-from scenarios.export.targets import jsbsim_file
 from sim.aerodynamics import FLOW, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError

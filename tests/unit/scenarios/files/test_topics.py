@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flightid as fid
 from scenarios.files.declarations import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record, read_with_notes
 from sim.errors import RecordError
@@ -218,5 +219,27 @@ def test_faults_of_a_map_for_a_log(tmp_path: Path, choice: ColumnChoice, said: s
 
 
 def test_a_log_without_a_map_says_how_to_make_one(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="flightid map"):
+    with pytest.raises(RecordError, match=r"\(gyro, servo, vane\); .*flightid map"):
         read_record(log(tmp_path), ["elevator"], ["q"])
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"time": "vane.timestamp"},
+        {"time": ("1e-6 * vane.timestamp", "s")},
+        {"angle": "vane.angle"},
+    ],
+)
+def test_a_map_of_one_topic_makes_a_record_of_its_rows(
+    tmp_path: Path, choices: dict[str, str | tuple[str, str]]
+) -> None:
+    record = fid.read_record(log(tmp_path), channels=choices)
+    assert record.time.size == 200 and record.time[0] == pytest.approx(3.0137)
+    assert "angle" in record.names
+    np.testing.assert_allclose(record["angle"], np.cos(2.0 * record.time), atol=1e-6)
+
+
+def test_a_clock_of_two_topics_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="several topics; name the clock of one topic"):
+        fid.read_record(log(tmp_path), channels={"time": "gyro.timestamp + vane.timestamp"})

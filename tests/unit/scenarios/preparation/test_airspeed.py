@@ -56,7 +56,7 @@ def test_derivatives_of_a_flight_that_loses_a_tenth_of_its_speed(
     # the air grows thinner where both are there to tell
     climb = 0.05 if len(measured) == 2 else 0.0
     record = record_of(fly_falling(weight=weight, climb=climb), outputs=(*OUTPUTS, *measured))
-    model, (ready,) = with_flow(declared(), [record], weight=weight)
+    model, (ready,) = with_flow(declared(), [record], trim_lift=weight)
     found = errors(model, ready)
     # Without noise what is left is the path's angle and the smoothing at the ends.
     assert all(abs(found[name]) < 2e-3 for name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")), found

@@ -14,8 +14,7 @@ from scipy.io import savemat
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.draft_text import map_text
+from scenarios.preparation.draft_text import map_text, vehicle_text
 from scenarios.preparation.drafting import Draft, drafted
 from scenarios.preparation.reading import unscaled_commands
 from sim.errors import RecordError

@@ -297,7 +297,7 @@ def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) 
 def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     records, derivatives = drawn_pair(16)
     model = model_from_constants("rigid", FIGHTER, derivatives)
-    readings = with_flow(model, records), with_flow(model, records, weight=False)
+    readings = with_flow(model, records), with_flow(model, records, trim_lift=False)
     monkeypatch.setattr(
         declared_model,
         "COMPARISON_SETTINGS",
@@ -324,7 +324,7 @@ def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.Monk
     """
     records, derivatives = drawn_pair(80)
     model = model_from_constants("rigid", FIGHTER, derivatives)
-    readings = with_flow(model, records), with_flow(model, records, weight=False)
+    readings = with_flow(model, records), with_flow(model, records, trim_lift=False)
     monkeypatch.setattr(declared_model, "from_trim", lambda record, model: record)
     found = declared_model.compared_readings(*readings, OUTPUTS)
     assert found.gain == 0.0 and "a fit needs a bias of" in found.why_open

@@ -16,7 +16,7 @@ from scenarios.preparation.recording import (
     joined,
     record_content,
     record_lines,
-    record_rows,
+    record_table,
 )
 from sim.errors import RecordError
 from sim.record import Record
@@ -62,7 +62,7 @@ def test_held_samples_are_set_aside_and_counted(sound: Record) -> None:
     assert line.startswith(
         "record: flight.csv: alpha is updated every 4 samples (12.5 Hz)"
     ) and line.endswith("set aside")
-    assert record_rows(look)[0][-2:] == ("throughout", f"{masked} samples set aside")
+    assert record_table(look).rows[0][-2:] == ("throughout", f"{masked} samples set aside")
 
 
 def test_a_filter_is_given_lines_between_updates(sound: Record) -> None:

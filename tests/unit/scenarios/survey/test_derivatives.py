@@ -11,14 +11,13 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from ident.pooling import Recurrence
-from scenarios.survey.recurring import (
+from scenarios.survey.derivatives import (
     FALSE_DISCOVERY_RATE,
-    Recurring,
     effects_over,
     estimates,
     over_flights,
-    recurring,
 )
+from scenarios.survey.recurring import Recurring, recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept
 
 COUNT = 14
@@ -37,7 +36,7 @@ def test_derivatives_are_those_of_one_fit_of_all_samples(parameters: int) -> Non
     fits = [each.fits() for each in flights]
     found, sets = recurring(("arm",), NAMES, fits, kept([{"arm": []}] * COUNT))
     assert sets == [frozenset({"arm"})] * COUNT
-    told = estimates(NAMES, fits, found, sets)
+    told = estimates(fits, found, sets)
     whole = np.zeros((60 * COUNT, 2 * COUNT + parameters))
     for number, each in enumerate(flights):
         rows = slice(60 * number, 60 * number + 60)
@@ -86,7 +85,7 @@ def test_a_flight_that_may_have_an_effect_counts_by_that_probability_and_not_twi
         }
         for value, covariance in zip(values, covariances, strict=True)
     ]
-    mine = estimates(NAMES[:4], fits, [arm], [frozenset({"arm"})] * 4)
+    mine = estimates(fits, [arm], [frozenset({"arm"})] * 4)
     for number in range(4):
         others = [i for i in range(4) if i != number]
         information, at = np.linalg.inv(covariances[number]), np.zeros((3, 3))
@@ -105,7 +104,7 @@ def test_a_flight_without_a_fit_says_nothing() -> None:
     rng = np.random.default_rng(2)
     fits = [flown(rng, {}, {}).fits() for _ in range(3)]
     fits[1]["sets"] = {}
-    told = estimates(NAMES[:3], fits, [], [frozenset()] * 3)
+    told = estimates(fits, [], [frozenset()] * 3)
     assert told[1] == {}
     assert over_flights(NAMES[:3], told, {}, UNITS)[0].flights == (NAMES[0], NAMES[2])
 

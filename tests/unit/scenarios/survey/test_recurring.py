@@ -109,7 +109,7 @@ def test_what_acts_is_found_in_its_flights_and_nothing_else() -> None:
     by_name = {each.name: each for each in found}
     assert by_name["delay"].has == names[::2]
     assert by_name["delay"].has_not == names[1::2]
-    assert by_name["delay"].untold == ()
+    assert by_name["delay"].undecided == ()
     assert by_name["delay"].named == names[::2]
     for name, true in (("delay", 1.0), ("arm", 0.7)):
         each = by_name[name]

@@ -14,8 +14,8 @@ import pytest
 
 from scenarios.report.folder import rebuilt
 from scenarios.report.terminal import cell_text
+from scenarios.survey.derivatives import over_flights
 from scenarios.survey.files import survey_figures, survey_page, write_survey
-from scenarios.survey.recurring import over_flights
 from scenarios.survey.report import (
     effects_table,
     flights_table,
