@@ -226,7 +226,7 @@ class Diagnosis:
         """Return the content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
-        from scenarios.diagnosis.report.text import diagnosis_content
+        from scenarios.diagnosis.report.content import diagnosis_content
 
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 

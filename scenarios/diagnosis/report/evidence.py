@@ -291,7 +291,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
         return []
     sentences = []
     if math.isfinite(claim.spread):
-        sentences.append(f"z = {claim.spread:.1f} by Vuong's test over blocks of a second")
+        sentences.append(f"Vuong's z over blocks of a second is {claim.spread:.1f}")
     values, disagreement = by_record_text(claim.by_record), disagreement_text(claim)
     if values:
         sentence = f"from each of {len(claim.by_record)} records: {values}"

@@ -26,9 +26,9 @@ from ident.tracing.diagnosis import (
 from scenarios.diagnosis.diagnose import Tracing, kept_diagnosis
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report import tables, text
+from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.evidence import evidence_sentences
 from scenarios.diagnosis.report.tables import kinematics_lines, levels_table, levels_title
-from scenarios.diagnosis.report.text import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.wording import (
     DECLARED,
     as_declared,

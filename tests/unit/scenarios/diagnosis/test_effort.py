@@ -12,7 +12,8 @@ from ident.tracing.diagnosis import EFFORTS, NORMAL, THOROUGH, Diagnosis, TraceS
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.opening import effort_sentence, settings_of
-from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text
+from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.record import Record

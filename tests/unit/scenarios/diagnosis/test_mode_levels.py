@@ -13,7 +13,8 @@ from ident.flying_qualities.levels import FlightPhase
 from ident.flying_qualities.modes import Characteristics
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text, headline
+from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.text import diagnosis_text, headline
 from tests.diagnoses import tracing_of
 
 

@@ -14,9 +14,10 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import FittedRecord, Verdict
 from ident.tracing.whiteness import noise_floors
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.files import diagnosis_page, pictured
 from scenarios.diagnosis.report.tables import errors_table
-from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text
+from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.report.html import page_html
 from scenarios.report.terminal import cell_text
 from sim.record import Channel, Record

@@ -11,8 +11,9 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.files import diagnosis_page
-from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text
+from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.report.wording import probability_sentence, shown_probability
 from scenarios.files.writing import json_text
 from scenarios.report.html import page_html
