@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from ident.process_noise.filter_error import noise_levels
-from ident.tracing.diagnosis import Candidate, Step, Verdict
+from ident.tracing.diagnosis import Candidate, FittedSet, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.names import (
@@ -78,6 +78,22 @@ class Decision:
     def fits(self) -> dict[frozenset[str], FittedModel]:
         """Fits of the last search by the names of their effects."""
         return {key: one.fitted for key, one in self.searches[-1].visited.items()}
+
+    @property
+    def sets(self) -> tuple[FittedSet, ...]:
+        """Fitted sets of all searches without failed ones, the most probable of each first."""
+        return tuple(
+            FittedSet(
+                search.title,
+                tuple(sorted(one.names)),
+                one.fitted.fit.log_likelihood,
+                one.evidence,
+                one.weight - one.evidence,
+            )
+            for search in self.searches
+            for one in sorted(search.visited.values(), key=lambda one: -one.weight)
+            if one.weight > -math.inf
+        )
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:

@@ -202,6 +202,25 @@ class Trained:
     settings: FitSettings
 
 
+@dataclass(frozen=True)
+class FittedSet:
+    """A set of effects that the search fitted.
+
+    Attributes
+    ----------
+    noise : the noise of the search, in words.
+    effects : their names.
+    log_likelihood, log_evidence : of the records.
+    log_prior : log prior odds of the effects.
+    """
+
+    noise: str
+    effects: tuple[str, ...]
+    log_likelihood: float
+    log_evidence: float
+    log_prior: float
+
+
 @dataclass(frozen=True, eq=False)
 class OneStep:
     """Predictions one step ahead of held-out records, with the discrepancy before and after.
@@ -244,7 +263,7 @@ class Diagnosis:
         estimated from the residual's high frequencies.
     residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests.
-    steps, candidates : how the search went.
+    steps, candidates, sets : how the search went; ``sets`` by their posterior probability.
     scatter : standard deviation of declared parameters between fits of single records, where they
         were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow,
@@ -284,6 +303,7 @@ class Diagnosis:
     trained_after: Trained | None = None
     not_met: tuple[Requirement, ...] = ()
     one_step: OneStep | None = None
+    sets: tuple[FittedSet, ...] = ()
 
     def __repr__(self) -> str:
         named = (

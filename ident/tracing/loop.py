@@ -134,6 +134,7 @@ def diagnose(
         one_step=gain.one_step,
         steps=(*declared.steps, *decision.steps),
         candidates=decision.candidates,
+        sets=decision.sets,
         stopped=decision.stopped,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ErrorFigures, ResidualTest
@@ -98,6 +99,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         },
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
+        "sets": [asdict(each) for each in d.sets],
         "warnings": [
             *tracing.doubts,
             *tracing.look.set_aside,

@@ -126,6 +126,7 @@ def bounded_series(values: np.ndarray) -> np.ndarray:
 # ---- The figures of a diagnosis
 
 # File stem -> caption, in the order of the report; the stems of further records have a number.
+RUN_TO_RUN = "Run-to-run: scatter of fits of single records, weighted by their sigmas."
 CAPTIONS = {
     "replication": (
         "Parameters of the effects from each record alone, and from all fitted records together"
@@ -379,7 +380,7 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     sigmas, title = tables.sigma_note(d), tables.moved_title(d)
     # "HEADING (NOTE)" or "HEADING: NOTE"
     heading, _, heading_note = title.partition(" (" if title.endswith(")") else ": ")
-    scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
+    scatter = f" {RUN_TO_RUN}" if d.scatter else ""
     levels = levels_table(tracing, "Levels of flying qualities")
     levels_heading, _, assumption = levels_title(tracing).partition(" (")
     levels_note = None

@@ -339,6 +339,15 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
     before, after = diagnosis.one_step.before, diagnosis.one_step.after
     assert after.rmse["alpha"] < 0.98 * before.rmse["alpha"]
     assert min(diagnosis.one_step.gains) > 0.0
+    noises = list(dict.fromkeys(each.noise for each in diagnosis.sets))
+    assert len(noises) == 2
+    for noise in noises:
+        odds = [
+            each.log_evidence + each.log_prior for each in diagnosis.sets if each.noise == noise
+        ]
+        assert odds == sorted(odds, reverse=True) and len(odds) > 1
+    beside = [each for each in diagnosis.sets if each.noise == noises[1]]
+    assert beside[0].effects == ("model-discrepancy", "vane-offset") and beside[0].log_prior < -3.0
 
 
 def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() -> None:

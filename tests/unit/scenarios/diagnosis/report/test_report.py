@@ -105,8 +105,7 @@ def test_page_of_a_partial_verdict_shows_how_the_evidence_is_spread_and_what_was
     page = Page(text)
     words = " ".join(page.text.split())
     spread = (
-        "Vuong's z over blocks of a second is 5.2; from each "
-        "of 3 records: 0.058, 0.063, 0.060 s."
+        "Vuong's z over blocks of a second is 5.2; from each of 3 records: 0.058, 0.063, 0.060 s."
     )
     assert f"Replication sensor-lag:alpha: {spread}" in words
     assert (
