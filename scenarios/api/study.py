@@ -48,7 +48,7 @@ from scenarios.studies.catalogue import (
     scenario_file,
     scenario_kind,
 )
-from scenarios.studies.estimating import assumed_noise, compiled, declared_model, flight_constants
+from scenarios.studies.estimating import compiled, declared_for
 from scenarios.studies.study import StudyResult
 from scenarios.tasks.study import Execution
 from sim.errors import DeclarationError
@@ -72,11 +72,7 @@ def matrices_of_study(study: Any, kind: str, pade: int) -> control.StateSpace:
 
 def _of_estimators(study: StudyResult, pade: int) -> control.StateSpace:
     estimation = study.main.estimation
-    model = declared_model(
-        estimation,
-        flight_constants(study.scenario.flight, estimation),
-        assumed_noise(study.scenario, estimation),
-    )
+    model = declared_for(study.scenario, estimation)
     values = study.main.result.estimate.as_dict()
     return to_control(
         linearised(

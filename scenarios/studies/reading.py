@@ -146,13 +146,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
                     where=f"{place}, key {key}",
                     remedy=closest(name, known),
                 )
-    for name in estimation.held:
-        if name in estimation.start:
-            raise DeclarationError(
-                f"{name} is under start and under held",
-                where=f"{place}, key held",
-                remedy="keep one of the two",
-            )
+    refuse_held_start(estimation)
     try:
         started = model.with_values(
             {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
@@ -174,6 +168,17 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
     )
     noise = Noise(dict(noise_std), dict(estimation.process_noise))
     return replace(started, parameters=free, initial=ParameterSet(tuple(initial)), noise=noise)
+
+
+def refuse_held_start(estimation: Estimation) -> None:
+    """Raise DeclarationError for a parameter that is both under ``start`` and under ``held``."""
+    for name in estimation.held:
+        if name in estimation.start:
+            raise DeclarationError(
+                f"{name} is under start and under held",
+                where=f"estimation {estimation.name}, key held",
+                remedy="keep one of the two",
+            )
 
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
