@@ -36,7 +36,7 @@ from scenarios.studies.campaign_statistics import (
     statistics_content,
     statistics_csv,
 )
-from scenarios.studies.comparison import comparison, determination_csv
+from scenarios.studies.comparison import comparison, determination_csv, history_csv
 from scenarios.studies.page import campaign_page, study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
@@ -417,7 +417,8 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
                 method.truth.outputs if method.truth else None,
             )
             if estimate.history is not None:
-                write_history(scratch / f"history{suffix}.csv", method)
+                text = history_csv(estimate.history, estimate.output_names)
+                write_text(scratch / f"history{suffix}.csv", text)
         write_json(scratch / "truth.json", truth_content(study.truth))
         if study.determinations:
             text = determination_csv(study.determinations)
@@ -447,25 +448,6 @@ def truth_content(truth: Truth) -> dict[str, Any]:
         **({"tolerance": INTEGRATION_TOLERANCE} if truth.step is None else {"step": truth.step}),
         "method": truth.method,
     }
-
-
-def write_history(path: Path, method: MethodResult) -> None:
-    """Write states and parameters with sigmas, and innovations, of each sample as CSV."""
-    history = method.result.estimate.history
-    assert history is not None
-    outputs = method.result.estimate.output_names
-    header = ["time"]
-    for name in history.names:
-        header += [name, f"std_{name}"]
-    for name in outputs:
-        header += [f"innovation_{name}", f"std_innovation_{name}"]
-    columns = [history.time]
-    for mean, std in zip(history.mean, history.std, strict=True):
-        columns += [mean, std]
-    for value, std in zip(history.innovation, history.innovation_std, strict=True):
-        columns += [value, std]
-    rows = np.array(columns).T.tolist()
-    write_text(path, csv_text(header, ([f"{value:.9g}" for value in row] for row in rows)))
 
 
 # ---- The folder of a campaign
