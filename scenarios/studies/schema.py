@@ -61,7 +61,7 @@ def standard_deviations(
     out = {}
     for name, value in std.items():
         key = f"{where}.noise_std.{name}"
-        out[name] = positive(si(value, unit_of(name, model), key), key)
+        out[name] = positive_si(value, unit_of(name, model), key)
     for name, text in variance.items():
         key = f"{where}.noise_variance.{name}"
         number, unit = _parts(text, key)
@@ -122,6 +122,13 @@ def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None 
     number, unit = _parts(value, where)
     unit = (same or {}).get(unit.lower(), unit)
     return float(to_si(number, unit, target, where, DeclarationError))
+
+
+def positive_si(
+    value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None
+) -> float:
+    """Return ``si`` of a value. Raises DeclarationError if it is not positive and finite."""
+    return positive(si(value, target, where, same), where)
 
 
 def positive(value: float, where: str) -> float:

@@ -418,12 +418,16 @@ def low_order_model(x29: X29, values: dict[str, float]) -> Model:
 
     ``values``: parameters by the names of a vehicle file.
     """
-    constants = {
+    return model_from_constants("loes", loop_constants(x29), values)
+
+
+def loop_constants(x29: X29) -> dict[str, float]:
+    """Return the constants of the low-order equivalent by the names of a vehicle file, SI."""
+    return {
         "airspeed": x29.airframe.airspeed,
         "gravity": x29.airframe.gravity,
         "vane_arm": x29.telemetry.vane_arm,
     }
-    return model_from_constants("loes", constants, values)
 
 
 def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:

@@ -11,7 +11,7 @@ from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.catalogue import with_change
 from scenarios.studies.declaration import choices_of
-from scenarios.studies.schema import Quantity, positive, si, standard_deviations
+from scenarios.studies.schema import Quantity, positive_si, si, standard_deviations
 from scenarios.x29.declaration import (
     METHODS,
     OUTPUTS,
@@ -177,7 +177,7 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
     plan = StickPlan(
         stick.kind,
         stick.amplitude,
-        positive(si(stick.unit, "s", f"{place}.unit"), f"{place}.unit"),
+        positive_si(stick.unit, "s", f"{place}.unit"),
         si(stick.start, "s", f"{place}.start"),
         stick.bandwidth,
         stick.pilot_seed,
@@ -187,7 +187,7 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
     spike = None
     if flight.spike is not None:
         spike = Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
-    duration = positive(si(flight.duration, "s", f"{where}.duration"), f"{where}.duration")
+    duration = positive_si(flight.duration, "s", f"{where}.duration")
     if spike is not None and not 0.0 <= spike.time <= duration:
         raise DeclarationError(
             f"{spike.time:g} s is not within the flight",
@@ -252,9 +252,7 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
             f"no starting value of {', '.join(missing)}", where=f"{where}.start", remedy="give it"
         )
     initial = {
-        name: positive(
-            si(value, _STATES[name], f"{where}.initial_std.{name}"), f"{where}.initial_std.{name}"
-        )
+        name: positive_si(value, _STATES[name], f"{where}.initial_std.{name}")
         for name, value in estimate.initial_std.items()
     }
     window = (
