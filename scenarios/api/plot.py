@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sim import record as sim_record
 
 
-class IdentificationResult(Protocol):
+class FittedResult(Protocol):
     """An identification."""
 
     @property
@@ -164,7 +164,7 @@ def record(given: RecordChannels) -> Figure:
     return shown(figure_record(_as_recorded(given), given.name))
 
 
-def fit(found: IdentificationResult | SimulatedStudy, number: int = 0) -> Figure:
+def fit(found: FittedResult | SimulatedStudy, number: int = 0) -> Figure:
     """Plot measured and predicted outputs, and the residual below each.
 
     ``number`` counts the fitted records from 0. The figure of a simulated flight has the true
@@ -199,7 +199,7 @@ def fit(found: IdentificationResult | SimulatedStudy, number: int = 0) -> Figure
     )
 
 
-def held_out(found: IdentificationResult, number: int = 0) -> Figure:
+def held_out(found: FittedResult, number: int = 0) -> Figure:
     """Plot measured and predicted outputs of a held-out record.
 
     ``number`` counts the held-out records from 0.
@@ -216,7 +216,7 @@ def held_out(found: IdentificationResult, number: int = 0) -> Figure:
     return shown(figure_fit(fit.record, [response], None, title, noise))
 
 
-def correlation(found: IdentificationResult) -> Figure:
+def correlation(found: FittedResult) -> Figure:
     """Plot the correlations of the estimates."""
     from scenarios.plots.estimates import figure_correlation
 
