@@ -161,13 +161,7 @@ MOST_PANELS = 30  # parameters in one figure
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
     """Yield a scenario's figures: file stem and drawing function."""
-    from scenarios.plots.residuals import (
-        ComparisonRow,
-        ErrorCloud,
-        figure_comparison,
-        figure_equivalents,
-        figure_repeated,
-    )
+    from scenarios.plots.residuals import ErrorCloud, figure_equivalents, figure_repeated
     from scenarios.plots.signals import context, figure_fit, figure_record, response_of
     from scenarios.plots.studies import figure_determination
 
@@ -206,28 +200,7 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             )
     if scenario.estimations[0].model == "ballistic":
         yield from _ballistic_figures(study)
-    is_single = len(main.rows) == 1  # all methods in one figure
-    rows = [
-        ComparisonRow(
-            row.name,
-            row.reference,
-            row.estimate,
-            row.std,
-            row.published.value if row.published else None,
-            row.published.std if row.published else None,
-            method.estimation.label if is_single else "",
-        )
-        for method in (study.methods if is_single else (main,))
-        for row in method.rows
-        if row.reference is not None
-    ]
-    if rows:
-        against = "condensed" if scenario.condensed else "true"
-        label = "" if is_single else f"{main.estimation.label}: "
-        yield (
-            "errors",
-            partial(figure_comparison, rows, f"{title}\n{label}error against the {against} value"),
-        )
+    yield from _error_figure(study)
     if study.repeated:
         clouds = [
             ErrorCloud(
@@ -247,6 +220,33 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
         yield "flexibility", partial(draw_sweep, study.sweep, title)
     if scenario.condensed:
         yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
+
+
+def _error_figure(study: StudyResult) -> Iterator[Named]:
+    """Yield the figure of errors against the reference values, if there are any."""
+    from scenarios.plots.residuals import ComparisonRow, figure_comparison
+
+    scenario, main = study.scenario, study.main
+    is_single = len(main.rows) == 1  # all methods in one figure
+    rows = [
+        ComparisonRow(
+            row.name,
+            row.reference,
+            row.estimate,
+            row.std,
+            row.published.value if row.published else None,
+            row.published.std if row.published else None,
+            method.estimation.label if is_single else "",
+        )
+        for method in (study.methods if is_single else (main,))
+        for row in method.rows
+        if row.reference is not None
+    ]
+    if rows:
+        against = "condensed" if scenario.condensed else "true"
+        label = "" if is_single else f"{main.estimation.label}: "
+        title = f"{scenario.title}\n{label}error against the {against} value"
+        yield "errors", partial(figure_comparison, rows, title)
 
 
 def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> Iterator[Named]:
