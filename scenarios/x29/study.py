@@ -555,7 +555,7 @@ def _stands_out(misfit: Misfit) -> bool:
 def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> str:
     """Return the variants with and without a property in words, joined by a semicolon."""
     groups = (
-        (word, [shown[label] for label, has_property in off.items() if has_property is wanted])
+        (word, [shown[label] for label, has_property in off.items() if has_property == wanted])
         for word, wanted in ((yes, True), (no, False))
     )
     return "; ".join(f"{word} with {', '.join(labels)}" for word, labels in groups if labels)
