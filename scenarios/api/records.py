@@ -173,7 +173,7 @@ def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
                 raise RecordError(what, where=where, remedy="leave one of the two out")
 
 
-def _called(cell: str, name: str) -> bool:
+def _called(cell: str, name: str | int) -> bool:
     return name in (cell, split_header(cell)[0])
 
 

@@ -349,8 +349,9 @@ class Flight:
         return f"<Flight: {', '.join(map(repr, self.records[:3]))}{more}>"
 
     def _repr_html_(self) -> str:
-        parts = [*self.records, *self.validate, *([] if self.vehicle is None else [self.vehicle])]
-        return tables.page("flight", *(part._repr_html_() for part in parts))
+        parts = [record._repr_html_() for record in (*self.records, *self.validate)]
+        parts += [] if self.vehicle is None else [self.vehicle._repr_html_()]
+        return tables.page("flight", *parts)
 
 
 def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:

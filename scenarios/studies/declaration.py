@@ -399,7 +399,7 @@ def maneuvers_by_input(
         by_input[plan.input] = Sum(
             (*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]"))
         )
-    return by_input
+    return {**by_input}
 
 
 def with_common_hold(

@@ -255,7 +255,7 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         name: positive_si(value, _STATES[name], f"{where}.initial_std.{name}")
         for name, value in estimate.initial_std.items()
     }
-    window = (
+    window_start, window_stop = (
         None if end is None else si(end, "s", f"{where}.{name}")
         for name, end in (
             ("window_start", estimate.window_start),
@@ -272,7 +272,8 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         estimate.noise_share,
         dict(estimate.process_noise),
         initial,
-        *window,
+        window_start,
+        window_stop,
         estimate.restarts,
         estimate.prior,
         estimate.engine,

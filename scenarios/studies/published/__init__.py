@@ -31,11 +31,11 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
     from scenarios.files.units import to_si
 
     place = f"published {choice.file}, table {choice.table}"
-    table = _document(choice.file).get(choice.table)
-    is_table = isinstance(table, dict)
-    columns = {k: v for k, v in table.items() if isinstance(v, dict)} if is_table else {}
+    found = _document(choice.file).get(choice.table)
+    table: dict[str, Any] = found if isinstance(found, dict) else {}
+    columns = {key: value for key, value in table.items() if isinstance(value, dict)}
     if choice.column not in columns:
-        known = ", ".join(columns) if is_table else "no such table"
+        known = ", ".join(columns) if table else "no such table"
         raise DeclarationError(
             f"there is no column {choice.column!r}", where=place, remedy=f"it has {known}"
         )
