@@ -108,36 +108,32 @@ _PACKAGES = ("sim", "ident", "scenarios")
 
 
 def _refuse_hidden(ours: str) -> None:
-    """Raise ImportError if a user's module hides a package of the folder of ``ours``.
+    """Raise ImportError if a user's module hides a package beside the folder of the file ``ours``.
 
-    Names the hiding file, without importing anything.
+    The error names the hiding file. Nothing is imported.
     """
-    home = Path(ours).resolve().parent.parent
-    for room in _PACKAGES:
-        result = _place_of(room)
-        if result is not None and result.resolve() != home / room:
-            shown = (
-                result
-                if result.is_dir()
-                else result.with_suffix(".py")
-                if result.with_suffix(".py").is_file()
-                else result
-            )
+    folder = Path(ours).resolve().parent.parent
+    for package in _PACKAGES:
+        result = _place_of(package)
+        if result is not None and result.resolve() != folder / package:
+            module = result.with_suffix(".py")
+            shown = module if module.is_file() and not result.is_dir() else result
             remedy = (
                 "rename it, or move it out of the folders that Python searches (sys.path), then "
                 "start Python again"
             )
-            # With the name `python -m flightid` tells it in one line.
+            # With this name, `python -m flightid` prints the error in one line.
             raise ImportError(
-                f"{shown} hides the package {room!r} of flightid: {remedy}",
+                f"{shown} hides the package {package!r} of flightid: {remedy}",
                 name="flightid",
                 path=str(shown),
             )
 
 
 def _place_of(package: str) -> Path | None:
-    """The folder of the package that the name leads to, or the file without its ending where it
-    leads to a module; None if nowhere.
+    """Return the folder of a package, or the file of a module without its ending.
+
+    None if there is neither.
     """
     loaded = sys.modules.get(package)
     try:

@@ -29,21 +29,17 @@ class Question:
 
 
 def heading(number: int, title: str, aim: str) -> Any:
-    """Title and aim of a lab."""
+    """Return title and aim of a lab."""
     return mo.md(f"# Lab {number}. {title}\n\n**Aim.** {aim}")
 
 
-def plotted(figure: Figure, told: str) -> Any:
-    """A figure that zooms and shows values under the pointer, as wide as its place; ``told`` says
-    what it shows to those who do not see it.
-    """
-    return mo.Html(figure_frame(figure_document(figure, told), told, height=400))
+def plotted(figure: Figure, description: str) -> Any:
+    """Return a figure that zooms and shows values under the pointer, with its description."""
+    return mo.Html(figure_frame(figure_document(figure, description), description, height=400))
 
 
 def beside(controls: Sequence[Any], figure: Any) -> Any:
-    """Controls with the figure that they change at their right, below them where the page is
-    narrow.
-    """
+    """Return controls with their figure at the right, or below them on a narrow page."""
     column = mo.vstack([*controls], gap=1.0)
     return mo.Html(
         '<div style="display: flex; flex-wrap: wrap; gap: 1rem 1.5rem; align-items: flex-start">'
@@ -53,11 +49,11 @@ def beside(controls: Sequence[Any], figure: Any) -> Any:
 
 
 def sketch() -> Any:
-    """The aircraft from the side and from above, with axes, angles, rates and their signs."""
-    told = "Aircraft from the side and from above with body axes, angles, rates and signs"
+    """Return the aircraft from the side and from above, with axes, angles, rates and signs."""
+    description = "Aircraft from the side and from above with body axes, angles, rates and signs"
     # As a path: marimo would declare bytes as a PNG, which browsers do not draw.
     source = Path(__file__).with_name("axes.svg")
-    return mo.image(source, alt=told, style={"width": "100%", "max-width": "720px"})
+    return mo.image(source, alt=description, style={"width": "100%", "max-width": "720px"})
 
 
 def computing(what: str = "Computing the flight and its estimates") -> Any:

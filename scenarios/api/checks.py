@@ -14,12 +14,12 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
-from scenarios.api.records import Choices, choices_of
+from scenarios.api.records import ChannelMap, choices_of
 from scenarios.api.requests import (
     KEPT,
-    Found,
-    Named,
-    Source,
+    ManeuverNames,
+    ManeuverParts,
+    RecordSource,
     Times,
     file_of,
     plan_from,
@@ -27,7 +27,7 @@ from scenarios.api.requests import (
     with_parts,
 )
 from scenarios.api.shown import path_given, write_report
-from scenarios.api.tables import band_of, in_python_words, names_of, told_in_python
+from scenarios.api.tables import band_of, in_python_words, names_of, with_python_errors
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
@@ -67,7 +67,7 @@ class Check:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that took part."""
+        """The channels that were used."""
         return tuple(self.details.result.channels)
 
     @property
@@ -94,7 +94,7 @@ class Check:
         """
         import pandas
 
-        stands = set(self.findings)
+        accepted = set(self.findings)
         rows = [
             {
                 "fault": item.name,
@@ -105,7 +105,7 @@ class Check:
                 "smoother_sigma": item.smoother.std,
                 "gain": item.gain,
                 "p_value": item.p_value,
-                "stands": item.name in stands,
+                "stands": item.name in accepted,
             }
             for item in self.details.result.joint.estimates
         ]
@@ -125,8 +125,7 @@ class Check:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.compatibility.report import write_check
 
-        target = path_given(folder)
-        return write_check(self.details, target, figures=formats_wanted(figures))
+        return write_check(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -150,17 +149,17 @@ class Check:
         )
 
 
-@told_in_python
+@with_python_errors
 def check(
-    records: Source | Sequence[Source],
+    records: RecordSource | Sequence[RecordSource],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -198,9 +197,7 @@ class Maneuvers:
 
     @property
     def parts(self) -> DeclaredParts:
-        """The parts of the record to use, which ``identify`` and ``diagnose`` take as
-        ``maneuvers``.
-        """
+        """Parts of the record to use, for the argument ``maneuvers`` of other functions."""
         return self.details.parts
 
     @property
@@ -244,13 +241,10 @@ class Maneuvers:
     def save(
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
-        """Write ``maneuvers.toml``, figure and page as the command does with ``--out``; returns the
-        folder.
-        """
+        """Write ``maneuvers.toml``, figure and page as the command does; returns the folder."""
         from scenarios.maneuvers import write_maneuvers
 
-        target = path_given(folder)
-        return write_maneuvers(self.details, target, figures=formats_wanted(figures))
+        return write_maneuvers(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figure; returns the path."""
@@ -269,16 +263,16 @@ class Maneuvers:
             [str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"]
             for m in self.details.maneuvers
         ]
-        found = tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2)
+        table = tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2)
         title = f"maneuvers of {self.details.identity.name}"
-        return tables.page(title, found, tables.sentences(self.warnings))
+        return tables.page(title, table, tables.sentences(self.warnings))
 
 
-@told_in_python
+@with_python_errors
 def find_maneuvers(
-    record: Source,
+    record: RecordSource,
     *,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     rate: float | None = None,
 ) -> Maneuvers:
@@ -289,7 +283,7 @@ def find_maneuvers(
     record : a ``Record``, or whatever ``read_record`` takes.
     channels : a channel map as in ``read_record``.
     columns : names of the columns of a file without a header, in their order.
-    rate : Hz, of a file without a clock, or of the grid of a log's topics.
+    rate : rate of a file without a clock, or of the grid of a log's topics, Hz.
 
     Raises
     ------
@@ -348,7 +342,7 @@ class FrequencyResponse:
 
     @property
     def usable(self) -> np.ndarray:
-        """The usable band, bool ``(m, q, F)``."""
+        """Whether a frequency is in the usable band, bool ``(m, q, F)``."""
         return self.details.responses.usable
 
     @property
@@ -366,17 +360,18 @@ class FrequencyResponse:
     def to_dataframe(self, output: str | None = None, input: str | None = None) -> pandas.DataFrame:
         """Return the numbers of one response by frequency, with the columns of ``responses.csv``.
 
-        ``output``, ``input`` : which; the first where they are not given.
+        ``output``, ``input`` : names of its signals; default: the first.
         """
         import pandas
 
         from scenarios.responses.report import response_columns
 
-        row = _place(output, self.outputs, "output")
-        column = _place(input, self.inputs, "input")
-        return pandas.DataFrame(response_columns(self.details, row, column)).set_index(
-            "frequency_Hz"
-        )
+        columns = response_columns(self.details, *self._places(output, input))
+        return pandas.DataFrame(columns).set_index("frequency_Hz")
+
+    def _places(self, output: str | None, input: str | None) -> tuple[int, int]:
+        """Return the indices of an output and an input, by default the first."""
+        return _place(output, self.outputs, "output"), _place(input, self.inputs, "input")
 
     def to_control(self) -> control.FrequencyResponseData:
         """Return the responses as python-control's, with the names of the signals, rad/s."""
@@ -386,20 +381,20 @@ class FrequencyResponse:
     def flying_qualities(self) -> dict[str, dict[str, tuple[float, float]]]:
         """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
         return {
-            each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()}
-            for each in self.details.qualities
+            found.name: {name: (q.value, q.std) for name, (q, _) in found.numbers.items()}
+            for found in self.details.qualities
         }
 
     @property
     def margins(self) -> dict[str, dict[str, float]]:
-        """Stability margins of all records together: ``value``, ``std``, ``low`` and ``high`` of
-        the 95 % interval, ``frequency`` in rad/s, by ``"gain_increase"`` and so on; dB, deg, s."""
+        """Stability margins of all records together, by name such as ``"gain_increase"``.
+
+        Keys: ``value`` and ``std`` (dB, deg, s), ``low`` and ``high`` of the 95 % interval,
+        ``frequency`` in rad/s. Empty without a loop.
+        """
         loop = self.details.loop
-        return (
-            {}
-            if loop is None
-            else {name: _margin(each) for name, each in loop.margins.named.items()}
-        )
+        named = {} if loop is None else loop.margins.named
+        return {name: _margin(margin) for name, margin in named.items()}
 
     @property
     def worst_margins(self) -> dict[str, dict[str, Any]]:
@@ -415,35 +410,36 @@ class FrequencyResponse:
 
     @property
     def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
-        """Level of each quantity of a fitted form by response, and of each chart: level (4: outside
-        all), best and worst within two standard deviations."""
+        """Levels of each quantity of a fitted form, and of each chart, by response.
+
+        Each is the level (4: outside all), and the best and worst within two standard deviations.
+        """
         return levels_by_name(self.details.qualities)
 
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
     ) -> control.TransferFunction:
-        """Return the fitted transfer function of one response as python-control's.
+        """Return the fitted transfer function of one response for python-control.
 
-        ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
+        ``output``, ``input`` : names of its signals; default: the first. ``pade`` : order of the
         approximation of its delay; 0 leaves the delay out. Raises InputError if none is fitted.
         """
         import control
 
-        row = _place(output, self.outputs, "output")
-        column = _place(input, self.inputs, "input")
         fits = self.details.fits
-        fitted = fits.of(row, column) if fits is not None else None
+        places = self._places(output, input)
+        fitted = fits.of(*places) if fits is not None else None
         if fitted is None:
             remedy = "name a form (fit)"
             raise DeclarationError(
                 "no transfer function is fitted", where="response", remedy=remedy
             )
         function, _ = fitted
-        plain = control.tf(function.numerator, function.denominator)
-        late = function.values["delay"]
-        return (
-            plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
-        )
+        without_delay = control.tf(function.numerator, function.denominator)
+        delay = function.values["delay"]
+        if pade < 1 or not delay > 0.0:
+            return without_delay
+        return without_delay * control.tf(*control.pade(delay, pade))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``responses.json``."""
@@ -454,13 +450,10 @@ class FrequencyResponse:
     def save(
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
-        """Write JSON, CSV, figures and page as the command does with ``--out``; returns the
-        folder.
-        """
+        """Write JSON, CSV, figures and page as the command does; returns the folder."""
         from scenarios.responses.report import write_responses
 
-        target = path_given(folder)
-        return write_responses(self.details, target, figures=formats_wanted(figures))
+        return write_responses(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -475,8 +468,8 @@ class FrequencyResponse:
         )
 
     def __repr__(self) -> str:
-        some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
-        return f"<FrequencyResponse {some:.200}: {self.frequency.size} frequencies>"
+        names = ", ".join(f"{output}/{name}" for output in self.outputs for name in self.inputs)
+        return f"<FrequencyResponse {names:.200}: {self.frequency.size} frequencies>"
 
     def _repr_html_(self) -> str:
         from scenarios.responses.report import band_sentence
@@ -490,19 +483,19 @@ class FrequencyResponse:
         return tables.page(title, table, tables.sentences(self.warnings))
 
 
-@told_in_python
+@with_python_errors
 def frequency_response(
-    records: Source | Sequence[Source],
+    records: RecordSource | Sequence[RecordSource],
     input: str | Sequence[str],
     output: str | Sequence[str],
     *,
     reference: str | Sequence[str] = (),
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -552,7 +545,7 @@ def frequency_response(
 
     Raises
     ------
-    InputError : anything in records or arguments that keeps them from being used.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -563,24 +556,35 @@ def frequency_response(
     plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
     names = Names(names_of(input), names_of(output), names_of(reference))
-    given = band_of(band)
-    options = analysis.ResponseOptions(given, _lengths(window), tapers, coherence)
+    options = analysis.ResponseOptions(band_of(band), _window_lengths(window), tapers, coherence)
     by_output = [f"{k}={v}" for k, v in fit.items()] if isinstance(fit, Mapping) else fit
-    forms = names_of(by_output, "form", "fit")
-    held = tuple(f"{name}={value}" for name, value in (fix or {}).items())
-    wanted = FitOptions(forms, held, shared_poles)
-    asked = (bandwidth, margins, LevelOptions(levels, airspeed), pilot_demand(pilot, pilot_delay))
-    fitted = ModelOptions(model, None if vehicle is None else Path(vehicle))
-    found = analysis.responses_of(request, names, options, wanted, *asked, fitted)
+    fixed = tuple(f"{name}={value}" for name, value in (fix or {}).items())
+    found = analysis.responses_of(
+        request,
+        names,
+        options,
+        FitOptions(names_of(by_output, "form", "fit"), fixed, shared_poles),
+        bandwidth,
+        margins,
+        LevelOptions(levels, airspeed),
+        pilot_demand(pilot, pilot_delay),
+        ModelOptions(model, None if vehicle is None else Path(vehicle)),
+    )
     return FrequencyResponse(found)
 
 
-def _margin(one: Margin) -> dict[str, float]:
-    size = {"value": one.size.value, "std": one.size.std, "low": one.low, "high": one.high}
-    return size | {"frequency": one.frequency.value}
+def _margin(margin: Margin) -> dict[str, float]:
+    return {
+        "value": margin.size.value,
+        "std": margin.size.std,
+        "low": margin.low,
+        "high": margin.high,
+        "frequency": margin.frequency.value,
+    }
 
 
 def _place(name: str | None, names: Sequence[str], kind: str) -> int:
+    """Return the index of a signal, by default the first. Raises DeclarationError."""
     name = names[0] if name is None else name
     if name not in names:
         what, remedy = f"there is no {kind} {name!r}", f"it has {', '.join(names)}"
@@ -588,8 +592,8 @@ def _place(name: str | None, names: Sequence[str], kind: str) -> int:
     return list(names).index(name)
 
 
-def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
-    several: Any = given if isinstance(given, list | tuple) else [given]
-    for each in several:
-        tables.refuse_wrong_type("window", each, "float")
-    return tuple(map(float, several))
+def _window_lengths(given: float | Sequence[float]) -> tuple[float, ...]:
+    lengths: Any = given if isinstance(given, list | tuple) else [given]
+    for length in lengths:
+        tables.refuse_wrong_type("window", length, "float")
+    return tuple(map(float, lengths))

@@ -14,12 +14,12 @@ from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
 from scenarios.api import tables
 from scenarios.api.identification import Saved, refuse_no_study
 from scenarios.api.record import Record, record_of
-from scenarios.api.records import Choices
+from scenarios.api.records import ChannelMap
 from scenarios.api.requests import (
-    Declared,
-    Found,
-    Named,
-    Source,
+    ManeuverNames,
+    ManeuverParts,
+    ModelSource,
+    RecordSource,
     Times,
     model_of,
     plan_from,
@@ -27,7 +27,7 @@ from scenarios.api.requests import (
     with_parts,
 )
 from scenarios.api.shown import path_given, write_report
-from scenarios.api.tables import band_of, names_of, refuse_wrong_type, told_in_python
+from scenarios.api.tables import band_of, names_of, refuse_wrong_type, with_python_errors
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
 from scenarios.maneuver_design.report import design_text, verdict_of
@@ -66,17 +66,19 @@ class Design:
 
     @property
     def command(self) -> str:
-        """Return the command line of the same design."""
+        """The command line of the same design."""
         return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
         """Return the input of a maneuver (default: the best) as a record without outputs, SI."""
         from scenarios.maneuver_design.report import input_of
 
-        chosen = next(
-            (each for each in self.details.maneuvers if each.kind == kind), self.details.best
-        )
-        return record_of(input_of(chosen))
+        return record_of(input_of(self._maneuver(kind)))
+
+    def _maneuver(self, kind: str | None) -> designing.DesignedManeuver:
+        """Return the maneuver of a kind; the best if there is none."""
+        maneuvers = self.details.maneuvers
+        return next((each for each in maneuvers if each.kind == kind), self.details.best)
 
     def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
         """Return expected coherence and random error of a response, by frequency (Hz).
@@ -87,10 +89,7 @@ class Design:
         """
         import pandas
 
-        chosen = next(
-            (each for each in self.details.maneuvers if each.kind == kind), self.details.best
-        )
-        found = chosen.responses
+        found = self._maneuver(kind).responses
         if found is None:
             raise DeclarationError("no band is asked for", where="design", remedy="give band, Hz")
         for name, names in ((output, found.outputs), (input, found.inputs)):
@@ -107,18 +106,17 @@ class Design:
         """
         import pandas
 
-        rows = []
-        for each in self.details.maneuvers:
-            row: dict[str, Any] = {"maneuver": each.kind, "pace": each.pace}
-            row |= {f"peak_{name}": value for name, value in peaks_of(self.details, each).items()}
-            rows.append(
-                {
-                    **row,
-                    "mean_sigma": each.criterion,
-                    "log_likelihood": each.log_likelihood,
-                    "chance": each.chance,
-                }
-            )
+        rows = [
+            {
+                "maneuver": maneuver.kind,
+                "pace": maneuver.pace,
+                **{f"peak_{name}": p for name, p in peaks_of(self.details, maneuver).items()},
+                "mean_sigma": maneuver.criterion,
+                "log_likelihood": maneuver.log_likelihood,
+                "chance": maneuver.chance,
+            }
+            for maneuver in self.details.maneuvers
+        ]
         return pandas.DataFrame(rows).set_index("maneuver")
 
     def summary(self) -> str:
@@ -131,8 +129,7 @@ class Design:
         """Write the design as the command does with ``--out``; returns the folder."""
         from scenarios.maneuver_design.report import write_design
 
-        target = path_given(folder)
-        return write_design(self.details, target, figures=formats_wanted(figures))
+        return write_design(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -146,9 +143,9 @@ class Design:
         return tables.page(verdict_of(self.details), shown)
 
 
-@told_in_python
+@with_python_errors
 def design(
-    model: Declared,
+    model: ModelSource,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
     limits: str | PathLike[str] | Mapping[str, Any] | None = None,
@@ -180,7 +177,7 @@ def design(
 
     Raises
     ------
-    InputError : anything wrong in what is asked.
+    InputError : an argument is wrong.
 
     Examples
     --------
@@ -188,41 +185,34 @@ def design(
     >>> fid.design("rigid", "bomber_rigid", duration=20)
     <Design: FLY: doublet (step 0.76 s), elevator 4.82 deg>
     """
-    asked = model_of(model)
-    given = Path(limits) if isinstance(limits, str | PathLike) else limits
-    source = (
-        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
-    )
+    declared = model_of(model)
+    declared_limits = Path(limits) if isinstance(limits, str | PathLike) else limits
     if not isinstance(size, str):
         refuse_wrong_type("size", size, "Mapping")
-    if given is not None and not isinstance(given, Path):
-        refuse_wrong_type("limits", given, "Mapping")
-    text = size if isinstance(size, str) else ",".join(_texts(size))
-    names = names_of(tell, "effect", "tell")
-    return Design(
-        designing.design(
-            DesignRequest(
-                asked,
-                source,
-                given,
-                names,
-                text,
-                _texts(value),
-                _texts(noise),
-                _texts(amplitude),
-                duration,
-                rate,
-                band_of(band),
-                computer,
-            )
-        )
+    if declared_limits is not None and not isinstance(declared_limits, Path):
+        refuse_wrong_type("limits", declared_limits, "Mapping")
+    request = DesignRequest(
+        declared,
+        source_of(vehicle, declared if isinstance(declared, str) else ""),
+        declared_limits,
+        names_of(tell, "effect", "tell"),
+        size if isinstance(size, str) else ",".join(_pairs(size)),
+        _pairs(value),
+        _pairs(noise),
+        _pairs(amplitude),
+        duration,
+        rate,
+        band_of(band),
+        computer,
     )
+    return Design(designing.design(request))
 
 
-def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:
+def _pairs(values: Mapping[str, Any] | None) -> tuple[str, ...]:
+    """Return values by name as texts ``NAME=VALUE``."""
     return tuple(
         f"{name}={value!r}" if isinstance(value, float | int) else f"{name}={value}"
-        for name, value in (some or {}).items()
+        for name, value in (values or {}).items()
     )
 
 
@@ -245,16 +235,16 @@ class Structure:
     @property
     def r2(self) -> dict[str, float]:
         """R2 of each coefficient on maneuvers left out; on those fitted if there is one."""
-        found = {}
-        for axis, each in self.details.selections.items():
-            left_out = each.held_out is not None and isfinite(each.held_out)
-            found[axis] = float(each.held_out if left_out else each.r2)
-        return found
+        r2 = {}
+        for axis, selection in self.details.selections.items():
+            has_held_out = selection.held_out is not None and isfinite(selection.held_out)
+            r2[axis] = float(selection.held_out if has_held_out else selection.r2)
+        return r2
 
     @property
     def predicted(self) -> dict[str, dict[str, float]]:
         """R2 by record and coefficient of the records of ``validate``."""
-        return {name: dict(told) for name, told in self.details.predicted.items()}
+        return {name: dict(r2) for name, r2 in self.details.predicted.items()}
 
     def summary(self) -> str:
         """Return the text that the command prints."""
@@ -287,22 +277,20 @@ class Structure:
 
     def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
         """Write table, page, JSON and ``vehicle.toml`` as the command does; returns the folder."""
-        from scenarios.report.figure_formats import formats_wanted
         from scenarios.structure.report import write_structure
 
-        target = path_given(folder)
-        return write_structure(self.details, target, figures=formats_wanted(figures))
+        return write_structure(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{axis} {len(terms)}" for axis, terms in self.terms.items())
         return f"<Structure of {self.details.aircraft.name}: terms {counts}>"
 
 
-@told_in_python
+@with_python_errors
 def structure(
-    records: Source | Sequence[Source],
+    records: RecordSource | Sequence[RecordSource],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle,
-    validate: Source | Sequence[Source] = (),
+    validate: RecordSource | Sequence[RecordSource] = (),
     *,
     method: str = structures.METHODS[0],
     degree: int = structures.DEFAULT_DEGREE,
@@ -311,12 +299,12 @@ def structure(
     terms: str | PathLike[str] | None = None,
     baseline: bool = False,
     hierarchical: bool = False,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -344,7 +332,7 @@ def structure(
 
     Raises
     ------
-    InputError : anything in records or file that keeps them from being used.
+    InputError : records or file that cannot be used.
 
     References
     ----------
@@ -372,7 +360,7 @@ def structure(
     return Structure(structures.structure_of_files(request, options))
 
 
-@told_in_python
+@with_python_errors
 def export(
     study: str | PathLike[str] | Saved, to: str, path: str | PathLike[str] | None = None
 ) -> Path:

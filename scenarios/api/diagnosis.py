@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot, tables
 from scenarios.api.record import Record, record_of
-from scenarios.api.records import Choices
+from scenarios.api.records import ChannelMap
 from scenarios.api.requests import (
     KEPT,
-    Declared,
-    Found,
-    Named,
+    ManeuverNames,
+    ManeuverParts,
+    ModelSource,
     Progress,
-    Source,
+    RecordSource,
     Times,
     no_progress,
     plan_from,
@@ -36,7 +36,7 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
-from scenarios.api.tables import in_python_words, told_in_python
+from scenarios.api.tables import in_python_words, with_python_errors
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.report.figure_formats import formats_wanted
@@ -98,7 +98,7 @@ class Diagnosis:
 
     @cached_property
     def hints(self) -> tuple[Effect, ...]:
-        """Effects that are worth a look and not claimed."""
+        """Effects that are supported, but not claimed."""
         return claimed_effects(self.details, claimed=False)
 
     @cached_property
@@ -173,40 +173,39 @@ class Diagnosis:
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row per parameter: ``unit``, value and sigma of the declared model
-        (``before``)
-        and with the effects (``after``).
+        """Return one row per parameter: ``unit``, value and sigma before and after.
+
+        ``before`` is the declared model alone, ``after`` that with the effects.
         """
         import pandas
 
         before, after = self.before.to_dataframe(), self.parameters.to_dataframe()
-        both = pandas.concat(
+        frame = pandas.concat(
             {"before": before.drop(columns="unit"), "after": after.drop(columns="unit")}, axis=1
         )
-        both.columns = [f"{name}_{when}" for when, name in both.columns]
-        both.insert(0, "unit", after["unit"].combine_first(before["unit"]))
-        return both.rename_axis("parameter")
+        frame.columns = [f"{name}_{when}" for when, name in frame.columns]
+        frame.insert(0, "unit", after["unit"].combine_first(before["unit"]))
+        return frame.rename_axis("parameter")
 
     def prediction(self, number: int = 0) -> pandas.DataFrame:
-        """Return a predicted record over ``time``, SI: measured (``alpha``), simulated by the
-        declared model (``before_alpha``) and with what was found.
+        """Return a predicted record over ``time``, SI.
+
+        Its columns are measured outputs (``alpha``), and outputs simulated by the declared model
+        (``before_alpha``) and with the effects (``after_alpha``).
         """
         return prediction_of(self.details.diagnosis, number)
 
     def candidates(self) -> pandas.DataFrame:
-        """Return every candidate of every round: gain of the log evidence, the same with its prior
-        odds, whether it was fitted.
+        """Return every candidate of every round of the search.
+
+        Columns: gain of the log evidence, the same with its prior odds, whether it was fitted.
         """
         import pandas
 
-        keys = ("round", "within", "name", "gain", "weight", "fitted")
-        return pandas.DataFrame(
-            [
-                {key: getattr(each, key) for key in keys}
-                for each in self.details.diagnosis.candidates
-            ],
-            columns=list(keys),
-        )
+        keys = ["round", "within", "name", "gain", "weight", "fitted"]
+        candidates = self.details.diagnosis.candidates
+        rows = [[getattr(candidate, key) for key in keys] for candidate in candidates]
+        return pandas.DataFrame(rows, columns=keys)
 
     def to_markdown(self) -> str:
         """Return the parameters as a Markdown table, with digits by their sigmas."""
@@ -217,8 +216,9 @@ class Diagnosis:
         return self.parameters.to_latex()
 
     def to_excel(self, path: str | PathLike[str]) -> Path:
-        """Write the parameters, before and after, as an XLSX workbook with full precision; returns
-        the path. Needs openpyxl.
+        """Write the parameters, before and after, as an XLSX workbook with full precision.
+
+        Returns the path. Needs openpyxl.
         """
         return write_sheets(path, {"after": self.parameters, "before": self.before})
 
@@ -245,13 +245,10 @@ class Diagnosis:
     def save(
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
-        """Write the study with its ``report.html`` as the command does with ``--out``; returns the
-        folder.
-        """
+        """Write the study with ``report.html`` as the command does; returns the folder."""
         from scenarios.diagnosis.report.files import write_diagnosis
 
-        target = path_given(folder)
-        return write_diagnosis(self.details, target, figures=formats_wanted(figures))
+        return write_diagnosis(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(
         self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
@@ -286,21 +283,21 @@ class Diagnosis:
         )
 
 
-@told_in_python
+@with_python_errors
 def diagnose(
-    records: Source | Sequence[Source],
-    model: Declared,
+    records: RecordSource | Sequence[RecordSource],
+    model: ModelSource,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
-    validate: Source | Sequence[Source] = (),
+    validate: RecordSource | Sequence[RecordSource] = (),
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     effort: str = "normal",
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -357,7 +354,8 @@ def diagnose(
 
 def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
     return Parameters(
-        Parameter(name, each.value, each.std, each.unit) for name, each in quantities.items()
+        Parameter(name, quantity.value, quantity.std, quantity.unit)
+        for name, quantity in quantities.items()
     )
 
 
@@ -366,8 +364,12 @@ def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Survey:
-    """What many flights of one aircraft show together. ``details``: the complete internal result.
-    ``folder``: where flights are kept.
+    """Effects and trends over many flights of one aircraft.
+
+    Attributes
+    ----------
+    details : the complete internal result.
+    folder : folder with the results of the flights.
     """
 
     details: surveying.SurveyResult
@@ -385,9 +387,7 @@ class Survey:
 
     @property
     def computed(self) -> tuple[str, ...]:
-        """Flights that were diagnosed in this call; the results of the others were kept from
-        before.
-        """
+        """Flights that were diagnosed in this call; results of the others were already there."""
         return self.details.survey_files.computed
 
     @property
@@ -402,12 +402,13 @@ class Survey:
 
     @property
     def standing_out(self) -> tuple[tuple[str, str, float], ...]:
-        """Flights that stand out: flight, derivative, by how many standard deviations."""
+        """Outlying flights: flight, derivative, deviation in standard deviations."""
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return the derivatives, one row per flight: value (``Cm_alpha``) and sigma
-        (``Cm_alpha_std``) of each in SI, and the flight's conditions.
+        """Return the derivatives and the flight conditions, one row per flight, SI.
+
+        Each derivative has the columns of its value (``Cm_alpha``) and sigma (``Cm_alpha_std``).
         """
         import pandas
 
@@ -415,9 +416,9 @@ class Survey:
         for name, by_flight in self.details.conditions.items():
             for flight, value in by_flight.items():
                 rows[flight][name] = value
-        for each in self.details.derivatives:
-            for flight, value, sigma in zip(each.flights, each.values, each.sigmas, strict=True):
-                rows[flight] |= {each.name: float(value), f"{each.name}_std": float(sigma)}
+        for item in self.details.derivatives:
+            for flight, value, sigma in zip(item.flights, item.values, item.sigmas, strict=True):
+                rows[flight] |= {item.name: float(value), f"{item.name}_std": float(sigma)}
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("flight")
 
     def recurring(self) -> pandas.DataFrame:
@@ -445,11 +446,11 @@ class Survey:
     def save(
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
-        """Write the survey's own files as the command does with ``--out``; the flights' folders
-        stay in ``folder`` of the result.
+        """Write the survey's files as the command does; returns the folder.
+
+        The folders of the flights stay in ``folder`` of the result.
         """
-        target = path_given(folder)
-        return write_survey(self.details, target, figures=formats_wanted(figures))
+        return write_survey(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -467,7 +468,7 @@ class Survey:
         )
 
 
-@told_in_python
+@with_python_errors
 def survey(
     flights: str | PathLike[str],
     folder: str | PathLike[str] | None = None,
@@ -483,17 +484,16 @@ def survey(
     Parameters
     ----------
     flights : the file that names model, vehicle and records.
-    folder : where each flight's results are kept, so that the next survey computes only what is
-        new; None takes a new one for temporary files.
-    jobs : processes, all cores when left out.
-    figures : of the flights' own pages.
+    folder : folder for the results of the flights, so that the next survey computes only new
+        flights; None: a new temporary folder.
+    jobs : number of processes; None: all cores.
+    figures : formats of the figures on the flights' pages.
     progress : called with the stage and the share done, 0 to 1.
-    cluster : the address of a Dask scheduler, whose workers take the place of processes.
+    cluster : address of a Dask scheduler, whose workers replace the processes.
 
     Raises
     ------
-    InputError : anything wrong in the file. A flight that cannot be used is told in
-        ``failed``.
+    InputError : an error in the file. Flights that cannot be used are in ``failed``.
 
     Examples
     --------

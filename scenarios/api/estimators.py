@@ -1,5 +1,6 @@
-"""Estimators in Python, each a function of a model and a record: nothing is prepared, checked or
-written.
+"""Estimators in Python, each a function of a model and a record.
+
+Nothing is prepared, checked or written.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ if TYPE_CHECKING:
 
 __all__ = ["ekf", "equation_error", "filter_error", "output_error", "smoother", "ukf"]
 
-Given = Model | str
-Numbers = str | PathLike[str] | Mapping[str, Any] | Vehicle | None
+ModelOrName = Model | str
+VehicleSource = str | PathLike[str] | Mapping[str, Any] | Vehicle | None
 
 
 def output_error(
-    model: Given, records: Record | Any | Sequence[Any], vehicle: Numbers = None
+    model: ModelOrName, records: Record | Any | Sequence[Any], vehicle: VehicleSource = None
 ) -> Estimate:
     """Maximum likelihood by simulation of whole records: process noise is not modelled.
 
     Parameters
     ----------
-    model : a name of ``models()``, with a vehicle; or a model of ``own_model``.
+    model : a name of ``models()``, with a vehicle; or the result of ``own_model``.
     records : one record or several: ``Record``, or what ``read_record`` takes. Channels that the
         model does not know are ignored. Each output gets a bias, each record an initial state.
     vehicle : constants and starting values for a model that is named.
@@ -63,13 +64,13 @@ def output_error(
 
 
 def filter_error(
-    model: Given, records: Record | Any | Sequence[Any], vehicle: Numbers = None
+    model: ModelOrName, records: Record | Any | Sequence[Any], vehicle: VehicleSource = None
 ) -> Estimate:
     """Maximum likelihood by the innovations of a Kalman filter, with process noise of unknown size.
 
     An aircraft flies through Dryden turbulence, other models have white noise on their states.
 
-    Parameters, returns and errors as of ``output_error``; ``fitted`` is predicted one sample ahead.
+    Parameters, returns and errors as in ``output_error``; ``fitted`` is predicted one sample ahead.
 
     References
     ----------
@@ -80,12 +81,12 @@ def filter_error(
 
 
 def equation_error(
-    model: Given, records: Record | Any | Sequence[Any], vehicle: Numbers = None
+    model: ModelOrName, records: Record | Any | Sequence[Any], vehicle: VehicleSource = None
 ) -> Estimate:
     """Least squares on the equations of motion, with differentiated and smoothed measurements.
 
-    Parameters, returns and errors as of ``output_error``; every state has to be measured, or to be
-    the rate of one that is.
+    Parameters, returns and errors as in ``output_error``. Each state has to be measured, or to be
+    the rate of a measured one.
 
     References
     ----------
@@ -102,18 +103,18 @@ def equation_error(
     return _estimate("equation-error", model, records, vehicle)
 
 
-def ekf(model: Given, record: Record | Any, vehicle: Numbers = None) -> Estimate:
+def ekf(model: ModelOrName, record: Record | Any, vehicle: VehicleSource = None) -> Estimate:
     """Extended Kalman filter, iterated about its own smoothed result.
 
     Parameters
     ----------
-    model, vehicle : as of ``output_error``.
-    record : one record; an output-error fit of it gives the noise levels and the start.
+    model, vehicle : as in ``output_error``.
+    record : one record; an output-error fit of it gives noise levels and starting values.
 
     Returns
     -------
     Estimate
-        As of ``output_error``, with ``history``: mean and standard deviation of states and
+        As in ``output_error``, with ``history``: mean and standard deviation of states and
         parameters ``(n, N)``, innovations ``(m, N)``.
 
     References
@@ -124,7 +125,7 @@ def ekf(model: Given, record: Record | Any, vehicle: Numbers = None) -> Estimate
     return _estimate("ekf", model, record, vehicle)
 
 
-def ukf(model: Given, record: Record | Any, vehicle: Numbers = None) -> Estimate:
+def ukf(model: ModelOrName, record: Record | Any, vehicle: VehicleSource = None) -> Estimate:
     """Unscented Kalman filter, iterated about its own smoothed result; otherwise as ``ekf``.
 
     References
@@ -136,11 +137,11 @@ def ukf(model: Given, record: Record | Any, vehicle: Numbers = None) -> Estimate
 
 
 def smoother(estimate: Estimate) -> SmoothedHistory:
-    """States and parameters at each sample given the whole record, from a filter's estimate.
+    """Return states and parameters at each sample given the whole record.
 
     Parameters
     ----------
-    estimate : of ``ekf`` or ``ukf``.
+    estimate : result of ``ekf`` or ``ukf``.
 
     Returns
     -------
@@ -150,7 +151,7 @@ def smoother(estimate: Estimate) -> SmoothedHistory:
     Raises
     ------
     InputError
-        The estimate is not of a filter.
+        The estimate is not that of a filter.
 
     References
     ----------
@@ -168,7 +169,7 @@ def smoother(estimate: Estimate) -> SmoothedHistory:
     return smooth(estimate.history)
 
 
-def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estimate:
+def _estimate(method: str, model: Any, records: Any, vehicle: VehicleSource) -> Estimate:
     from ident.whole_record.layout import FitSettings
     from scenarios.identification.assessment import DEFAULT_OPTIONS
     from scenarios.identification.methods import FILTERS, estimated_by
@@ -179,10 +180,9 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
     if not isinstance(model, Model | str | PathLike):
         what = f"a {type(model).__name__} is no model"
         raise DeclarationError(what, where=method, remedy="give the model first, then the record")
-    known = model if isinstance(model, Model) else fspath(model)
-    declared, priors = _declared(known, vehicle)
-    several = isinstance(records, list | tuple)
-    given = [_of_model(read_record(each), declared) for each in (records if several else [records])]
+    declared, priors = _declared(model if isinstance(model, Model) else fspath(model), vehicle)
+    sources = records if isinstance(records, list | tuple) else [records]
+    given = [_of_model(read_record(source), declared) for source in sources]
     if method in FILTERS and len(given) != 1:
         raise DeclarationError(
             f"a filter runs along one record, and there are {len(given)}",
@@ -192,7 +192,7 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
     outputs = [
         signal.name
         for signal in declared.equations.outputs
-        if any(signal.name in each.output_names for each in given)
+        if any(signal.name in record.output_names for record in given)
     ]
     biased = declared.with_biases(outputs_with_bias(declared, outputs))
     refuse_too_few(given, declared)
@@ -200,8 +200,8 @@ def _estimate(method: str, model: Any, records: Any, vehicle: Numbers) -> Estima
     return estimated_by(given, biased, outputs, method, settings, DEFAULT_OPTIONS)[1]
 
 
-def _declared(model: Given, vehicle: Numbers) -> tuple[Model, bool]:
-    """The model with its numbers, and whether priors count in a fit, as for elastic modes."""
+def _declared(model: ModelOrName, vehicle: VehicleSource) -> tuple[Model, bool]:
+    """Return the model with its numbers, and whether a fit uses priors, as for elastic modes."""
     from scenarios.files.vehicles import read_vehicle
     from scenarios.preparation.declared_model import model_of_file
 
@@ -224,7 +224,7 @@ def _of_model(record: Record, model: Model) -> sim_record.Record:
     missing = [
         signal.name
         for signal in model.equations.inputs
-        if signal.name not in {each.name for each in inputs}
+        if signal.name not in {channel.name for channel in inputs}
     ]
     if missing or not outputs:
         what = f"no {', '.join(missing)}" if missing else "none of the model's outputs"

@@ -16,13 +16,13 @@ import numpy as np
 from scenarios import prediction as predicting
 from scenarios.api import plot, tables
 from scenarios.api.record import Record, record_of
-from scenarios.api.records import Choices, choices_of
+from scenarios.api.records import ChannelMap, choices_of
 from scenarios.api.requests import (
     KEPT,
-    Declared,
-    Found,
-    Named,
-    Source,
+    ManeuverNames,
+    ManeuverParts,
+    ModelSource,
+    RecordSource,
     Times,
     effects_of,
     file_of,
@@ -40,7 +40,7 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
-from scenarios.api.tables import band_of, in_python_words, names_of, told_in_python
+from scenarios.api.tables import band_of, in_python_words, names_of, with_python_errors
 from scenarios.api.vehicle import Vehicle
 from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import Options
@@ -95,9 +95,7 @@ class Identification:
 
     @property
     def derived(self) -> dict[str, tuple[float, float]]:
-        """Quantities that follow from the parameters (natural frequency, damping ratio, ...): value
-        and sigma, SI.
-        """
+        """Value and sigma of derived quantities, such as natural frequency and damping, SI."""
         return dict(self.details.found.derived)
 
     @property
@@ -120,20 +118,22 @@ class Identification:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Profile-likelihood intervals, if requested; an open end is infinite."""
-        ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
         return {
-            name: (-math.inf if low is None else low, math.inf if high is None else high)
-            for name, (low, high) in ends.items()
+            interval.name: (
+                -math.inf if interval.low is None else interval.low,
+                math.inf if interval.high is None else interval.high,
+            )
+            for interval in self.details.found.intervals
         }
 
     @property
     def outcome(self) -> str:
-        """``"converged"``, or what went wrong."""
+        """``"converged"``, or another outcome code."""
         return self.details.found.estimate.outcome.code
 
     @property
     def converged(self) -> bool:
-        """Whether the fit ended as it should."""
+        """Whether the fit converged."""
         return self.outcome == "converged"
 
     @property
@@ -160,14 +160,8 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Reasons against the records or the result, one sentence each."""
         found = self.details.found
-        return in_python_words(
-            (
-                *found.doubts,
-                *found.cautions,
-                *((found.reading.sentence,) if found.reading else ()),
-                *found.look.set_aside,
-            )
-        )
+        reading = (found.reading.sentence,) if found.reading else ()
+        return in_python_words((*found.doubts, *found.cautions, *reading, *found.look.set_aside))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -209,34 +203,38 @@ class Identification:
         from scenarios.files.measured.columns import identities
         from scenarios.identification.files import identification_content
 
-        d = self.details
-        return identification_content(
-            d.found, identities(d.files), d.flown, identities(d.validation)
-        )
+        details = self.details
+        fitted, predicted = identities(details.files), identities(details.validation)
+        return identification_content(details.found, fitted, details.flown, predicted)
 
     def errors(self) -> pandas.DataFrame:
-        """Return the errors of the free simulation by record and channel, SI; those that were not
-        fitted are marked ``held_out``.
+        """Return the errors of the simulation by record and channel, SI.
+
+        ``held_out`` marks records that were not fitted.
         """
         return errors_of(self.details.found.fits)
 
     def response(self, number: int = 0) -> pandas.DataFrame:
-        """Return a record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
-        (``predicted_alpha``); held-out records last.
+        """Return a record over ``time``, SI; held-out records last.
+
+        Its columns are inputs, measured outputs (``alpha``) and predicted ones
+        (``predicted_alpha``).
         """
         return response_of(self.details.found, number)
 
     def linearised(self) -> StateSpace:
-        """Return the identified model as matrices about its point of reference, with units and
-        delays. Raises InputError if there is no such point.
+        """Return the identified model as matrices about its reference point, with units and delays.
+
+        Raises InputError if there is no such point.
         """
         from scenarios.identification.files import state_space_of
 
         return state_space_of(self.details.found)
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """Return the same as python-control's, with named states, inputs and outputs; a delay as a
-        Pade approximation of order ``pade``.
+        """Return the same for python-control, with named states, inputs and outputs.
+
+        A delay becomes a Pade approximation of order ``pade``.
         """
         from ident.flying_qualities.modes import to_control
 
@@ -279,23 +277,23 @@ class Identification:
         )
 
 
-@told_in_python
+@with_python_errors
 def identify(
-    records: Source | Sequence[Source],
-    model: Declared,
+    records: RecordSource | Sequence[RecordSource],
+    model: ModelSource,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
     method: str = "output-error",
-    validate: Source | Sequence[Source] = (),
+    validate: RecordSource | Sequence[RecordSource] = (),
     profile: bool | str | Sequence[str] | None = None,
     band: tuple[float, float] | None = None,
     engine: str | None = None,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -357,12 +355,13 @@ def identify(
     )
 
 
-def _profiled(asked: bool | str | Sequence[str] | None) -> tuple[str, ...] | None:
-    if asked is None or asked is False:
+def _profiled(profile: bool | str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Return the parameters to profile; empty for all, None for none."""
+    if profile is None or profile is False:
         return None
-    if asked is True or asked == "all":
+    if profile is True or profile == "all":
         return ()
-    return tuple(dict.fromkeys(names_of(asked, "parameter", "profile")))
+    return tuple(dict.fromkeys(names_of(profile, "parameter", "profile")))
 
 
 # ---- predict in Python
@@ -379,7 +378,7 @@ class Saved(Protocol):
 
 
 def refuse_no_study(study: Any) -> None:
-    """Raise DeclarationError for what is neither a study nor a result that can be saved as one."""
+    """Raise DeclarationError for an object that cannot be saved as a study."""
     if not hasattr(study, "save"):
         raise DeclarationError(
             f"a {type(study).__name__} is no study",
@@ -390,8 +389,9 @@ def refuse_no_study(study: Any) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
-    """A record predicted by a model that was not fitted to it. ``details``: the complete internal
-    result.
+    """A record predicted by a model that was not fitted to it.
+
+    ``details``: the complete internal result.
     """
 
     details: predicting.PredictionResult
@@ -417,8 +417,11 @@ class Prediction:
         return {each.test.name: each.passed for each in self.details.verdicts}
 
     def response(self) -> pandas.DataFrame:
-        """The record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
-        (``predicted_alpha``); of a diagnosis also ``declared_alpha``, without the effects found."""
+        """Return the record over ``time``, SI.
+
+        Its columns are inputs, measured outputs (``alpha``) and predicted ones
+        (``predicted_alpha``); of a diagnosis also ``declared_alpha``, without the effects found.
+        """
         import pandas
 
         found = self.details
@@ -426,16 +429,18 @@ class Prediction:
             channel.name: channel.with_gaps()
             for channel in (*found.record.inputs, *found.record.outputs)
         }
-        for word, simulation in (("declared", found.before), ("predicted", found.after)):
-            if simulation is not None:
-                columns |= {
-                    f"{word}_{name}": row
-                    for name, row in zip(found.channels, simulation.rows, strict=True)
-                }
+        for model, simulation in self._simulations():
+            columns |= {
+                f"{model}_{name}": row
+                for name, row in zip(found.channels, simulation.rows, strict=True)
+            }
         return pandas.DataFrame(columns, index=pandas.Index(found.record.time, name=TIME))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Errors by model (``predicted``, of a diagnosis also ``declared``) and channel, SI."""
+        """Return errors by model and channel, SI.
+
+        The model is ``predicted``, of a diagnosis also ``declared``.
+        """
         import pandas
 
         return pandas.DataFrame(self._rows(), columns=list(ERRORS)).set_index(["model", "channel"])
@@ -452,17 +457,19 @@ class Prediction:
         """Write the prediction as the command does with ``--out``; returns the folder."""
         from scenarios.prediction import write_prediction
 
-        target = path_given(folder)
-        return write_prediction(self.details, target, figures=formats_wanted(figures))
+        return write_prediction(self.details, path_given(folder), figures=formats_wanted(figures))
 
     def _rows(self) -> list[tuple[Any, ...]]:
-        both = (("declared", self.details.before), ("predicted", self.details.after))
         return [
-            (word, name, *(errors[key] for key in ERRORS[2:]))
-            for word, simulation in both
-            if simulation is not None
+            (model, name, *(errors[key] for key in ERRORS[2:]))
+            for model, simulation in self._simulations()
             for name, errors in figures_of(simulation).items()
         ]
+
+    def _simulations(self) -> list[tuple[str, Any]]:
+        """Return the simulations by model: ``declared``, if there is one, and ``predicted``."""
+        both = (("declared", self.details.before), ("predicted", self.details.after))
+        return [(model, simulation) for model, simulation in both if simulation is not None]
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""
@@ -470,7 +477,9 @@ class Prediction:
 
     def __repr__(self) -> str:
         text = ", ".join(
-            f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted"
+            f"{name} {fit:.3g} %"
+            for model, name, _, fit, *_ in self._rows()
+            if model == "predicted"
         )
         return (
             f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: "
@@ -479,8 +488,8 @@ class Prediction:
 
     def _repr_html_(self) -> str:
         rows = [
-            [word, name, *(f"{each:.4g}" for each in errors)]
-            for word, name, *errors in self._rows()
+            [model, name, *(f"{error:.4g}" for error in errors)]
+            for model, name, *errors in self._rows()
         ]
         return tables.page(
             f"{self.details.record.name} predicted",
@@ -489,20 +498,20 @@ class Prediction:
         )
 
 
-@told_in_python
+@with_python_errors
 def predict(
     study: str | PathLike[str] | Saved,
-    record: Source,
+    record: RecordSource,
     *,
-    model: Declared | None = None,
+    model: ModelSource | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     tolerances: str | None = None,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
-    maneuver: Named = None,
-    maneuvers: Found = None,
+    maneuver: ManeuverNames = None,
+    maneuvers: ManeuverParts = None,
     rate: float | None = None,
     trust_record: bool = False,
 ) -> Prediction:
@@ -530,24 +539,22 @@ def predict(
     >>> fid.predict(found, flight.validate[0]).record.name
     'validate'
     """
-    own = model_of(model) if model is not None else None
+    declared = model_of(model) if model is not None else None
     plan = plan_from(start, stop, None, rate, None, trust_record, columns)
-    asked_of = with_parts(Request((file_of(record),), plan=plan), maneuver, maneuvers)
-    own_model = Path(own) if isinstance(own, str) else own
-    asked = PredictionRequest(
+    prepared = with_parts(Request((file_of(record),), plan=plan), maneuver, maneuvers)
+    request = PredictionRequest(
         Path(),
-        asked_of.records[0],
+        prepared.records[0],
         choices_of(channels),
-        asked_of.plan,
-        own_model,
+        prepared.plan,
+        Path(declared) if isinstance(declared, str) else declared,
         effects_of(effects),
         tolerances,
     )
     if isinstance(study, str | PathLike):
-        return Prediction(predict_record(replace(asked, study=path_given(study))))
+        return Prediction(predict_record(replace(request, study=path_given(study))))
     refuse_no_study(study)
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        found = predict_record(
-            replace(asked, study=study.save(Path(scratch) / "study", figures=False))
-        )
+        saved = study.save(Path(scratch) / "study", figures=False)
+        found = predict_record(replace(request, study=saved))
     return Prediction(replace(found, study=Path("a result in Python")))

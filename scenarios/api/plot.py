@@ -1,5 +1,6 @@
-"""Figures of results: functions that take a result and return a matplotlib Figure, the same figures
-that studies hold.
+"""Figures of results: functions that take a result and return a matplotlib Figure.
+
+They are the figures of study folders.
 """
 
 from __future__ import annotations
@@ -26,49 +27,49 @@ if TYPE_CHECKING:
     from sim import record as sim_record
 
 
-class Fitted(Protocol):
+class FittedResult(Protocol):
     """An identification."""
 
     @property
     def details(self) -> Identified: ...
 
 
-class Simulated(Protocol):
+class SimulatedStudy(Protocol):
     """A study of simulated flights."""
 
     @property
     def details(self) -> Any: ...
 
 
-class Traced(Protocol):
+class DiagnosisResult(Protocol):
     """A diagnosis."""
 
     @property
     def details(self) -> Tracing: ...
 
 
-class Checked(Protocol):
+class CheckResult(Protocol):
     """A check of the kinematics."""
 
     @property
     def details(self) -> CompatibilityCheck: ...
 
 
-class Found(Protocol):
+class ManeuverResult(Protocol):
     """The maneuvers of a record."""
 
     @property
     def details(self) -> FoundManeuvers: ...
 
 
-class Responding(Protocol):
+class ResponseResult(Protocol):
     """Frequency responses of records."""
 
     @property
     def details(self) -> ResponseEstimates: ...
 
 
-class Recorded(Protocol):
+class RecordChannels(Protocol):
     """Channels in SI by name, their units, and which of them are inputs."""
 
     @property
@@ -86,16 +87,17 @@ class Recorded(Protocol):
     def __getitem__(self, name: str, /) -> np.ndarray: ...
 
 
-def maneuvers(found: Found) -> Figure:
-    """Return the whole flight with its maneuvers marked by their numbers, angles in degrees."""
+def maneuvers(found: ManeuverResult) -> Figure:
+    """Plot the whole flight with its maneuvers marked by their numbers, angles in degrees."""
     from scenarios.plots.maneuvers import figure_flight
 
     return shown(figure_flight(found.details, found.details.identity.name))
 
 
-def response(found: Responding, number: int = 0) -> Figure:
-    """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from
-    0, outputs first.
+def response(found: ResponseResult, number: int = 0) -> Figure:
+    """Plot magnitude, phase and coherence of a frequency response.
+
+    ``number`` counts the responses from 0, outputs first.
     """
     from scenarios.plots.flying_qualities import figure_response
     from scenarios.responses.analysis import pairs
@@ -104,9 +106,10 @@ def response(found: Responding, number: int = 0) -> Figure:
     return shown(figure_response(found.details, row, column))
 
 
-def mismatch(found: Responding, number: int = 0) -> Figure:
-    """Return a frequency response over its fitted transfer function, between the envelopes of
-    dynamics that a pilot does not notice.
+def mismatch(found: ResponseResult, number: int = 0) -> Figure:
+    """Plot a frequency response over its fitted transfer function.
+
+    The figure has the envelopes of dynamics that a pilot does not notice.
     """
     from scenarios.plots.flying_qualities import figure_mismatch
     from scenarios.responses.analysis import pairs
@@ -115,27 +118,30 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
     return shown(figure_mismatch(found.details, row, column))
 
 
-def bandwidth(found: Responding, number: int = 0) -> Figure:
-    """Return an attitude response with its bandwidths and phase delay; ``number`` counts those that
-    have one from 0.
+def bandwidth(found: ResponseResult, number: int = 0) -> Figure:
+    """Plot an attitude response with its bandwidths and phase delay.
+
+    ``number`` counts the responses with a bandwidth from 0.
     """
     from scenarios.plots.flying_qualities import figure_bandwidth
 
     return shown(figure_bandwidth(found.details, number))
 
 
-def qualities(found: Responding, number: int = 0) -> Figure:
-    """Flying qualities of a response on the charts of their criteria, with levels; ``number``
-    counts those that have a chart from 0.
+def qualities(found: ResponseResult, number: int = 0) -> Figure:
+    """Plot flying qualities of a response on the charts of their criteria, with levels.
+
+    ``number`` counts the responses with a chart from 0.
     """
     from scenarios.plots.flying_qualities import figure_qualities
 
     return shown(figure_qualities(found.details, number))
 
 
-def step(found: Responding, number: int = 0) -> Figure:
-    """Return the step of a fitted response over its steady value; ``number`` counts the responses
-    from 0, outputs first.
+def step(found: ResponseResult, number: int = 0) -> Figure:
+    """Plot the step response of a fitted response over its steady value.
+
+    ``number`` counts the responses from 0, outputs first.
     """
     from scenarios.plots.flying_qualities import figure_steps
     from scenarios.responses.analysis import pairs
@@ -144,25 +150,25 @@ def step(found: Responding, number: int = 0) -> Figure:
     return shown(figure_steps(found.details, row, column))
 
 
-def loop(found: Responding) -> Figure:
-    """Return a broken-loop response with its stability margins."""
+def loop(found: ResponseResult) -> Figure:
+    """Plot a broken-loop response with its stability margins."""
     from scenarios.plots.flying_qualities import figure_margins
 
     return shown(figure_margins(found.details))
 
 
-def record(given: Recorded) -> Figure:
-    """Inputs and outputs against time, angles in degrees."""
+def record(given: RecordChannels) -> Figure:
+    """Plot inputs and outputs against time, angles in degrees."""
     from scenarios.plots.signals import figure_record
 
     return shown(figure_record(_as_recorded(given), given.name))
 
 
-def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
-    """Measured outputs against the model's, and the residual below each; ``number`` counts the
-    fitted records from 0.
+def fit(found: FittedResult | SimulatedStudy, number: int = 0) -> Figure:
+    """Plot measured and predicted outputs, and the residual below each.
 
-    Of a study of simulated flights with what is true.
+    ``number`` counts the fitted records from 0. The figure of a simulated flight has the true
+    outputs, too.
     """
     from scenarios.identification.identify import Identified
     from scenarios.plots.signals import figure_fit, response_of
@@ -193,32 +199,24 @@ def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
     )
 
 
-def held_out(found: Fitted, number: int = 0) -> Figure:
-    """Return a record that was not fitted: measured outputs against the model's; ``number`` counts
-    these records from 0.
+def held_out(found: FittedResult, number: int = 0) -> Figure:
+    """Plot measured and predicted outputs of a held-out record.
+
+    ``number`` counts the held-out records from 0.
     """
     from scenarios.plots.signals import MethodOutputs, figure_fit
 
     inner = found.details.found
-    one = _one_of(
-        [each for each in inner.fits if each.held_out and each.figures is not None],
-        number,
-        "records held out",
-    )
+    predicted = [fit for fit in inner.fits if fit.held_out and fit.figures is not None]
+    fit = _one_of(predicted, number, "records held out")
     noise = dict(zip(inner.estimate.output_names, inner.estimate.noise_std.tolist(), strict=True))
-    response = MethodOutputs("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
-    return shown(
-        figure_fit(
-            one.record,
-            [response],
-            None,
-            f"{one.record.name}: {inner.vehicle.model}, {inner.method}\nheld out",
-            noise,
-        )
-    )
+    outputs = dict(zip(fit.outputs, fit.simulated, strict=True))
+    title = f"{fit.record.name}: {inner.vehicle.model}, {inner.method}\nheld out"
+    response = MethodOutputs("free simulation", outputs)
+    return shown(figure_fit(fit.record, [response], None, title, noise))
 
 
-def correlation(found: Fitted) -> Figure:
+def correlation(found: FittedResult) -> Figure:
     """Plot the correlations of the estimates."""
     from scenarios.plots.estimates import figure_correlation
 
@@ -232,40 +230,41 @@ def correlation(found: Fitted) -> Figure:
     )
 
 
-def residuals(found: Traced, number: int = 0) -> Figure:
-    """Plot the residuals of a fitted record, before and after; ``number`` counts the fitted records
-    from 0.
+def residuals(found: DiagnosisResult, number: int = 0) -> Figure:
+    """Plot the residuals of a fitted record, before and after.
+
+    ``number`` counts the fitted records from 0.
     """
     return _of_diagnosis(found, "residuals", number)
 
 
-def spectra(found: Traced, number: int = 0) -> Figure:
-    """Spectra of the residuals of a fitted record, before and after."""
+def spectra(found: DiagnosisResult, number: int = 0) -> Figure:
+    """Plot the spectra of the residuals of a fitted record, before and after."""
     return _of_diagnosis(found, "spectra", number)
 
 
-def prediction(found: Traced, number: int = 0) -> Figure:
-    """Return a record that was not fitted: measured and predicted, before and after."""
+def prediction(found: DiagnosisResult, number: int = 0) -> Figure:
+    """Plot measured and predicted outputs of a held-out record, before and after."""
     return _of_diagnosis(found, "held_out", number)
 
 
-def evidence(found: Traced) -> Figure:
-    """Return the best candidates of each round."""
+def evidence(found: DiagnosisResult) -> Figure:
+    """Plot the best candidates of each round of the search."""
     return _of_diagnosis(found, "evidence", 0)
 
 
-def derivatives(found: Traced) -> Figure:
-    """Return the parameters of the declared model before and after."""
+def derivatives(found: DiagnosisResult) -> Figure:
+    """Plot the parameters of the declared model, before and after."""
     return _of_diagnosis(found, "derivatives", 0)
 
 
-def replication(found: Traced) -> Figure:
-    """Return the parameters of the claimed effects from each record by itself."""
+def replication(found: DiagnosisResult) -> Figure:
+    """Plot the parameters of the claimed effects by each record alone."""
     return _of_diagnosis(found, "replication", 0)
 
 
-def reconstruction(found: Checked, number: int = 0) -> Figure:
-    """Measured channels against those that the kinematics reconstruct."""
+def reconstruction(found: CheckResult, number: int = 0) -> Figure:
+    """Plot measured channels and their reconstruction by kinematics."""
     from scenarios.plots.signals import figure_reconstruction
 
     item = _one_of(found.details.result.reconstructions, number, "reconstructions")
@@ -293,8 +292,9 @@ class Figures:
 
 
 class Interactive:
-    """A figure that a notebook shows in a frame: drag to zoom, double click to see all, values
-    under the pointer, curves that can be switched off.
+    """A figure for notebooks with zoom, values under the pointer, and curves that can be hidden.
+
+    Drag to zoom; double click to show everything.
 
     Attributes
     ----------
@@ -321,13 +321,12 @@ class Interactive:
 
 
 def interactive(figure: Figure, words: str = "") -> Interactive:
-    """Return the figure in a form that zooms in a notebook; one that has bars, error bars or a map
-    stays a drawing.
+    """Return a figure that zooms in a notebook. Bars, error bars and maps stay a drawing.
 
     Parameters
     ----------
-    figure : of this module's functions, or any figure of matplotlib with lines, points and bands.
-    words : what it shows, for those who do not see it; else what its axes say.
+    figure : figure of this module, or of matplotlib with lines, points and bands.
+    words : description for readers who cannot see it; empty: from its axes.
 
     Examples
     --------
@@ -344,16 +343,14 @@ def interactive(figure: Figure, words: str = "") -> Interactive:
 
 
 def shown(figure: Figure) -> Figure:
-    """Return a figure that a notebook shows by itself, also where nobody asked matplotlib for a
-    backend.
-    """
+    """Return a figure that a notebook shows without a matplotlib backend."""
     from scenarios.plots.drawing import figure_png
 
     figure._repr_png_ = partial(figure_png, figure)  # type: ignore[attr-defined]
     return figure
 
 
-def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
+def _of_diagnosis(found: DiagnosisResult, stem: str, number: int) -> Figure:
     from scenarios.diagnosis.report.files import figures_of as made
     from scenarios.diagnosis.report.files import numbered, pictured
 
@@ -378,8 +375,8 @@ def _one_of(items: Any, number: int, what: str) -> Any:
     return items[number]
 
 
-def _as_recorded(given: Recorded) -> sim_record.Record:
-    """Return a record with all its channels, inputs apart."""
+def _as_recorded(given: RecordChannels) -> sim_record.Record:
+    """Return an internal record with all channels, as inputs and outputs."""
     from sim.record import Channel, Hold
     from sim.record import Record as SimRecord
 

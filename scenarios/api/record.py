@@ -1,6 +1,4 @@
-"""Records in Python: read from files, DataFrames and arrays, and given on to pandas, xarray and
-python-control.
-"""
+"""Records in Python: read from files and objects, and passed on to other packages."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ from scenarios.api import tables
 from scenarios.api.records import (
     INPUTS,
     ChannelColumn,
-    Choices,
+    ChannelMap,
     Units,
     columns_of,
     columns_of_record,
@@ -47,11 +45,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """Measured signals on one time base, as they came: nothing is converted before it is requested.
+    """Measured signals on one time base.
 
-    ``record["alpha"]`` is a channel in SI and radians, NaN if a sample is missing; ``time`` in
+    ``record["alpha"]`` is a channel in SI and radians, NaN if a sample is missing; ``time`` is in
     s. Channels are found by their names and units as in files (``alpha``, ``alpha_deg``, ``q
-    [deg/s]``); columns that are no channel we know keep their names and numbers.
+    [deg/s]``). Columns that are no known channel keep their names and numbers. Values are converted
+    when they are requested.
 
     Attributes
     ----------
@@ -77,7 +76,7 @@ class Record:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Channels, time left out."""
+        """Names of the channels without the time."""
         return tuple(self._columns)
 
     @property
@@ -87,9 +86,7 @@ class Record:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Channels that are controls; of names that are not ours those that were named as
-        inputs.
-        """
+        """Names of the channels that are controls, or were named as inputs."""
         chosen = INPUTS if self._inputs is None else self._inputs
         return tuple(name for name in self.names if name in chosen)
 
@@ -108,7 +105,7 @@ class Record:
     def __getitem__(self, name: str) -> np.ndarray:
         if name == TIME:
             return self.time
-        # A map or a unit that does not fit the column: its raw values are not the channel.
+        # With a map or unit that does not fit the column, its raw values are not the channel.
         if name in self._columns or name in self.file.choices:
             refuse_misread(self.file, name)
         if name not in self._columns:
@@ -142,9 +139,7 @@ class Record:
         )
 
     def _span_of(self, name: str) -> list[str]:
-        """Return the least and the greatest value and how many are missing; of a faulty column what
-        is wrong.
-        """
+        """Return smallest and largest value and number of missing ones, or the error."""
         try:
             values = self[name]
         except RecordError as error:
@@ -154,12 +149,10 @@ class Record:
         return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
-        """Return the rows from ``start`` to ``stop`` (s, both included) as a record of their own;
-        None leaves that end open.
+        """Return the rows from ``start`` to ``stop`` (s, both included) as a record.
 
-        Raises InputError if there is no such row.
+        None leaves that end open. Raises InputError if there is no such row.
         """
-
         with in_python():
             return replace(self, file=rows_of_file(self.file, start, stop))
 
@@ -245,15 +238,13 @@ class Record:
         return record_of(done)
 
     def plot(self) -> Figure:
-        """Inputs and outputs against time, angles in degrees."""
+        """Plot inputs and outputs against time, angles in degrees."""
         from scenarios.api import plot
 
         return plot.record(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
-        ``attrs``.
-        """
+        """Return a DataFrame over ``time`` (s); units, name, hold and inputs are in ``attrs``."""
         import pandas
 
         frame = pandas.DataFrame(
@@ -268,14 +259,12 @@ class Record:
         return {"name": self.name, **stated_hold, "inputs": list(self.input_names)}
 
     @staticmethod
-    def from_pandas(frame: pandas.DataFrame, **told: Any) -> Record:
-        """Read a DataFrame as ``read_record`` reads a file; metadata that ``to_pandas`` wrote into
-        ``attrs`` are used.
-        """
-        return read_record(frame, **told)
+    def from_pandas(frame: pandas.DataFrame, **options: Any) -> Record:
+        """Return ``read_record`` of a DataFrame, with the metadata in its ``attrs``."""
+        return read_record(frame, **options)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return a Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
+        """Return a Dataset over ``time``; variables have units as attributes. Needs xarray."""
         try:
             import xarray
         except ImportError:
@@ -286,14 +275,12 @@ class Record:
         return xarray.Dataset(data, {TIME: (TIME, self.time, {"units": "s"})}, self._attributes)
 
     @staticmethod
-    def from_xarray(dataset: xarray.Dataset, **told: Any) -> Record:
-        """Read a Dataset as ``read_record`` reads a file; units come from the attributes ``units``
-        of the variables.
-        """
-        return read_record(dataset, **told)
+    def from_xarray(dataset: xarray.Dataset, **options: Any) -> Record:
+        """Return ``read_record`` of a Dataset, with the attributes ``units`` of its variables."""
+        return read_record(dataset, **options)
 
     def to_control(self) -> control.TimeResponseData:
-        """python-control's response with named inputs and outputs, SI."""
+        """Return a response for python-control with named inputs and outputs, SI."""
         import control
 
         inputs, outputs = self.input_names, self.output_names
@@ -314,16 +301,16 @@ class Record:
         )
 
     @staticmethod
-    def from_control(response: control.TimeResponseData, **told: Any) -> Record:
-        """Read a response as ``read_record`` reads a file; names are the response's labels."""
-        return read_record(response, **told)
+    def from_control(response: control.TimeResponseData, **options: Any) -> Record:
+        """Return ``read_record`` of a response, with the names of its labels."""
+        return read_record(response, **options)
 
 
 def read_record(
     source: str | PathLike[str] | Mapping[str, Any] | Any,
     *,
     units: Units | None = None,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     inputs: str | Iterable[str] | None = None,
     hold: str | None = None,
     name: str | None = None,
@@ -336,17 +323,17 @@ def read_record(
     source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose time is a
         column ``time`` or its index (datetimes, timedeltas, or an index named time); a mapping of
         names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
-    units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
-    channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha":
-        ("AoA1", "deg")}``; or a channel map's path.
-    inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
-    hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar
-        says or the data do.
-    name : what messages call a record in memory; a file has its own.
+    units : unit by channel or column whose name has no unit, ``{"alpha": "deg"}``.
+    channels : column by channel, ``{"alpha": "AoA1"}`` or ``{"alpha": ("AoA1", "deg")}``; or the
+        path of a channel map.
+    inputs : names of the controls; None: elevator, stick, aileron, rudder and thrust.
+    hold : behaviour of inputs between samples, ``"previous"`` or ``"linear"``; None: that of the
+        sidecar or of the data.
+    name : name in messages of a record in memory; a file has its own.
 
     Raises
     ------
-    InputError : it is no record or has no time, or a channel or unit given for it does not fit.
+    InputError : the source is no record or has no time, or a channel or unit does not fit.
 
     Examples
     --------
@@ -360,25 +347,24 @@ def read_record(
     if isinstance(source, Record):
         return source
     refuse_misspelt(channels, "record" if name is None else name)
-    file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
+    file, named = opened_source(source, units=units, channels=channels, hold=hold, name=name)
     refuse_without_clock(file)
-    record = Record(file, told)
+    record = Record(file, named)
     if inputs is None:
         return record
     return replace(record, _inputs=named_inputs(inputs, record.names, record.name))
 
 
 def record_of(record: sim_record.Record) -> Record:
-    """Return a record of the library as one of users, in SI."""
+    """Return an internal record as a record of the Python interface, in SI."""
     columns, units = columns_of_record(record)
     return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)
 
 
 def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
-    """Return the rows of a record file between two times, s, under a name that tells them; row
-    numbers stay those of the file.
+    """Return the rows of a record file between two times, s, which its name then has.
 
-    Raises RecordError if there is no such row.
+    Row numbers stay those of the file. Raises RecordError if there is no such row.
     """
     time, rows = window_of(file, start, stop)
     ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
@@ -407,8 +393,9 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
 
 
 def refuse_misspelt(channels: Any, where: str) -> None:
-    """Raise RecordError for a channel that is a known one with a letter too few, too many or out of
-    place. Any other name may be a channel of a model of one's own.
+    """Raise RecordError for a known channel with a missing, surplus or misplaced letter.
+
+    Any other name may be a channel of a user model.
     """
     for name in channels if isinstance(channels, Mapping) else ():
         if not isinstance(name, str) or name in CHANNEL_UNITS or not name.isalpha():

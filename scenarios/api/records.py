@@ -23,8 +23,13 @@ from scenarios.files.declarations import (
 )
 from scenarios.files.formats.cells import CellTable, header_cell, numbers
 from scenarios.files.formats.parquet import frame_header
-from scenarios.files.measured.columns import RecordFile, Sidecar, read_record_file, suffix_unit
-from scenarios.files.measured.columns import SourceColumn as Found
+from scenarios.files.measured.columns import (
+    RecordFile,
+    Sidecar,
+    SourceColumn,
+    read_record_file,
+    suffix_unit,
+)
 from scenarios.files.measured.grid import clock_place
 from scenarios.files.records import column_of, raw_column, read_record
 from scenarios.files.sources import InputFile
@@ -45,9 +50,7 @@ INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
 
 @dataclass(frozen=True)
 class ChannelColumn:
-    """A channel's unit, and how its values ``(N,)`` are read; ``header`` is its cell in the
-    file.
-    """
+    """Unit and header of a channel's column, and a function that returns its values ``(N,)``."""
 
     unit: str
     header: str
@@ -57,56 +60,38 @@ class ChannelColumn:
 def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
     """Return every channel of a record file, time left out, in the order of its columns.
 
-    A column that is none of our channels, or of a unit that does not fit it, keeps its name and
-    numbers; one without numbers is left out, and so is one that is no sequence
+    A column that is no known channel, or has a unit that does not fit it, keeps its name and
+    numbers. A column without numbers is left out, and so is one that is no sequence
     (``refuse_unreadable``).
     """
     taken: dict[int, tuple[str, ChannelColumn]] = {}
-    under = file.table.units or ("",) * len(file.table.header)
-    # a mapped column is no other channel
-    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):
-        found, unit = _found(file, name), CHANNEL_UNITS[name]
-        if (
-            found is not None
-            and found.index not in taken
-            and found.index not in file.table.unreadable
-        ):
-            shown_unit = found.unit if name == STICK else unit
-            taken[found.index] = (
-                name,
-                ChannelColumn(shown_unit, found.header, partial(_channel, file, name)),
-            )
-    for name in (each for each in file.choices if each not in CHANNEL_UNITS):
-        choice = file.choices[name]
+    units_row = file.table.units or ("",) * len(file.table.header)
+    # Mapped channels come first, so that no other channel takes their columns.
+    for name in sorted(CHANNEL_UNITS, key=lambda channel: channel not in file.choices):
+        found = _source_column(file, name)
+        if found is None or found.index in taken or found.index in file.table.unreadable:
+            continue
+        unit = found.unit if name == STICK else CHANNEL_UNITS[name]
+        column = ChannelColumn(unit, found.header, partial(_channel, file, name))
+        taken[found.index] = (name, column)
+    for name, choice in file.choices.items():
+        if name in CHANNEL_UNITS:
+            continue
         for index, cell in enumerate(file.table.header):
-            if choice.column in (cell, split_header(cell)[0]):
-                taken[index] = (
-                    name,
-                    ChannelColumn(
-                        choice.unit or split_header(cell)[1] or under[index] or "1",
-                        cell,
-                        partial(raw_column, file, index),
-                    ),
-                )
+            if _called(cell, choice.column):
+                unit = choice.unit or split_header(cell)[1] or units_row[index] or "1"
+                column = ChannelColumn(unit, cell, partial(raw_column, file, index))
+                taken[index] = (name, column)
     for index, cell in enumerate(file.table.header):
-        if (
-            index not in taken
-            and index not in file.table.unreadable
-            and cell
-            and _numeric(file, index)
-        ):
-            name, unit_told = split_header(cell)
-            shown_unit = (
-                unit_told
-                or under[index]
-                or file.sidecar.units.get(name)
-                or file.sidecar.units.get(cell)
-                or "1"
-            )
-            taken[index] = (
-                name if name not in CHANNEL_UNITS else cell,
-                ChannelColumn(shown_unit, cell, partial(raw_column, file, index)),
-            )
+        if index in taken or index in file.table.unreadable or not cell:
+            continue
+        if not _numeric(file, index):
+            continue
+        name, header_unit = split_header(cell)
+        sidecar_unit = file.sidecar.units.get(name) or file.sidecar.units.get(cell)
+        unit = header_unit or units_row[index] or sidecar_unit or "1"
+        column = ChannelColumn(unit, cell, partial(raw_column, file, index))
+        taken[index] = (cell if name in CHANNEL_UNITS else name, column)
     clock = clock_place(file.table)
     return {
         name: column
@@ -116,10 +101,8 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
 
 
 def refuse_unreadable(file: RecordFile, name: str) -> None:
-    """Raise RecordError if a channel's column is in the file and holds no sequence of
-    numbers.
-    """
-    found = _found(file, name) if name in CHANNEL_UNITS else None
+    """Raise RecordError if the file has a channel's column, but no sequence of numbers in it."""
+    found = _source_column(file, name) if name in CHANNEL_UNITS else None
     at = (
         [found.index]
         if found is not None
@@ -131,9 +114,7 @@ def refuse_unreadable(file: RecordFile, name: str) -> None:
 
 
 def refuse_misread(file: RecordFile, name: str) -> None:
-    """Raise RecordError where the column that is chosen for a channel is not there, or has a unit
-    of another dimension.
-    """
+    """Raise RecordError if a channel's column is missing, or has a unit of another dimension."""
     if name in CHANNEL_UNITS:
         column_of(file, name)
 
@@ -165,9 +146,7 @@ def named_inputs(
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
-    """Raise RecordError for a unit of a column that is not there, or of one that says another
-    itself, in its header or under it.
-    """
+    """Raise RecordError for a unit of a missing column, or one that the file contradicts."""
     table, where = file.table, f"{file.table.file}, units"
     columns = {choice.column for choice in file.choices.values()}
     for name, unit in units.items():
@@ -188,16 +167,17 @@ def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
             raise RecordError(
                 f"there is no column {name!r}", where=where, remedy=closest(name, names)
             )
-        for told in (told for told in stated_units.values() if told and told != unit):
-            what = f"column {name!r} is in {told}, as it says itself, not in {unit}"
-            raise RecordError(what, where=where, remedy="leave one of the two out")
+        for stated in stated_units.values():
+            if stated and stated != unit:
+                what = f"column {name!r} is in {stated}, as it says itself, not in {unit}"
+                raise RecordError(what, where=where, remedy="leave one of the two out")
 
 
-def _called(cell: str, name: str) -> bool:
+def _called(cell: str, name: str | int) -> bool:
     return name in (cell, split_header(cell)[0])
 
 
-def _found(file: RecordFile, name: str) -> Found | None:
+def _source_column(file: RecordFile, name: str) -> SourceColumn | None:
     try:
         return column_of(file, name)
     except RecordError:
@@ -225,11 +205,12 @@ def file_of_columns(
     hold: Hold | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> RecordFile:
-    """Return a record file of named sequences, rows counted from 1. A time of datetimes counts from
-    its first sample, one of timedeltas from zero, s.
+    """Return a record file of named sequences, with rows counted from 1.
 
-    ``unreadable``: further names, and why they hold no sequence of numbers; whoever asks for one of
-    them is refused.
+    A time of datetimes counts from its first sample, one of timedeltas from zero, s.
+
+    ``unreadable``: further names, with the reason why they hold no sequence of numbers. Reading one
+    of them is an error.
 
     Raises
     ------
@@ -249,15 +230,13 @@ def file_of_columns(
         raise RecordError(
             "there is a header but no rows", where=label, remedy="give one row a sample"
         )
-    others = {} if unreadable is None else dict(unreadable)
-    faults = {len(header) + at: fault for at, fault in enumerate(others.values())}
-    header = (*header, *(header_cell(name, label) for name in others))
+    faulty = dict(unreadable or {})
     table = CellTable(
         label,
-        header,
-        (*values, *(np.full(rows, np.nan) for _ in others)),
+        (*header, *(header_cell(name, label) for name in faulty)),
+        (*values, *(np.full(rows, np.nan) for _ in faulty)),
         np.arange(1, rows + 1),
-        unreadable=faults,
+        unreadable={len(header) + at: reason for at, reason in enumerate(faulty.values())},
     )
     sidecar = Sidecar(label, hold or Hold.PREVIOUS, dict(units or {}), hold is not None)
     return RecordFile(
@@ -271,10 +250,9 @@ def file_of_columns(
 
 
 def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
-    """Return the columns of a DataFrame by their texts, and its index where that has a name.
+    """Return the columns of a DataFrame by name, and its index if it has a name.
 
-    The time comes from the index where no column is named so and the index is one of times, or is
-    named time.
+    An index that is named time is the time. So is an index of times if no column is named time.
 
     Raises RecordError if two columns have one name.
     """
@@ -318,7 +296,7 @@ def _has_time(names: Sequence[str]) -> bool:
 
 
 def _column(label: str, name: str, values: Any) -> np.ndarray:
-    """Return one column as a table of a file holds it: numbers, or cells as they stand."""
+    """Return a column as a file's table holds it: floats, or cells as objects."""
     array = _plain(values)
     if array.ndim != 1:
         raise RecordError(
@@ -327,23 +305,17 @@ def _column(label: str, name: str, values: Any) -> np.ndarray:
             remedy="give one value a sample",
         )
     if array.dtype.kind == "M":
-        return (
-            np.where(np.isnat(array), np.nan, (array - array[0]) / np.timedelta64(1, "ns") * 1e-9)
-            if array.size
-            else np.zeros(0)
-        )
+        array = array - array[:1]
     if array.dtype.kind == "m":
         return np.where(np.isnat(array), np.nan, array / np.timedelta64(1, "ns") * 1e-9)
     return array.astype(float) if array.dtype.kind in "fiu" else array.astype(object)
 
 
 def _plain(values: Any) -> np.ndarray:
-    """Return a NumPy array; of a pandas column with NaN if a number is missing, and without its
-    time zone.
-    """
+    """Return a NumPy array; of a pandas column with NaN for missing numbers, and times in UTC."""
     dtype = getattr(values, "dtype", None)
     if getattr(dtype, "tz", None) is not None:
-        # to UTC: a clock may be put forward
+        # In UTC, since local clocks may be put forward.
         values = (values.dt if hasattr(values, "dt") else values).tz_convert(None)
     if not isinstance(dtype, np.dtype | None) and hasattr(values, "to_numpy"):
         import pandas
@@ -356,7 +328,7 @@ def _plain(values: Any) -> np.ndarray:
 
 
 def digest_of(table: CellTable) -> str:
-    """SHA-256 of header and cells."""
+    """Return the SHA-256 of header and cells."""
     digest = hashlib.sha256("\x1f".join(table.header).encode())
     for column in table.columns:
         array = np.asarray(column)
@@ -382,11 +354,11 @@ class ContainerFacts:
 
 
 def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
-    """Return a path, or columns by name, and what the container says of them.
+    """Return a path, or columns by name, and the facts that the container states.
 
     Raises
     ------
-    RecordError : it is nothing that holds a record.
+    RecordError : the source holds no record.
     """
     if isinstance(source, str | PathLike):
         return Path(source), ContainerFacts()
@@ -395,14 +367,14 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
         return columns, ContainerFacts(units, source.name, source.hold.value, source.input_names)
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
         return source, ContainerFacts()
-    kind = {each.__name__ for each in type(source).__mro__}
-    if "TimeResponseData" in kind:
+    kinds = {base.__name__ for base in type(source).__mro__}
+    if "TimeResponseData" in kinds:
         return _of_response(source)
-    if "Dataset" in kind and hasattr(source, "data_vars"):
+    if "Dataset" in kinds and hasattr(source, "data_vars"):
         return _of_dataset(source)
     if isinstance(source, np.ndarray) and source.dtype.names:
         return {name: source[name] for name in source.dtype.names}, ContainerFacts()
-    if "DataFrame" not in kind or not hasattr(source, "iloc"):
+    if "DataFrame" not in kinds or not hasattr(source, "iloc"):
         if not hasattr(source, "to_pandas"):
             what = f"a {type(source).__name__} is no record"
             raise RecordError(
@@ -418,9 +390,7 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
 
 
 def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
-    """Read the attributes that ``to_pandas`` and ``to_xarray`` wrote; other attributes are
-    ignored.
-    """
+    """Return the facts in attributes that ``to_pandas`` and ``to_xarray`` write; ignore others."""
     units, name, hold, inputs = (attributes.get(key) for key in ("units", "name", "hold", "inputs"))
     return ContainerFacts(
         {str(key): str(value) for key, value in units.items()}
@@ -456,24 +426,21 @@ def _of_response(response: control.TimeResponseData) -> tuple[Mapping[str, Any],
 
 
 def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFacts]:
-    along = dataset[TIME].dims if TIME in dataset.variables else None
-    every = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars)}
-    variables = {name: each for name, each in every.items() if each.dims == along or along is None}
-    others = {
-        name: f"over {', '.join(map(str, each.dims))}, not over {', '.join(map(str, along or ()))}"
-        if each.dims
-        else "a single number"
-        for name, each in every.items()
-        if name not in variables
-    }
+    time_dims = dataset[TIME].dims if TIME in dataset.variables else None
+    columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    unreadable: dict[str, str] = {}
+    for key in (*dataset.coords, *dataset.data_vars):
+        name, variable = str(key), dataset[key]
+        if time_dims is not None and variable.dims != time_dims:
+            dims, expected = (", ".join(map(str, each)) for each in (variable.dims, time_dims))
+            unreadable[name] = f"over {dims}, not over {expected}" if dims else "a single number"
+            continue
+        columns[name] = variable.to_numpy()
+        if "units" in variable.attrs:
+            units[name] = str(variable.attrs["units"])
     facts = _of_attributes(dataset.attrs)
-    units = {
-        name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs
-    }
-    columns = {name: each.to_numpy() for name, each in variables.items()}
-    return columns, ContainerFacts(
-        {**facts.units, **units}, facts.name, facts.hold, facts.inputs, others
-    )
+    return columns, replace(facts, units={**facts.units, **units}, unreadable=unreadable)
 
 
 # ---- Records in any form, opened as record files
@@ -481,22 +448,21 @@ def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFa
 Units = Mapping[str, str]
 # A channel map: channel -> column, with its unit where the column does not say it; or the path of a
 # file with such a map.
-Choices = Mapping[str, str | tuple[str, str] | Mapping[str, str]] | str | PathLike[str]
+ChannelMap = Mapping[str, str | tuple[str, str] | Mapping[str, str]] | str | PathLike[str]
 
 
 def opened_source(
     source: Any,
     *,
     units: Units | None = None,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     hold: str | None = None,
     name: str | None = None,
 ) -> tuple[RecordFile, tuple[str, ...] | None]:
-    """Return a path, table, arrays or another package's container as a record file, and the inputs
-    that it names (None: it names none).
+    """Return a record file from a path, table, arrays or container, and the inputs it names.
 
-    Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
-    DeclarationError.
+    The inputs are None if it names none. Only columns that ``units`` and ``channels`` name are
+    checked. Raises RecordError and DeclarationError.
     """
     refuse_wrong_type("units", units, "Mapping | None")
     content, facts = unpacked(source)
@@ -526,9 +492,7 @@ def opened_source(
 
 
 def _computed(file: RecordFile) -> RecordFile:
-    """Return the file with a column for each channel that its map computes, and the topics of a log
-    on one grid.
-    """
+    """Return the file with the channels that its map computes, and a log's topics on one grid."""
     from scenarios.files.measured.derived import with_derived
 
     names = [name for name in file.choices if name != TIME]
@@ -545,8 +509,9 @@ def _computed(file: RecordFile) -> RecordFile:
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:
-    """Return a channel map as files have it, with ``units`` that were told of columns and not of
-    channels; or its path. Raises DeclarationError.
+    """Return a channel map in the form of files, or its path; None for None.
+
+    ``units``: units by column. Raises DeclarationError.
     """
     if channels is None:
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, SupportsFloat
 from scenarios.api import tables
 from scenarios.api.record import Record as ApiRecord
 from scenarios.api.record import record_of
-from scenarios.api.records import Choices, choices_of, opened_source
+from scenarios.api.records import ChannelMap, choices_of, opened_source
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
 from scenarios.files.measured.columns import RecordFile, refuse_twice
@@ -40,17 +39,22 @@ KEPT = "below; save(FOLDER) keeps them"  # place of details, in Python
 
 
 class Write(Protocol):
-    """Writes a study into a folder, whole or not at all."""
+    """Writes a study into a folder, all files or none."""
 
     def __call__(self, study: Any, folder: Path, /, *, figures: Formats) -> object: ...
 
 
 @dataclass(frozen=True)
 class Runner:
-    """Functions of a loaded scenario: run with a seed (None: its own), write, and print.
+    """Functions of a loaded scenario.
 
-    ``show``: prints a study and the place of its details. ``text``: plain printed text, for Python.
-    ``counted``: reported shares measure time, unlike those of a search.
+    Attributes
+    ----------
+    run : runs it with a seed (None: its own).
+    write : writes a study into a folder.
+    show : prints a study and the place of its details.
+    text : returns the printed text, for Python.
+    counted : whether the reported progress is proportional to time, unlike that of a search.
     """
 
     run: Callable[[int | None, Progress], Any]
@@ -116,7 +120,6 @@ def _sweep(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _flown_only(name: str, changes: Sequence[str]) -> Runner:
-
     remedy = f"use flightid simulate {name} --out flight.csv, and then identify or diagnose"
     raise DeclarationError(
         "a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy
@@ -124,7 +127,7 @@ def _flown_only(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
-    """Return a study's text where it is shown on a console."""
+    """Return a function that returns what ``show`` prints of a study."""
 
     def text(study: Any) -> str:
         from scenarios.report.quantities import as_text
@@ -135,12 +138,12 @@ def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
 
 
 def _on_console(show: Callable[..., None]) -> Callable[[Any, str], None]:
-    """Prints a study with rich, and where its details are."""
+    """Return a function that prints a study with rich, and the place of its details."""
     return lambda study, details: show(study, details=details)
 
 
 def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]:
-    """Prints a study's text as wide as the terminal is."""
+    """Return a function that prints a study's text in the width of the terminal."""
 
     def show(study: Any, details: str) -> None:
         from scenarios.report.summary import terminal_width
@@ -160,7 +163,7 @@ LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
 
 
 def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
-    """Return the record of a scenario that is flown once, by estimators or in closed loop."""
+    """Return the record of a scenario with one flight: identification, closed loop or sweep."""
     from scenarios.studies.catalogue import load_scenario
 
     if scenario_kind(name) == "sweep":
@@ -187,42 +190,40 @@ def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
 
 # ---- From keywords to the request that the commands make of their options
 
-Source = str | PathLike[str] | ApiRecord | Any  # a record, or whatever `read_record` takes
-# a model's name, the path of a Python file that holds one of your own, or that model itself
-Declared = str | PathLike[str] | Model
+RecordSource = str | PathLike[str] | ApiRecord | Any  # a record, or whatever `read_record` takes
+# A model's name, the path of the Python file of a user model, or that model itself.
+ModelSource = str | PathLike[str] | Model
 Times = float | Sequence[float] | None
-Named = int | str | Sequence[int | str] | None  # maneuvers by number or name
-# what `find_maneuvers` returned, or the path of a file of maneuvers
-Found = str | PathLike[str] | Any
+ManeuverNames = int | str | Sequence[int | str] | None  # maneuvers by number or name
+# The result of `find_maneuvers`, or the path of a file of maneuvers.
+ManeuverParts = str | PathLike[str] | Any
 
 
 def request_of(
-    records: Source | Sequence[Source],
-    model: Declared = "",
+    records: RecordSource | Sequence[RecordSource],
+    model: ModelSource = "",
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
-    validate: Source | Sequence[Source] = (),
+    validate: RecordSource | Sequence[RecordSource] = (),
     *,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
-    channels: Choices | None = None,
+    channels: ChannelMap | None = None,
     plan: Plan,
     effort: str = "normal",
     aircraft_class: str | None = None,
     category: str | None = None,
 ) -> Request:
-    """Return the request; records are opened now, so that errors appear before any computation."""
+    """Return the request. Records are opened here, so that errors precede any computation."""
     fitted, predicted = _listed(records), _listed(validate)
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
-    opened = [file_of(each) for each in (*fitted, *predicted)]
+    opened = [file_of(source) for source in (*fitted, *predicted)]
     refuse_twice([file for file in opened if file.in_memory])
     files = numbered_apart(opened)
-    asked = model_of(model)
+    declared = model_of(model)
     return Request(
         tuple(files[: len(fitted)]),
-        asked,
-        source_of(vehicle, asked if isinstance(asked, str) else "")
-        if vehicle is not None
-        else None,
+        declared,
+        source_of(vehicle, declared if isinstance(declared, str) else ""),
         tuple(files[len(fitted) :]),
         effects_of(effects),
         choices_of(channels),
@@ -242,8 +243,10 @@ def plan_from(
     trust_record: bool,
     columns: str | Sequence[str] | None = None,
 ) -> Plan:
-    """Return the plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns``
-    names with commas or as a list.
+    """Return the plan of preparation.
+
+    ``start``, ``stop``: one time, or one of each maneuver, s. ``columns``: names with commas, or a
+    list.
     """
     names = None if columns is None else ",".join(tables.names_of(columns, "column", "columns"))
     return plan_of(
@@ -251,10 +254,8 @@ def plan_from(
     )
 
 
-def with_parts(request: Request, asked: Named, found: Found) -> Request:
-    """Return the request with the parts of the maneuvers that are requested as its segments. Raises
-    DeclarationError.
-    """
+def with_parts(request: Request, asked: ManeuverNames, found: ManeuverParts) -> Request:
+    """Return the request with the requested maneuvers as its segments. Raises DeclarationError."""
     from scenarios.preparation.plan import DeclaredParts, with_maneuvers
 
     listed: Any = [] if asked is None else [asked] if isinstance(asked, int | str) else asked
@@ -271,19 +272,19 @@ def with_parts(request: Request, asked: Named, found: Found) -> Request:
     return replace(request, plan=with_maneuvers(request.plan, request.records, several, file))
 
 
-def model_of(given: Declared) -> str | OwnModel:
-    """Return a model's name, a path, or a user's model that was made in Python. Raises
-    DeclarationError.
-    """
+def model_of(given: ModelSource) -> str | OwnModel:
+    """Return a model's name, a path, or a user model made in Python. Raises DeclarationError."""
     return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
 
 
 def effects_of(
     given: str | PathLike[str] | Sequence[Traceable] | None,
 ) -> Path | tuple[Traceable, ...] | None:
-    """Return the effects of a user's own, or the path of their file."""
-    if given is None or isinstance(given, str | PathLike):
-        return None if given is None else Path(given)
+    """Return a user's effects, or the path of their file. Raises DeclarationError."""
+    if given is None:
+        return None
+    if isinstance(given, str | PathLike):
+        return Path(given)
     if not isinstance(given, list | tuple):
         raise DeclarationError(
             f"a {type(given).__name__} is no list of effects",
@@ -294,29 +295,29 @@ def effects_of(
 
 
 def _times(given: Times) -> list[float] | None:
-    """Return the times as the plan takes them. Raises DeclarationError for what is no number."""
+    """Return the times as a list. Raises DeclarationError for an entry that is no number."""
     if given is None:
         return None
-    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
-    for each in several:
-        if isinstance(each, bool | str) or not isinstance(each, SupportsFloat):
+    times: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    for time in times:
+        if isinstance(time, bool | str) or not isinstance(time, SupportsFloat):
             raise DeclarationError(
-                f"{each!r:.60} is no time",
+                f"{time!r:.60} is no time",
                 where="start, stop",
                 remedy="give a number in s, or a list of them",
             )
-    return [float(each) for each in several]
+    return [float(time) for time in times]
 
 
-def _listed(given: Source | Sequence[Source]) -> list[Source]:
+def _listed(given: RecordSource | Sequence[RecordSource]) -> list[RecordSource]:
     """Return one record or several as a list."""
     if given is None:
         return []
     return list(given) if isinstance(given, list | tuple) else [given]
 
 
-def file_of(given: Source) -> RecordFile:
-    """Return the record file of what stands for a record. Raises RecordError."""
+def file_of(given: RecordSource) -> RecordFile:
+    """Return the record file of a record, or of a source of one. Raises RecordError."""
     return given.file if isinstance(given, ApiRecord) else opened_source(given)[0]
 
 
@@ -325,8 +326,13 @@ def file_of(given: Source) -> RecordFile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None if
-    the scenario has no vehicle file).
+    """Simulated records without their truth.
+
+    Attributes
+    ----------
+    records : records to fit.
+    validate : records to predict.
+    vehicle : declared vehicle; None if the scenario has no vehicle file.
     """
 
     records: tuple[ApiRecord, ...]
@@ -339,42 +345,37 @@ class Flight:
         return self.records[0]
 
     def __repr__(self) -> str:
-        return (
-            "<Flight: "
-            f"{', '.join(map(repr, self.records[:3]))}{', ...' if len(self.records) > 3 else ''}>"
-        )
+        more = ", ..." if len(self.records) > 3 else ""
+        return f"<Flight: {', '.join(map(repr, self.records[:3]))}{more}>"
 
     def _repr_html_(self) -> str:
-        parts = [each._repr_html_() for each in (*self.records, *self.validate)]
-        return tables.page(
-            "flight", *parts, self.vehicle._repr_html_() if self.vehicle is not None else ""
-        )
+        parts = [record._repr_html_() for record in (*self.records, *self.validate)]
+        parts += [] if self.vehicle is None else [self.vehicle._repr_html_()]
+        return tables.page("flight", *parts)
 
 
 def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    """Fly a scenario of any kind; the same seed gives the same numbers. Raises FlightidError as the
-    scenario's readers.
+    """Simulate the flight of a scenario of any kind; the same seed gives the same numbers.
+
+    Raises FlightidError.
     """
     kind = scenario_kind(name)
-    return (
-        _FLYING[kind](name, seed, changes)
-        if kind in _FLYING
-        else Flight((record_of(flown_record(name, seed, changes)),))
-    )
+    if kind in _SIMULATED:
+        return _SIMULATED[kind](name, seed, changes)
+    return Flight((record_of(flown_record(name, seed, changes)),))
 
 
-def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
+def _trace_flight(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
     from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
 
     scenario = trace_scenario_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
         flight = fly_trace(scenario, scenario.seed if seed is None else seed)
-    return Flight(
-        (record_of(flight.train),), (record_of(flight.validate),), _vehicle(flight.vehicle_file)
-    )
+    vehicle = Vehicle(tomllib.loads(flight.vehicle_file))
+    return Flight((record_of(flight.train),), (record_of(flight.validate),), vehicle)
 
 
-def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
+def _jsbsim_flight(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
     from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of
 
     flight = jsbsim_of(*load_document(name, changes))
@@ -383,40 +384,25 @@ def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
     return Flight((record_of(record),))
 
 
-def _vehicle(text: str) -> Vehicle:
-    content: dict[str, Any] = tomllib.loads(text)
-    return Vehicle(content)
-
-
-_FLYING = {"trace": _flights_trace, "jsbsim": _jsbsim}
+_SIMULATED = {"trace": _trace_flight, "jsbsim": _jsbsim_flight}
 
 
 # ---- Names of record files in memory
 
 
 def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
-    """Record files of which those in memory bear names of their own: ``record``, ``record 2``
-    ...
-    """
-    taken: set[str] = {file.path.name for file in files if not file.in_memory}
-    out = []
+    """Return the record files with different names in memory: ``record``, ``record 2`` ..."""
+    taken = {file.path.name for file in files if not file.in_memory}
+    renamed = []
     for file in files:
-        name = file.path.name
+        name, number = file.path.name, 1
+        while file.in_memory and name in taken:
+            number += 1
+            name = f"{file.path.name} {number}"
         if file.in_memory:
-            name = next(
-                each
-                for n in itertools.count(1)
-                if (each := name if n == 1 else f"{name} {n}") not in taken
-            )
             taken.add(name)
-        out.append(file if name == file.path.name else _renamed(file, name))
-    return out
-
-
-def _renamed(file: RecordFile, name: str) -> RecordFile:
-    return replace(
-        file,
-        path=Path(name),
-        table=replace(file.table, file=name),
-        identity=replace(file.identity, name=name),
-    )
+        if name != file.path.name:
+            table, identity = replace(file.table, file=name), replace(file.identity, name=name)
+            file = replace(file, path=Path(name), table=table, identity=identity)
+        renamed.append(file)
+    return renamed

@@ -49,8 +49,9 @@ def file_given(value: Any) -> Path:
 
 
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
-    """Write the page that ``save`` puts into a study's folder; returns the path. Raises
-    DeclarationError if it puts none there.
+    """Write the page that ``save`` puts into a study's folder; returns the path.
+
+    Raises DeclarationError if ``save`` writes no page.
     """
     target = file_given(path)
     with TemporaryDirectory(prefix="flightid-") as scratch:
@@ -75,8 +76,12 @@ IN_A_LINE = 4  # parameters that a repr names
 
 @dataclass(frozen=True)
 class Parameter:
-    """An estimated number in ``unit``: ``sigma`` is its standard deviation, ``start`` where the
-    search began (None: it is not known).
+    """An estimated number.
+
+    Attributes
+    ----------
+    value, sigma, unit : the estimate, its standard deviation, and their unit.
+    start : starting value; None if unknown.
     """
 
     name: str
@@ -128,15 +133,15 @@ class Parameters(Mapping[str, Parameter]):
         return {name: item.value for name, item in self._items.items()}
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, ``value``, ``sigma``, and ``start`` where it is known."""
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``, and ``start`` if known."""
         import pandas
 
         index = pandas.Index(list(self._items), name="parameter")
         items = list(self._items.values())
-        columns = {
-            "unit": [i.unit for i in items],
-            "value": [i.value for i in items],
-            "sigma": [i.sigma for i in items],
+        columns: dict[str, list[Any]] = {
+            "unit": [item.unit for item in items],
+            "value": [item.value for item in items],
+            "sigma": [item.sigma for item in items],
         }
         if any(item.start is not None for item in items):
             columns["start"] = [math.nan if item.start is None else item.start for item in items]
@@ -161,7 +166,7 @@ class Parameters(Mapping[str, Parameter]):
     def _table(self, caption: str) -> Table:
         from scenarios.report.folder import estimates
 
-        rows = [(each.name, each.unit, each.value, each.sigma) for each in self._items.values()]
+        rows = [(item.name, item.unit, item.value, item.sigma) for item in self._items.values()]
         return estimates(caption, rows)
 
     def __repr__(self) -> str:
@@ -178,7 +183,7 @@ class Parameters(Mapping[str, Parameter]):
 
 
 def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) -> Path:
-    """Write parameters as a workbook, a sheet for each set that is not empty; the path.
+    """Write parameters as a workbook with a sheet for each non-empty set; return the path.
 
     Raises
     ------
@@ -190,7 +195,7 @@ def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) ->
     if target.suffix.lower() != ".xlsx":
         what = f"a workbook cannot be named {target.name}"
         raise DeclarationError(what, where=str(path), remedy="name a .xlsx file")
-    return write_workbook([each._table(name) for name, each in sheets.items() if each], target)
+    return write_workbook([items._table(name) for name, items in sheets.items() if items], target)
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:
@@ -201,14 +206,15 @@ def row_of(item: Parameter) -> tuple[str, str, str, str]:
     return item.name, unit, number_text(item.value, item.sigma), number_text(item.sigma, item.sigma)
 
 
-# ---- Signals over time beside a model's, and the errors between them, as DataFrames
+# ---- Measured and predicted signals, and the errors between them, as DataFrames
 
 ERRORS = ("held_out", "rms", "fit_percent", "r2", "theil")
 
 
 def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
-    """Return the errors of the free simulation of each record, by record and channel, SI; a record
-    whose simulation left all measure has no rows.
+    """Return the errors of the simulation by record and channel, SI.
+
+    A record whose simulation diverged has no rows.
     """
     import pandas
 
@@ -233,11 +239,10 @@ def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
 
 
 def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
-    """Return a record over ``time``, SI: the inputs, and of each output what was measured
-    (``alpha``) and what the model says (``predicted_alpha``).
+    """Return a record over ``time``, SI: inputs, measured and predicted outputs.
 
-    ``number`` counts the records from 0, those that were not fitted last. Of a filter the fitted
-    record's predictions are one sample ahead.
+    The columns of an output are for example ``alpha`` and ``predicted_alpha``. ``number`` counts
+    the records from 0, held-out ones last. A filter predicts the fitted record one sample ahead.
     """
     import pandas
 
@@ -267,8 +272,9 @@ def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
 
 
 def prediction_of(found: Diagnosis, number: int) -> pandas.DataFrame:
-    """Return a predicted record over ``time``, SI: what was measured, and the free simulation
-    before and after (``before_alpha``, ``after_alpha``).
+    """Return a predicted record over ``time``, SI: measured, and simulated before and after.
+
+    The columns of an output are for example ``alpha``, ``before_alpha`` and ``after_alpha``.
     """
     import pandas
 
@@ -278,14 +284,16 @@ def prediction_of(found: Diagnosis, number: int) -> pandas.DataFrame:
             where="prediction",
             remedy=f"there are {len(found.predictions)}, from 0 on",
         )
-    one = found.predictions[number]
+    predicted = found.predictions[number]
+    record = predicted.record
     columns: dict[str, np.ndarray] = {
-        channel.name: channel.with_gaps() for channel in one.record.inputs
+        channel.name: channel.with_gaps() for channel in record.inputs
     }
-    for name, before, after in zip(one.channels, one.before, one.after, strict=True):
-        measured = {name: one.record[name].with_gaps()} if name in one.record.output_names else {}
+    rows = zip(predicted.channels, predicted.before, predicted.after, strict=True)
+    for name, before, after in rows:
+        measured = {name: record[name].with_gaps()} if name in record.output_names else {}
         columns |= {**measured, f"before_{name}": before, f"after_{name}": after}
-    return pandas.DataFrame(columns, index=pandas.Index(one.record.time, name=TIME))
+    return pandas.DataFrame(columns, index=pandas.Index(record.time, name=TIME))
 
 
 # ---- The effects that a diagnosis names
@@ -297,11 +305,11 @@ class Effect:
 
     Attributes
     ----------
-    name : as ``flightid.effects()`` lists it.
-    sentence : in words, with its numbers.
-    parameters : its own, by local name.
+    name : name in ``flightid.effects()``.
+    sentence : the effect in words, with its numbers.
+    parameters : its parameters by local name.
     alternatives : effects that fit these data as well.
-    probability : that it acts, or each that could take its place, by name.
+    probability : probability of this effect and of each alternative, by name.
     """
 
     name: str
@@ -333,8 +341,8 @@ def claimed_effects(tracing: Tracing, *, claimed: bool) -> tuple[Effect, ...]:
             claim.name,
             effect_heading(claim, wording),
             Parameters(
-                Parameter(name, each.value, each.std, each.unit)
-                for name, each in claim.parameters.items()
+                Parameter(name, quantity.value, quantity.std, quantity.unit)
+                for name, quantity in claim.parameters.items()
             ),
             claim.alternatives,
             dict(claim.probability),

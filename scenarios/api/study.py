@@ -32,7 +32,7 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
-from scenarios.api.tables import names_of, told_in_python
+from scenarios.api.tables import names_of, with_python_errors
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.files import linearised
@@ -48,8 +48,7 @@ from scenarios.studies.catalogue import (
     scenario_file,
     scenario_kind,
 )
-from scenarios.studies.estimating import assumed_noise, compiled, declared_model, flight_constants
-from scenarios.studies.study import StudyResult
+from scenarios.studies.estimating import compiled, declared_for
 from scenarios.tasks.study import Execution
 from sim.errors import DeclarationError
 
@@ -57,42 +56,25 @@ if TYPE_CHECKING:
     import control
     import pandas
 
-    from scenarios.x29.study import LoopStudy
-
 
 # ---- The model of a study of simulated flights as matrices
 
 
 def matrices_of_study(study: Any, kind: str, pade: int) -> control.StateSpace:
-    """Return the main method's model with what it estimated, linearised; of a closed loop its
-    low-order equivalent.
+    """Return the linearised model of the main method with its estimates.
+
+    Of a closed loop it is the low-order equivalent.
     """
-    return _of_estimators(study, pade) if kind == IDENTIFICATION else _of_loop(study, pade)
-
-
-def _of_estimators(study: StudyResult, pade: int) -> control.StateSpace:
-    estimation = study.main.estimation
-    model = declared_model(
-        estimation,
-        flight_constants(study.scenario.flight, estimation),
-        assumed_noise(study.scenario, estimation),
+    if kind != IDENTIFICATION:
+        result = study.result
+        return to_control(state_space(result.setting.system, result.estimate.as_dict()), pade)
+    estimation, result = study.main.estimation, study.main.result
+    model = declared_for(study.scenario, estimation)
+    own = model if is_own(model) else None
+    matrices = linearised(
+        compiled(estimation, model), result.estimate.as_dict(), result.record, own
     )
-    values = study.main.result.estimate.as_dict()
-    return to_control(
-        linearised(
-            compiled(estimation, model),
-            values,
-            study.main.result.record,
-            model if is_own(model) else None,
-        ),
-        pade,
-    )
-
-
-def _of_loop(study: LoopStudy, pade: int) -> control.StateSpace:
-    return to_control(
-        state_space(study.result.setting.system, study.result.estimate.as_dict()), pade
-    )
+    return to_control(matrices, pade)
 
 
 # ---- run and simulate in Python: scenarios of the catalogue, or of a file
@@ -118,24 +100,20 @@ class Study:
 
     @property
     def seed(self) -> int:
-        """The seed of its random numbers."""
+        """Seed of the random numbers."""
         return int(self.details.seed)
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Parameters that the main method estimated; of a diagnosis those with the effects
-        found.
-        """
+        """Estimates of the main method; of a diagnosis those with the effects found."""
         if self.diagnosis is not None:
             return self.diagnosis.parameters
         if self.kind == "sweep":
             estimate = self.details.estimate
+        elif self.kind == IDENTIFICATION:
+            estimate = self.details.main.result.estimate
         else:
-            estimate = (
-                self.details.main.result.estimate
-                if self.kind == IDENTIFICATION
-                else self.details.result.estimate
-            )
+            estimate = self.details.result.estimate
         return Parameters(
             Parameter(name, float(value), float(std), unit)
             for name, value, std, unit in zip(
@@ -176,7 +154,7 @@ class Study:
 
     @property
     def record(self) -> Record:
-        """The first of them."""
+        """The first record."""
         return self.records[0]
 
     def __getitem__(self, name: str) -> Parameter:
@@ -187,8 +165,9 @@ class Study:
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row per parameter: ``unit``, ``value``, ``sigma``, and where it is known
-        ``true`` with the error in ``sigmas``.
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``.
+
+        If true values are known, also ``true`` and the error in ``sigmas``.
         """
         frame = self.parameters.to_dataframe()
         if self.true:
@@ -205,14 +184,16 @@ class Study:
         return self.parameters.to_latex()
 
     def to_excel(self, path: str | PathLike[str]) -> Path:
-        """Write the parameters as an XLSX workbook with full precision; returns the path. Needs
-        openpyxl.
+        """Write the parameters as an XLSX workbook with full precision; returns the path.
+
+        Needs openpyxl.
         """
         return write_sheets(path, {"parameters": self.parameters})
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """Return the model with ``parameters``, as python-control's with named signals; of the main
-        method, or of a diagnosis.
+        """Return the model of the main method or of a diagnosis for python-control.
+
+        It has ``parameters`` and named signals.
         """
         if self.diagnosis is not None:
             return self.diagnosis.to_state_space(pade)
@@ -220,7 +201,6 @@ class Study:
             what = "a sweep has transfer functions, no matrices"
             remedy = "use details.response.fits"
             raise DeclarationError(what, where=self.name, remedy=remedy)
-
         return matrices_of_study(self.details, self.kind, pade)
 
     def save(
@@ -256,23 +236,22 @@ class Study:
             *(("true", "error, sigmas") if self.true else ()),
         )
         rows = [
-            [*row_of(item), *(_against(item, self.true) if self.true else ())]
+            [*row_of(item), *(_true_cells(item, self.true) if self.true else ())]
             for item in self.parameters.values()
         ]
         return tables.page(f"{self.name}, seed {self.seed}", tables.table(headings, rows, left=2))
 
 
-def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
-    """Return the true value, and how far the estimate is from it; dashes if there is none."""
+def _true_cells(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
+    """Return the true value and the error in sigmas; dashes if unknown."""
     if item.name not in true:
         return "-", "-"
-    return (
-        f"{true[item.name]:.5g}",
-        f"{(item.value - true[item.name]) / item.sigma:+.2f}" if item.sigma > 0.0 else "-",
-    )
+    value = true[item.name]
+    error = f"{(item.value - value) / item.sigma:+.2f}" if item.sigma > 0.0 else "-"
+    return f"{value:.5g}", error
 
 
-@told_in_python
+@with_python_errors
 def run(
     name: str | PathLike[str],
     *,
@@ -285,9 +264,8 @@ def run(
     Parameters
     ----------
     name : a scenario of the catalogue (``scenarios()`` lists them), or the path of a scenario file.
-    seed : of the random numbers; the scenario's own when left out.
-    set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or
-        ``["flight.rate=50"]``.
+    seed : seed of the random numbers; None: that of the scenario.
+    set : changed entries of the scenario, ``{"flight.rate": 50}`` or ``["flight.rate=50"]``.
     progress : called with the stage and the share done, 0 to 1.
 
     Raises
@@ -313,10 +291,11 @@ def run(
         )
 
 
-@told_in_python
+@with_python_errors
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
-    """Simulate the records of a scenario, without its truth, with their vehicle: ``flightid
-    simulate`` in Python; parameters as in ``run``.
+    """Simulate the records of a scenario: ``flightid simulate`` in Python.
+
+    The result has the records and their vehicle, without the truth. Parameters as in ``run``.
 
     Examples
     --------
@@ -328,7 +307,7 @@ def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Setting
 
 
 def seed_of(given: Any) -> int | None:
-    """Return the seed. Raises DeclarationError for what is none."""
+    """Return the seed. Raises DeclarationError for a value that is none."""
     if given is not None and (
         isinstance(given, bool) or not isinstance(given, Integral) or given < 0
     ):
@@ -339,7 +318,7 @@ def seed_of(given: Any) -> int | None:
 
 
 def changes_of(settings: Settings) -> list[str]:
-    """Settings as the command line takes them."""
+    """Return settings as texts ``KEY=VALUE``."""
     if settings is None:
         return []
     if isinstance(settings, Mapping):
@@ -387,27 +366,27 @@ class Campaign:
 
     @property
     def coverage_interval(self) -> tuple[float, float]:
-        """Its 95 % confidence interval."""
+        """95 % confidence interval of ``coverage``."""
         return self.details.pooled.interval
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row per parameter: bias, scatter, reported sigma, shares of one- and two-sigma
-        intervals that hold the reference.
+        """Return one row per parameter: bias, scatter, reported sigma, and coverage.
+
+        Coverage is that of one- and two-sigma intervals.
         """
         import pandas
 
         spreads = self.details.spreads
-        rows = [{name: getattr(each, name) for name in COLUMNS} for each in spreads]
-        return pandas.DataFrame(
-            rows,
-            columns=list(COLUMNS),
-            index=pandas.Index([each.name for each in spreads], name="parameter"),
-        )
+        rows = [[getattr(spread, name) for name in COLUMNS] for spread in spreads]
+        index = pandas.Index([spread.name for spread in spreads], name="parameter")
+        return pandas.DataFrame(rows, columns=list(COLUMNS), index=index)
 
     def statistics(self) -> pandas.DataFrame:
-        """One row a parameter, SI: what ``statistics.csv`` holds. Bias, scatter over the reported
-        sigma, coverage at one, two and three sigmas, each with its interval; the Cramer-Rao bound
-        and the efficiency."""
+        """Return one row per parameter with the columns of ``statistics.csv``, SI.
+
+        They are bias, scatter over the reported sigma, coverage of one, two and three sigmas, each
+        with its interval; the Cramer-Rao bound and the efficiency.
+        """
         import io
 
         import pandas
@@ -419,8 +398,11 @@ class Campaign:
         )
 
     def wrong_sigmas(self) -> pandas.DataFrame:
-        """One row a parameter whose sigma is wrong, SI: the factor that makes it right, causes, the
-        reported and the right sigma, and the share of the runs within two right ones."""
+        """Return one row per parameter with a wrong sigma, SI.
+
+        Columns: correcting factor, causes, reported and correct sigma, share of the runs within two
+        correct sigmas.
+        """
         import pandas
 
         rows = findings_content(self._judgement.findings)["wrong_sigmas"]
@@ -446,12 +428,11 @@ class Campaign:
         """Return one row per run: its seed, each estimate and its ``std_NAME``."""
         import pandas
 
-        pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
         return pandas.DataFrame(
             {
                 "seed": self.details.seeds[self.details.kept],
-                **pairs,
-                **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)},
+                **dict(zip(self.names, self.details.values, strict=True)),
+                **{f"std_{n}": s for n, s in zip(self.names, self.details.std, strict=True)},
             }
         )
 
@@ -463,9 +444,7 @@ class Campaign:
         return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 
     def save(self, folder: str | PathLike[str]) -> Path:
-        """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns
-        the folder.
-        """
+        """Write data files, figures and page as the command does; returns the folder."""
         from scenarios.studies.folder import write_campaign
 
         return write_campaign(self.details, self._judgement, path_given(folder))
@@ -490,13 +469,13 @@ class Campaign:
 
     def _repr_html_(self) -> str:
         rows = [
-            [each.name, *(_cell(getattr(each, name)) for name in COLUMNS)]
-            for each in self.details.spreads
+            [spread.name, *(_cell(getattr(spread, name)) for name in COLUMNS)]
+            for spread in self.details.spreads
         ]
         return tables.page(self._title, tables.table(("parameter", *COLUMNS), rows, left=2))
 
 
-@told_in_python
+@with_python_errors
 def campaign(
     name: str | PathLike[str],
     runs: int,
@@ -511,18 +490,26 @@ def campaign(
     cluster: str | None = None,
     time_limit: float | None = None,
 ) -> Campaign:
-    """Repeat a scenario with ``runs`` seeds, which follow from ``seed``, for bias, scatter against
-    reported sigma, and coverage: ``flightid campaign`` in Python.
+    """Repeat a scenario with many seeds, for bias, scatter and coverage: ``flightid campaign`` in
+    Python.
 
-    ``noise_levels`` : find them by likelihood also where no sigma is wrong.
-    ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come;
-    ``resume`` goes on with them, ``runs`` may be more than before. ``cluster`` : the address of a
-    Dask scheduler. ``time_limit`` : s that a run may take.
+    Parameters
+    ----------
+    name, set : as in ``run``.
+    runs : number of runs, each with its own seed.
+    seed : seed of the campaign, from which the others follow; None: that of the scenario.
+    method : name of an estimation; None: the main one.
+    noise_levels : estimate noise levels by likelihood even if no sigma is wrong.
+    jobs : number of processes; None: one per core.
+    out : folder in which finished runs are kept.
+    resume : continue the campaign in ``out``; ``runs`` may be larger than before.
+    cluster : address of a Dask scheduler.
+    time_limit : longest time of a run, s.
 
     Raises
     ------
     InputError : there is no such scenario or method, or ``out`` holds another campaign.
-    KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
+    KeyboardInterrupt : by Ctrl-C; finished runs are kept in ``out``.
 
     Examples
     --------
@@ -556,7 +543,7 @@ def campaign(
             rebuilt_scenario,
         )
     if len(found.seeds) < found.asked:
-        # a program must not go on as if all had
+        # A program must not continue as if all runs had finished.
         raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")
     return Campaign(found, noise_levels)
 

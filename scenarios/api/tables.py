@@ -37,7 +37,7 @@ _COMMAND = re.compile(
     r"\bflightid ([a-z]+)"
     r"((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[A-Za-z]\w*))*)"
 )
-WORDS = {  # Options with another name in Python: reserved words and plurals.
+WORDS = {  # Option -> keyword with another name: reserved words and plurals.
     "from": "start",
     "to": "stop",
     "class": "aircraft_class",
@@ -47,12 +47,12 @@ WORDS = {  # Options with another name in Python: reserved words and plurals.
 
 
 def as_keywords(text: str, arguments: Collection[str] = ()) -> str:
-    """Return a message with keywords in the place of options.
+    """Return a message with keywords in place of options.
 
     Parameters
     ----------
     text : the message.
-    arguments : of the function; an option that is called like one keeps its name.
+    arguments : arguments of the function; an option with the name of one keeps it.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def as_keywords(text: str, arguments: Collection[str] = ()) -> str:
 
 
 def in_python_words(sentences: Iterable[str]) -> tuple[str, ...]:
-    """Sentences of a result, with functions and keywords in the place of commands and options.
+    """Return sentences with functions and keywords in place of commands and options.
 
     Examples
     --------
@@ -87,45 +87,44 @@ def in_python_words(sentences: Iterable[str]) -> tuple[str, ...]:
         given = " on the same records" if found[2] else ""
         return f"flightid.{found[1].replace('response', 'frequency_response')}{given}"
 
-    found = (as_keywords(_COMMAND.sub(call, each)) for each in sentences)
-    return tuple(each.replace(" records method=", " records with method=") for each in found)
+    texts = (as_keywords(_COMMAND.sub(call, sentence)) for sentence in sentences)
+    return tuple(text.replace(" records method=", " records with method=") for text in texts)
 
 
 @contextlib.contextmanager
 def in_python(arguments: Collection[str] = ()) -> Iterator[None]:
     """Context manager that replaces options by keywords in messages of errors.
 
-    Parameters
-    ----------
-    arguments : of the function.
+    ``arguments``: arguments of the function.
     """
     try:
         yield
     except FlightidError as error:
-        parts = [as_keywords(each, arguments) for each in (error.what, error.where, error.remedy)]
-        if parts == [error.what, error.where, error.remedy]:
+        given = (error.what, error.where, error.remedy)
+        what, where, remedy = (as_keywords(part, arguments) for part in given)
+        if (what, where, remedy) == given:
             raise
-        raise type(error)(parts[0], where=parts[1], remedy=parts[2]) from None
+        raise type(error)(what, where=where, remedy=remedy) from None
 
 
-def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
+def with_python_errors(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function whose error messages name keywords instead of options.
 
     Arguments are checked by their annotations before the function is called.
     """
     signature = inspect.signature(function)
-    declared = {name: str(each.annotation) for name, each in signature.parameters.items()}
+    declared = {name: str(item.annotation) for name, item in signature.parameters.items()}
 
     @functools.wraps(function)
-    def told(*args: P.args, **kwargs: P.kwargs) -> R:
+    def wrapped_function(*args: P.args, **kwargs: P.kwargs) -> R:
         with in_python(declared):
-            # A call that does not suit the function is for Python itself to refuse.
-            named = {**dict(zip(declared, args, strict=False)), **kwargs}
-            for name in named.keys() & declared.keys():
-                refuse_wrong_type(name, named[name], declared[name])
+            # Unknown and surplus arguments are left to Python.
+            given = {**dict(zip(declared, args, strict=False)), **kwargs}
+            for name in given.keys() & declared.keys():
+                refuse_wrong_type(name, given[name], declared[name])
             return function(*args, **kwargs)
 
-    return told
+    return wrapped_function
 
 
 def refuse_wrong_type(name: str, value: Any, declared: str) -> None:
@@ -133,12 +132,11 @@ def refuse_wrong_type(name: str, value: Any, declared: str) -> None:
 
     Parameters
     ----------
-    name : of the argument.
-    value : as the caller gave it.
-    declared : its annotation: truth values, numbers, counts, seeds, texts, tables and functions are
-        checked, and any other kind is left to the function.
+    name, value : the argument.
+    declared : its annotation. Truth values, numbers, counts, seeds, texts, tables and functions are
+        checked; other types are left to the function.
     """
-    kinds = [each.strip() for each in declared.split("|")]
+    kinds = [kind.strip() for kind in declared.split("|")]
     if value is None and "None" in kinds:
         return
     what = remedy = ""
@@ -166,16 +164,16 @@ def _is_number(value: Any, kind: type) -> bool:
 def names_of(
     given: str | Sequence[str], kind: str = "signal", where: str = "input, output"
 ) -> tuple[str, ...]:
-    """Return one name or several of a ``kind``. Raises DeclarationError for what is none."""
+    """Return one name or several of a ``kind``. Raises DeclarationError for other types."""
     names = (given,) if isinstance(given, str) else given
-    if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         remedy = "give a name or a list of names"
         raise DeclarationError(f"{given!r} names no {kind}", where=where, remedy=remedy)
     return tuple(names)
 
 
 def band_of(given: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Lowest and highest frequency, Hz. Raises DeclarationError for what is no pair of numbers."""
+    """Return lowest and highest frequency, Hz. Raises DeclarationError if they are no numbers."""
     if given is None:
         return None
     try:
@@ -186,25 +184,19 @@ def band_of(given: tuple[float, float] | None) -> tuple[float, float] | None:
     return low, high
 
 
-# ---- The one exception for bad input
+# ---- The exception for wrong input
 
-# Its text is the one line that a command prints; `what`, `where` and `remedy` are its parts.
+# Its text is the line that a command prints; `what`, `where` and `remedy` are its parts.
 InputError = FlightidError
 
 
-# ---- What a notebook shows of a result
+# ---- Results as HTML, for notebooks
 
 
 def page(heading: str, *parts: str) -> str:
     """Return a heading in bold, then the parts that are not empty."""
-    return "\n".join(
-        [
-            "<div>",
-            f"<p><strong>{escape(heading)}</strong></p>",
-            *(part for part in parts if part),
-            "</div>",
-        ]
-    )
+    lines = ["<div>", f"<p><strong>{escape(heading)}</strong></p>", *filter(None, parts), "</div>"]
+    return "\n".join(lines)
 
 
 def sentences(lines: Sequence[str]) -> str:
@@ -213,15 +205,13 @@ def sentences(lines: Sequence[str]) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Return a table whose first ``left`` columns stand at the left and the others at the right;
-    nothing if there is no row.
-    """
+    """Return a table, empty without rows; the first ``left`` columns are left-aligned."""
     sides = ["left" if i < left else "right" for i in range(len(headings))]
     return _table(headings, rows, sides)
 
 
 def of_document(shown: document.Table) -> str:
-    """Return a table of a report, with its units and sigmas in columns of their own."""
+    """Return a table of a report, with units and sigmas in separate columns."""
     from scenarios.report.terminal import printed_columns
 
     columns = printed_columns(shown)
@@ -235,16 +225,17 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], sides: Sequen
         return ""
 
     def line(cells: Sequence[str], tag: str) -> str:
-        told = (
+        aligned = (
             f'<{tag} style="text-align:{side};padding:0 0.6em">{escape(cell)}</{tag}>'
             for cell, side in zip(cells, sides, strict=True)
         )
-        return f"<tr>{''.join(told)}</tr>"
+        return f"<tr>{''.join(aligned)}</tr>"
 
-    return f"<table><thead>{line(headings, 'th')}</thead><tbody>{''.join(line(row, 'td') for row in rows)}</tbody></table>"  # noqa: E501
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><thead>{line(headings, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
-# ---- A small table of texts and numbers: printed, shown in a notebook, or made a DataFrame
+# ---- A small table of texts and numbers for terminal, notebook and pandas
 
 MOST_CELL_LETTERS = 60  # letters of a cell in a terminal
 
@@ -282,30 +273,19 @@ class Table:
 
     def __str__(self) -> str:
         cells = [[_shortened(cell) for cell in row] for row in self.rows]
-        return "\n".join(
-            [
-                *wrapped(self.title),
-                *table_lines(columns_of(self.headings, cells, left=len(self.headings))),
-            ]
-        )
+        columns = columns_of(self.headings, cells, left=len(self.headings))
+        return "\n".join([*wrapped(self.title), *table_lines(columns)])
 
     def _repr_html_(self) -> str:
-        return page(
-            self.title,
-            table(
-                self.headings,
-                [[_text(cell) for cell in row] for row in self.rows],
-                left=len(self.headings),
-            ),
-        )
+        cells = [[_text(cell) for cell in row] for row in self.rows]
+        return page(self.title, table(self.headings, cells, left=len(self.headings)))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a DataFrame, its index the first column."""
+        """Return a DataFrame with the first column as its index."""
         import pandas
 
-        return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(
-            self.headings[0]
-        )
+        frame = pandas.DataFrame(list(self.rows), columns=list(self.headings))
+        return frame.set_index(self.headings[0])
 
 
 def _text(cell: Any) -> str:
@@ -321,7 +301,7 @@ def _shortened(cell: Any) -> str:
     )
 
 
-# ---- What there is: effects, models, vehicles and scenarios, each as a table
+# ---- Effects, models, vehicles and scenarios as tables
 
 TITLES = {
     "ballistic": "a falling body: altitude from drag in an atmosphere that thins out",
@@ -336,7 +316,7 @@ TITLES = {
 
 
 def effects() -> Table:
-    """Return the library of effects: name, station, what it is, its parameters.
+    """Return the library of effects: name, station, explanation, parameters.
 
     Examples
     --------
@@ -349,21 +329,17 @@ def effects() -> Table:
     rows = []
     for name in effect_names():
         effect = find_effect(name)
-        told = " ".join(effect.explanation.split())
-        rows.append(
-            (
-                name,
-                effect.station.value,
-                told,
-                tuple(f"{item.name} ({item.unit})" for item in effect.parameters),
-            )
-        )
+        explanation = " ".join(effect.explanation.split())
+        parameters = tuple(f"{item.name} ({item.unit})" for item in effect.parameters)
+        rows.append((name, effect.station.value, explanation, parameters))
     return Table("effects", ("effect", "station", "explanation", "parameters"), tuple(rows))
 
 
 def models() -> Table:
-    """Return the models: name, what it is, inputs, outputs, what a vehicle file gives and what is
-    estimated. Of ``aircraft`` those of a generic airliner: surfaces and terms stand in its file.
+    """Return the models: name, description, inputs, outputs, constants and parameters.
+
+    A vehicle file gives the constants, and the parameters are estimated. Those of ``aircraft``
+    depend on the file; here they are those of a generic airliner.
 
     Examples
     --------
@@ -389,7 +365,8 @@ def models() -> Table:
             family = FAMILIES["rigid" if name == "flexible" else name]
             equations, constants, derivatives = family[0], dict(family[1]), dict(family[2])
         signals = (
-            tuple(signal.name for signal in some) for some in (equations.inputs, equations.outputs)
+            tuple(signal.name for signal in group)
+            for group in (equations.inputs, equations.outputs)
         )
         rows.append((name, TITLES[name], *signals, tuple(constants), tuple(derivatives)))
     return Table(
@@ -400,7 +377,7 @@ def models() -> Table:
 
 
 def vehicles() -> Table:
-    """Return the library of vehicles: name, what it is, its equations, where the numbers are from.
+    """Return the library of vehicles: name, description, equations, source of the numbers.
 
     Examples
     --------
@@ -411,7 +388,7 @@ def vehicles() -> Table:
     from sim.vehicles.library import read_parameter_set, vehicle_names
 
     sets = [read_parameter_set(name) for name in vehicle_names()]
-    rows = tuple((each.name, each.title, each.equations, each.source) for each in sets)
+    rows = tuple((item.name, item.title, item.equations, item.source) for item in sets)
     return Table("vehicles", ("vehicle", "what it is", "equations", "source"), rows)
 
 

@@ -1,6 +1,4 @@
-"""A vehicle in Python: from a file, from the library, or from numbers, with the keys of vehicle
-files.
-"""
+"""A vehicle in Python: from a file, from the library, or from numbers."""
 
 from __future__ import annotations
 
@@ -32,13 +30,13 @@ from sim.errors import DeclarationError
 class Vehicle:
     """Constants and starting values of one vehicle, as a vehicle file has them.
 
-    ``vehicle.parameters["Cm_q"]`` is fixed, bounded, tied or freed by its methods, which change
-    this vehicle.
+    The methods of ``vehicle.parameters["Cm_q"]`` fix, bound, tie or free a parameter of this
+    vehicle.
 
     Attributes
     ----------
-    content : the keys of a vehicle file and their values; ``vehicle["mass"]`` is one of them.
-    source : the file as it was read; None of one that was put together in Python.
+    content : keys of a vehicle file and their values; ``vehicle["mass"]`` is one of them.
+    source : the file as it was read; None for a vehicle that was made in Python.
     """
 
     content: Mapping[str, Any]
@@ -46,12 +44,9 @@ class Vehicle:
 
     @property
     def name(self) -> str:
-        """Its name, else its file's."""
-        return str(
-            self.content.get(
-                "name", self.source.path.stem if self.source is not None else "vehicle"
-            )
-        )
+        """Name of the vehicle, else of its file."""
+        default = self.source.path.stem if self.source is not None else "vehicle"
+        return str(self.content.get("name", default))
 
     @property
     def derivatives(self) -> dict[str, Any]:
@@ -70,15 +65,13 @@ class Vehicle:
         raise KeyError(f"there is no {key!r}: {', '.join((*self.content, *self.derivatives))}")
 
     def to_toml(self) -> str:
-        """Return the text of its file."""
-        return (
-            self.source.content.decode("utf-8-sig")
-            if self.source is not None
-            else toml_text(self.content)
-        )
+        """Return the text of the vehicle file."""
+        if self.source is not None:
+            return self.source.content.decode("utf-8-sig")
+        return toml_text(self.content)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write it as a vehicle file; returns the path."""
+        """Write the vehicle file; returns the path."""
         from scenarios.api.shown import file_given
 
         target = file_given(path)
@@ -86,48 +79,42 @@ class Vehicle:
         return target
 
     def source_for(self, model: str) -> Source:
-        """Return the source that a command would read for a model: elastic modes are omitted if the
-        model has none.
+        """Return the source that a command would read for a model.
+
+        Elastic modes are left out for a model without them.
         """
         if self.source is not None:
             return self.source
         return source_of_content(self.name, self.content, model)
 
     def __repr__(self) -> str:
-        derivatives = ", ".join(list(self.derivatives)[:6]) + (
-            ", ..." if len(self.derivatives) > 6 else ""
-        )
-        return (
-            f"<Vehicle {self.name}: {len(self.content)} entries, starts of "
-            f"{derivatives or 'nothing'}>"
-        )
+        derivatives = ", ".join(list(self.derivatives)[:6]) or "nothing"
+        more = ", ..." if len(self.derivatives) > 6 else ""
+        return f"<Vehicle {self.name}: {len(self.content)} entries, starts of {derivatives}{more}>"
 
     def _repr_html_(self) -> str:
-        flat = [
-            (key, _shown(value))
-            for key, value in self.content.items()
-            if not isinstance(value, Mapping | list)
-        ]
-        tables = [
-            (name, inner) for name, inner in self.content.items() if isinstance(inner, Mapping)
-        ]
-        starts = [
-            (f"{name}.{key}", _shown(value))
-            for name, inner in tables
-            for key, value in inner.items()
-        ]
-        return html.page(self.name, html.table(("key", "value"), [*flat, *starts]))
+        numbers: list[tuple[str, Any]] = []
+        tables: list[tuple[str, Any]] = []
+        for key, value in self.content.items():
+            if isinstance(value, Mapping):
+                tables += [(f"{key}.{name}", entry) for name, entry in value.items()]
+            elif not isinstance(value, list):
+                numbers.append((key, value))
+        rows = [(key, _shown(value)) for key, value in (*numbers, *tables)]
+        return html.page(self.name, html.table(("key", "value"), rows))
 
 
 def vehicle(
     source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None, /, **numbers: Any
 ) -> Vehicle:
-    """Return a vehicle from a file, from the library by its name (``vehicles()`` lists them), or
-    from numbers.
+    """Return a vehicle from a file, from the library, or from numbers.
 
-    ``numbers`` are keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``,
-    ``derivatives={"CL_alpha": 4.0, ...}``; beside a source they replace its own, key by key,
-    derivatives each by itself. What a model needs is checked where the vehicle is used with it.
+    Parameters
+    ----------
+    source : path of a vehicle file, a name of the library (``vehicles()`` lists them), or content.
+    numbers : keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``,
+        ``derivatives={"CL_alpha": 4.0, ...}``. They replace the values of the source, derivatives
+        one by one. The keys that a model needs are checked when the vehicle is used with it.
 
     Raises
     ------
@@ -156,8 +143,8 @@ def vehicle(
     return Vehicle(_over(content, numbers)) if numbers else Vehicle(content, read)
 
 
-CLOSE = 0.85  # likeness of a misspelt key; mass_1 of a model of one's own is less like mass
-TEXTS = ("name", "model", "aircraft_class", "flight_phase", "attitude", "wind")
+CLOSE = 0.85  # similarity of a misspelt key; mass_1 of a user model is less similar to mass
+TEXTS = ("name", "model", "aircraft_class", "flight_phase", "attitude", "wind")  # keys of texts
 
 
 @cache
@@ -167,15 +154,15 @@ def _known_keys() -> frozenset[str]:
     from scenarios.files.schemas import SCHEMAS
 
     schemas = (aircraft_schema(), *SCHEMAS.values())
-    keys = {key for each in schemas for key in each.model_fields}
+    keys = {key for schema in schemas for key in schema.model_fields}
     return frozenset({*keys, "aerodynamics", "model", "uncertainty", *CONSTRAINTS})
 
 
 def _refuse_wrong(content: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
     """Raise DeclarationError for a keyword that is no key of a vehicle file, or is no number.
 
-    A model of one's own names its constants as it likes: where nothing says that the vehicle is for
-    a built-in model, only a name much like a known one is refused.
+    A user model may have constants of any name. If the vehicle is not evidently for a built-in
+    model, only names similar to known ones are refused.
     """
     known, title = _known_keys(), str(numbers.get("name", content.get("name", "vehicle")))
     built_in = bool(content) and content.keys() <= known
@@ -277,9 +264,9 @@ class VehicleParameter:
         for table in _start_tables(self.vehicle.content):
             if self.name in table:
                 return table[self.name]
-        return self._followed()
+        return self._tied_value()
 
-    def _followed(self) -> float | None:
+    def _tied_value(self) -> float | None:
         """Return the value of a tied parameter at the starting values; None if not a number."""
         terms = self.vehicle.content.get(TIED, {}).get(self.name)
         total = 0.0
@@ -372,27 +359,27 @@ class VehicleParameter:
         return self._change(None, None)
 
     def _change(self, table: str | None, entry: Any) -> Vehicle:
-        content = dict(self.vehicle.content)
-        held = self.start
+        """Move the parameter into a table of constraints, or into none; return the vehicle."""
+        content, start = dict(self.vehicle.content), self.start
         tables = {
             FIXED: _fixed(content),
             **{key: dict(content.get(key, {})) for key in (BOUNDS, TIED)},
         }
-        for each in tables.values():
-            each.pop(self.name, None)
+        for constraints in tables.values():
+            constraints.pop(self.name, None)
         if table is not None:
             tables[table][self.name] = entry
-        content = {key: value for key, value in content.items() if key not in CONSTRAINTS}
-        content |= {key: each for key, each in tables.items() if each}
+        content = _without(content, CONSTRAINTS)
+        content |= {key: constraints for key, constraints in tables.items() if constraints}
         # A fixed or tied parameter may be in one table only.
-        apart = {self.name, *tables[FIXED], *tables[TIED]}
+        without_start = {self.name, *tables[FIXED], *tables[TIED]}
         if "modes" in content:
-            content["modes"] = [_without(each, apart) for each in _mode_tables(content)]
+            content["modes"] = [_without(mode, without_start) for mode in _mode_tables(content)]
         starts = dict(content.get(STARTS, {}))
-        if table in (BOUNDS, None) and held is not None:
-            starts[self.name] = held
-            apart -= {self.name}
-        content[STARTS] = _without(starts, apart)
+        if table in (BOUNDS, None) and start is not None:
+            starts[self.name] = start
+            without_start -= {self.name}
+        content[STARTS] = _without(starts, without_start)
         self.vehicle.content, self.vehicle.source = content, None
         return self.vehicle
 
@@ -418,18 +405,19 @@ class VehicleParameters(Mapping[str, VehicleParameter]):
     def __iter__(self) -> Iterator[str]:
         content = self._vehicle.content
         tables = [*_start_tables(content), _fixed(content), content.get(TIED, {})]
-        return iter(dict.fromkeys(name for each in tables for name in each if name not in OF_MODES))
+        names = (name for table in tables for name in table)
+        return iter(dict.fromkeys(name for name in names if name not in OF_MODES))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     def __repr__(self) -> str:
-        held = [f"{name} {each.state}" for name, each in self.items() if each.state != "free"]
-        return f"<{len(self)} parameters: {', '.join(held[:6]) or 'all free'}>"
+        states = [f"{name} {item.state}" for name, item in self.items() if item.state != "free"]
+        return f"<{len(self)} parameters: {', '.join(states[:6]) or 'all free'}>"
 
 
 def _mode_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [each for each in content.get("modes", ()) if isinstance(each, Mapping)]
+    return [mode for mode in content.get("modes", ()) if isinstance(mode, Mapping)]
 
 
 def _without(table: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
@@ -441,17 +429,18 @@ def _start_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table ``fixed``; of a list of names each is held at its start."""
+    """Return the table ``fixed``; a list of names holds each parameter at its start."""
     given = content.get(FIXED, {})
     if isinstance(given, Mapping):
         return dict(given)
-    starts = {name: value for each in _start_tables(content) for name, value in each.items()}
+    starts = {name: value for table in _start_tables(content) for name, value in table.items()}
     return {name: starts.get(name) for name in given}
 
 
 def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
-    """Return a number, or a text of a number with a unit, which the reader of vehicle files
-    converts.
+    """Return a number, or a text with a unit, which the reader of vehicle files converts.
+
+    Raises DeclarationError for other values.
     """
     if isinstance(value, str):
         if is_quantity(value):
@@ -473,7 +462,7 @@ def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
 
 
 def _plain(value: Any, name: str) -> float:
-    """Return a number of a tie, which has no unit of its own. Raises DeclarationError."""
+    """Return a number of a tie, which has no unit. Raises DeclarationError."""
     if isinstance(value, str):
         raise DeclarationError(
             f"{value!r:.60} is no number for the tie of {name}",

@@ -18,16 +18,14 @@ from scenarios.files.declarations import closest
 from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import (
     Estimates,
-    assumed_noise,
     batched,
-    declared_model,
-    flight_constants,
+    declared_for,
     fly_scenario,
     is_batched,
     measured_again,
     one_by_one,
 )
-from scenarios.studies.study import references
+from scenarios.studies.study import RESAMPLING_SEED, references
 from scenarios.tasks.study import Execution, run_study
 from scenarios.tasks.work import Row, RowTable, Task
 from sim.declaration.model import Model
@@ -164,7 +162,7 @@ class EstimatorRuns:
         Raises FlightidError if the declared flight or estimation is impossible.
         """
         record, truth = fly_scenario(self.seen, self.scenario.seed)
-        model = self.declared(self.estimation)
+        model = declared_for(self.seen, self.estimation)
         reference = {
             **{item.name: item.value for item in truth.parameters},
             **references(self.seen, self.estimation),
@@ -178,7 +176,7 @@ class EstimatorRuns:
         one simulated flight gets new measurement noise in each run.
         """
         estimates = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
-        std = np.sqrt(np.maximum(np.diagonal(estimates.covariance, axis1=1, axis2=2).T, 0.0))
+        std = estimates.std
         error = estimates.values - np.array(
             [[self.common.reference[name]] for name in estimates.names]
         )
@@ -205,18 +203,11 @@ class EstimatorRuns:
 
     def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
         """Return the estimates from records by ``estimation``."""
-        model = self.common.model if estimation is self.estimation else self.declared(estimation)
+        unchanged = estimation is self.estimation
+        model = self.common.model if unchanged else declared_for(self.seen, estimation)
         if self.block == BATCHED_BLOCK:
             return batched(estimation, records, model)
         return one_by_one(estimation, records, model)
-
-    def declared(self, estimation: Estimation) -> Model:
-        """Return the model from which a method starts."""
-        return declared_model(
-            estimation,
-            flight_constants(self.seen.flight, estimation),
-            assumed_noise(self.seen, estimation),
-        )
 
     def record_of(self, seed: int) -> Record:
         """Return the record of a run, by its seed."""
@@ -271,7 +262,6 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
 
 # ---- Campaigns and their summaries
 
-RESAMPLING_SEED = 1  # fixed, so that the same runs give the same interval
 ALONE = Execution()
 FEWEST_RUNS = 2  # runs that a standard deviation needs
 

@@ -36,7 +36,7 @@ from scenarios.studies.campaign_causes import (
     Findings,
     Judgement,
 )
-from scenarios.studies.campaign_statistics import NORMAL, CampaignStatistics, Squares
+from scenarios.studies.campaign_statistics import NORMAL, SIGMAS, CampaignStatistics, Squares
 from scenarios.studies.campaign_trials import (
     FURTHER_PASSES,
     LEVELS,
@@ -50,6 +50,7 @@ from scenarios.studies.campaign_trials import (
 
 # ---- Statistics of a campaign in sentences and tables
 
+# Statistic -> its meaning in words.
 MEANINGS = {
     "NEES": "squared error in units of the reported covariance, all parameters together",
     "NIS": "squared innovation in units of its own",
@@ -88,42 +89,47 @@ def two_digits(value: float) -> Cell:
     return Number(value, shown=number_text(value, value))
 
 
+def percent(shares: Iterable[float]) -> list[Cell]:
+    """Return table cells with shares in percent."""
+    return [Number(100.0 * share, digits=1) for share in shares]
+
+
 def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
     """Return the tables of scatter and bound, of coverage, and of NEES and NIS."""
     parameters = statistics.parameters
     names = (Column("parameter"), [p.name for p in parameters])
-    shown = [(p, shown_in(p.unit, p.name)) for p in parameters]
+    displayed = [(p, shown_in(p.unit, p.name)) for p in parameters]
     ends = [p.efficiency_interval or (None, None) for p in parameters]
     sizes = table(
         "scatter against the reported sigma and the Cramer-Rao bound",
         names,
         (
             Column("bias ± σ", BY_ROW, printed="bias"),
-            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in shown],
+            [Number(s.factor * p.bias, s.factor * p.bias_std) for p, s in displayed],
         ),
         (Column("scatter / reported", PURE), [known(p.ratio, 3) for p in parameters]),
         (Column("from", PURE), [known(p.ratio_interval[0], 3) for p in parameters]),
         (Column("to", PURE), [known(p.ratio_interval[1], 3) for p in parameters]),
         (
             Column("bound", BY_ROW),
-            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in shown],
+            [MISSING if p.bound is None else two_digits(s.factor * p.bound) for p, s in displayed],
         ),
         (Column("efficiency", PURE), [known(p.efficiency, 3) for p in parameters]),
         (Column("from", PURE), [known(low, 3) for low, _ in ends]),
         (Column("to", PURE), [known(high, 3) for _, high in ends]),
-        units=[s.unit for _, s in shown],
+        units=[s.unit for _, s in displayed],
     )
     shares: list[tuple[Column, list[Cell]]] = []
-    for n in (1, 2, 3):
-        covered = [p.coverage[n - 1] for p in parameters]
+    for i, sigmas in enumerate(SIGMAS):
+        coverages = [p.coverage[i] for p in parameters]
         parts = {
-            f"within {n} σ": [within.share for within in covered],
-            "from": [within.interval[0] for within in covered],
-            "to": [within.interval[1] for within in covered],
+            f"within {sigmas} σ": [within.share for within in coverages],
+            "from": [within.interval[0] for within in coverages],
+            "to": [within.interval[1] for within in coverages],
         }
         for heading, values in parts.items():
             column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
-            shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
+            shares.append((column, percent(values)))
     coverage = table(
         "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
         "95.4, 99.7 %)",
@@ -136,7 +142,7 @@ def statistics_blocks(statistics: CampaignStatistics) -> list[Block]:
     return [sizes, coverage, Prose(NOTE, "note"), *squares]
 
 
-# ---- Why sigmas are wrong, in tables and words
+# ---- Causes of wrong sigmas in tables and sentences
 
 TITLE = "wrong sigmas, their causes, and sigmas with each cause removed"
 LEVELS_TITLE = "noise levels by likelihood beside those that are assumed"
@@ -160,59 +166,58 @@ _WORDS = {
 
 def cause_word(finding: Finding) -> str:
     """Return the causes in a word or two each."""
-    return " + ".join(_WORDS[each] for each in finding.causes)
+    return " + ".join(_WORDS[cause] for cause in finding.causes)
 
 
-def findings_blocks(found: Findings) -> list[Block]:
+def findings_blocks(findings: Findings) -> list[Block]:
     """Return the table of wrong sigmas, a sentence on each cause, and noise levels."""
-    blocks = levels_blocks(found, found.levels) if found.levels is not None else []
-    if not found.found:
+    blocks = levels_blocks(findings, findings.levels) if findings.levels is not None else []
+    if not findings.found:
         return [*blocks, Prose(NONE)]
-    each = found.found
-    shown = [(f, shown_in(f.wrong.statistics.unit, f.name).factor) for f in each]
-    covered = [f.coverage for f in each]
-    right = table(
+    displayed = [(f, shown_in(f.wrong.statistics.unit, f.name)) for f in findings.found]
+
+    corrected = table(
         TITLE,
-        (Column("parameter"), [f.name for f in each]),
+        (Column("parameter"), [f.name for f in findings.found]),
         (
             Column("reported σ is", PURE, printed="reported is", left=True),
-            [Number(f.wrong.factor, shown=direction(f)) for f in each],
+            [Number(f.wrong.factor, shown=direction(f)) for f in findings.found],
         ),
         (
             Column("reported σ", BY_ROW, printed="reported"),
-            [two_digits(factor * f.wrong.statistics.reported) for f, factor in shown],
+            [two_digits(s.factor * f.wrong.statistics.reported) for f, s in displayed],
         ),
         (
             Column("σ without the cause", BY_ROW, printed="without the cause"),
-            [two_digits(factor * f.corrected) for f, factor in shown],
+            [two_digits(s.factor * f.corrected) for f, s in displayed],
         ),
-        (Column("its coverage", "%"), [Number(100.0 * w.share, digits=1) for w in covered]),
-        (Column("from", "%"), [Number(100.0 * w.interval[0], digits=1) for w in covered]),
-        (Column("to", "%"), [Number(100.0 * w.interval[1], digits=1) for w in covered]),
-        (Column("cause"), [cause_word(f) for f in each]),
-        units=[shown_in(f.wrong.statistics.unit, f.name).unit for f in each],
+        (Column("its coverage", "%"), percent(f.coverage.share for f in findings.found)),
+        (Column("from", "%"), percent(f.coverage.interval[0] for f in findings.found)),
+        (Column("to", "%"), percent(f.coverage.interval[1] for f in findings.found)),
+        (Column("cause"), [cause_word(f) for f in findings.found]),
+        units=[s.unit for _, s in displayed],
     )
-    return [*blocks, right, *map(Prose, cause_sentences(found))]
+    return [*blocks, corrected, *map(Prose, cause_sentences(findings))]
 
 
-def levels_blocks(found: Findings, levels: Levels) -> list[Block]:
+def levels_blocks(findings: Findings, levels: Levels) -> list[Block]:
     """Return a table of noise levels, and a sentence on whether the assumed ones are correct."""
     items = levels.items
     shown = table(
         LEVELS_TITLE,
         (Column("noise of"), [item.name for item in items]),
-        (Column("assumed", BY_ROW), [_level(item, item.assumed, 0.0) for item in items]),
+        (Column("assumed", BY_ROW), [_level_cell(item, item.assumed, 0.0) for item in items]),
         (
             Column("by likelihood", BY_ROW),
-            [_level(item, item.found, item.spread) for item in items],
+            [_level_cell(item, item.found, item.spread) for item in items],
         ),
         (Column("agree"), ["yes" if item.agrees else "no" for item in items]),
         units=[shown_in(item.unit, item.name).unit for item in items],
     )
-    return [shown, Prose(levels_sentence(found))]
+    return [shown, Prose(levels_sentence(findings))]
 
 
-def _level(item: Level, value: float, spread: float) -> Cell:
+def _level_cell(item: Level, value: float, spread: float) -> Cell:
     if value == 0.0 or item.name in (STATES, PARAMETERS):
         return level_text(item, value)
     scaled = shown_in(item.unit, item.name).factor * value
@@ -229,28 +234,34 @@ def level_text(item: Level, value: float) -> str:
     return f"{shown_in(item.unit, item.name)[0] * value:.4g}"
 
 
-def levels_sentence(found: Findings) -> str:
+def levels_sentence(findings: Findings) -> str:
     """Return whether the assumed noise levels maximise the likelihood; empty if not estimated."""
-    levels = found.levels
+    levels = findings.levels
     if levels is None:
         return ""
-    off = [item for item in levels.items if not item.agrees]
     over = f"over {levels.runs} runs"
-    if not off:
+    if levels.agree:
         return f"noise levels by likelihood {over} agree with those that are assumed"
     sentence = (
         f"noise levels by likelihood {over} disagree with those that are assumed: "
-        f"{'; '.join(_off(item) for item in off)}"
+        f"{_disagreements(levels)}"
     )
-    forced = any(item.name in (STATES, PARAMETERS) and item.found > 0.0 for item in off)
-    return (
-        f"{sentence}; that process noise stands for what the model cannot follow"
-        if forced and found.misfits
-        else sentence
+    has_process_noise = any(
+        item.name in (STATES, PARAMETERS) and item.found > 0.0 and not item.agrees
+        for item in levels.items
     )
+    if has_process_noise and findings.misfits:
+        sentence += "; that process noise stands for what the model cannot follow"
+    return sentence
 
 
-def _off(item: Level) -> str:
+def _disagreements(levels: Levels | None) -> str:
+    """Return the noise levels that differ from the assumed ones, in words."""
+    items = levels.items if levels is not None else ()
+    return "; ".join(_disagreement(item) for item in items if not item.agrees)
+
+
+def _disagreement(item: Level) -> str:
     if item.name not in (STATES, PARAMETERS):
         return (
             f"noise of {item.name} {item.found / item.assumed:.2f} times the assumed standard "
@@ -258,15 +269,16 @@ def _off(item: Level) -> str:
         )
     if item.assumed == 0.0:
         return f"{item.name}, of which none is assumed, acts"
-    return (
-        f"{item.name}: none acts"
-        if item.found == 0.0
-        else f"{item.name} {item.found:.2g} times the assumed standard deviation"
-    )
+    if item.found == 0.0:
+        return f"{item.name}: none acts"
+    return f"{item.name} {item.found:.2g} times the assumed standard deviation"
 
 
 def direction(finding: Finding) -> str:
-    """``"too small by a factor of 3.2"``: with it two sigmas hold 95.4 % of the errors."""
+    """Return the error of a sigma, such as ``"too small by a factor of 3.2"``.
+
+    With this factor on the sigma, two sigmas contain 95.4 % of the errors.
+    """
     return _by_factors([finding])
 
 
@@ -274,20 +286,20 @@ def _by_factors(group: list[Finding]) -> str:
     """Return the smallest and the largest factor by which sigmas of one direction are wrong."""
     small = group[0].wrong.too_small
     factors = sorted(f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12) for f in group)
-    ends = dict.fromkeys(_factor(factors[at]) for at in (0, -1))
+    ends = dict.fromkeys(_factor_text(end) for end in (factors[0], factors[-1]))
     return f"too {'small' if small else 'large'} by a factor of {' to '.join(ends)}"
 
 
-def cause_sentences(found: Findings) -> list[str]:
+def cause_sentences(findings: Findings) -> list[str]:
     """Return one sentence per set of causes: parameters, cause, and evidence."""
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
-    for each in found.found:
-        groups.setdefault((each.causes, each.again), []).append(each)
-    return [
-        f"{_directions(group)}: {'; and '.join(_SAID[cause](group, found) for cause in causes)}"
-        f"{_how(group, found)}"
-        for (causes, _), group in groups.items()
-    ]
+    for finding in findings.found:
+        groups.setdefault((finding.causes, finding.again), []).append(finding)
+    sentences = []
+    for (causes, _), group in groups.items():
+        reasons = "; and ".join(_EXPLANATIONS[cause](group, findings) for cause in causes)
+        sentences.append(f"{_directions(group)}: {reasons}{_correction_note(group, findings)}")
+    return sentences
 
 
 def _directions(group: list[Finding]) -> str:
@@ -297,11 +309,11 @@ def _directions(group: list[Finding]) -> str:
     return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {parts}"
 
 
-def _how(group: list[Finding], found: Findings) -> str:
-    """Return the source of the right sigma."""
+def _correction_note(group: list[Finding], findings: Findings) -> str:
+    """Return a sentence on the source of the corrected sigma, after a full stop."""
     if group[0].again:
         return (
-            f". The table has sigma and coverage of {found.again} runs repeated without this "
+            f". The table has sigma and coverage of {findings.again} runs repeated without this "
             "cause; where their sigma equals the reported one, their errors are smaller"
         )
     if group[0].causes[-1] in (MODEL, NOISE, OPEN):
@@ -311,70 +323,67 @@ def _how(group: list[Finding], found: Findings) -> str:
     return ". The corrected sigma follows from this cause alone, its coverage from all runs"
 
 
-def _start(group: list[Finding], found: Findings) -> str:
+def _start(group: list[Finding], findings: Findings) -> str:
     return (
         "the estimator starts too far off and linearises there: started again from its own "
         f"result, {FURTHER_PASSES} passes more, it is right"
     )
 
 
-def _steps(group: list[Finding], found: Findings) -> str:
+def _steps(group: list[Finding], findings: Findings) -> str:
     return (
         "its integration is too coarse and moves the estimates: with fourth-order steps of a "
         "quarter of a sample they are not moved"
     )
 
 
-def _levels(group: list[Finding], found: Findings) -> str:
-    items = found.levels.items if found.levels is not None else ()
-    off = "; ".join(_off(item) for item in items if not item.agrees)
-    return f"it assumes wrong noise ({off}): with the levels by likelihood it is right"
+def _levels(group: list[Finding], findings: Findings) -> str:
+    wrong = _disagreements(findings.levels)
+    return f"it assumes wrong noise ({wrong}): with the levels by likelihood it is right"
 
 
-def _prior(group: list[Finding], found: Findings) -> str:
+def _prior(group: list[Finding], findings: Findings) -> str:
     if math.isnan(group[0].strength):
         return (
             "estimates lean on the prior and scatter less than stated: started again from their "
             "own result, where it counts no more, they do"
         )
-    shares = [100 * each.strength for each in group]
-    share = (
-        f"{min(shares):.0f} %"
-        if max(shares) - min(shares) < 1.0
-        else f"{min(shares):.0f} to {max(shares):.0f} %"
-    )
+    shares = [100 * finding.strength for finding in group]
+    share = f"{min(shares):.0f} %"
+    if max(shares) - min(shares) >= 1.0:
+        share = f"{min(shares):.0f} to {max(shares):.0f} %"
     return (
         f"the prior gives {share} of the stated variance; the runs share its wrong mean, about "
         "which estimates neither scatter nor centre"
     )
 
 
-def _colour(group: list[Finding], found: Findings) -> str:
+def _colour(group: list[Finding], findings: Findings) -> str:
     return (
         f"the noise is not white, neighbouring samples correlate by {group[0].strength:.2f} and "
         "tell less than the filter counts"
     )
 
 
-def _noise(group: list[Finding], found: Findings) -> str:
+def _noise(group: list[Finding], findings: Findings) -> str:
     return (
         "the noise itself biases the estimate (it stands in what is not linear, or in regressors): "
         "with a tenth of it the bias goes"
     )
 
 
-def _model(group: list[Finding], found: Findings) -> str:
+def _model(group: list[Finding], findings: Findings) -> str:
     bias_text = _bias_share(group)
-    if not any(each.wrong.too_small for each in group):
+    if not any(finding.wrong.too_small for finding in group):
         bias_text += "; what is declared in its place, process noise, is more than it needs"
-    left = (
+    misfit = (
         f"at the reference values it leaves {group[0].strength:.2g} times the noise, the same in "
         "all runs"
     )
-    return f"the model cannot follow the flight: {left}; {bias_text}"
+    return f"the model cannot follow the flight: {misfit}; {bias_text}"
 
 
-def _open(group: list[Finding], found: Findings) -> str:
+def _open(group: list[Finding], findings: Findings) -> str:
     return (
         "no cause was found: the model follows the flight, and nothing that was changed makes it "
         f"right; {_bias_share(group)}"
@@ -382,11 +391,11 @@ def _open(group: list[Finding], found: Findings) -> str:
 
 
 def _bias_share(group: list[Finding]) -> str:
-    share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
+    share = max(finding.wrong.mean**2 / finding.wrong.rms**2 for finding in group)
     return f"bias makes up to {100 * share:.0f} % of the mean square error"
 
 
-_SAID: dict[str, Callable[[list[Finding], Findings], str]] = {
+_EXPLANATIONS: dict[str, Callable[[list[Finding], Findings], str]] = {
     START: _start,
     TRIALS_STEPS: _steps,
     LEVELS: _levels,
@@ -399,32 +408,33 @@ _SAID: dict[str, Callable[[list[Finding], Findings], str]] = {
 
 
 def _names(group: list[Finding]) -> str:
-    names = [each.name for each in group]
-    first_names = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-    return (
-        f"{first_names} ({100 * group[0].wrong.statistics.two.share:.1f} % within two sigmas, not "
-        f"{100 * NORMAL[2]:.1f} %)"
-        if len(names) == 1
-        else first_names
-    )
+    """Return the parameters of a group; a single one with its coverage."""
+    if len(group) == 1:
+        share = group[0].wrong.statistics.two.share
+        return (
+            f"{group[0].name} ({100 * share:.1f} % within two sigmas, not {100 * NORMAL[2]:.1f} %)"
+        )
+    more = f" and {len(group) - 8} more" if len(group) > 8 else ""
+    return ", ".join(finding.name for finding in group[:8]) + more
 
 
-def _factor(value: float) -> str:
+def _factor_text(value: float) -> str:
     return f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
-# ---- Why sigmas are wrong, in the document of a campaign
+# ---- Causes of wrong sigmas in campaign.json
 
 
-def findings_content(found: Findings) -> dict[str, Any]:
-    """Return the content of ``campaign.json``: wrong sigmas by parameter, in SI, and noise levels
-    if they were searched.
+def findings_content(findings: Findings) -> dict[str, Any]:
+    """Return content of ``campaign.json``: wrong sigmas by parameter, SI, causes and noise levels.
+
+    Without noise levels if they were not estimated.
     """
     content: dict[str, Any] = {
-        "wrong_sigmas": {each.name: _content(each) for each in found.found},
-        "because": cause_sentences(found),
+        "wrong_sigmas": {finding.name: _content(finding) for finding in findings.found},
+        "because": cause_sentences(findings),
     }
-    if found.levels is not None:
+    if findings.levels is not None:
         items = {
             item.name: {
                 "unit": item.unit,
@@ -432,30 +442,24 @@ def findings_content(found: Findings) -> dict[str, Any]:
                 "by_likelihood": item.found,
                 "agrees": item.agrees,
             }
-            for item in found.levels.items
+            for item in findings.levels.items
         }
-        content["noise_levels"] = {"runs": found.levels.runs, "levels": items}
+        content["noise_levels"] = {"runs": findings.levels.runs, "levels": items}
     return content
 
 
-def _content(each: Finding) -> dict[str, Any]:
-    within = each.coverage
-    numbers = {
-        "factor": each.wrong.factor,
-        "reported_std": each.wrong.statistics.reported,
-        "right_std": each.corrected,
-    }
-    shares = {
+def _content(finding: Finding) -> dict[str, Any]:
+    within = finding.coverage
+    return {
+        "causes": list(finding.causes),
+        "factor": finding.wrong.factor,
+        "reported_std": finding.wrong.statistics.reported,
+        "right_std": finding.corrected,
         "right_within_2": within.share,
         "right_within_2_low": within.interval[0],
         "right_within_2_high": within.interval[1],
-    }
-    return {
-        "causes": list(each.causes),
-        **numbers,
-        **shares,
         "runs": within.runs,
-        "computed_again": each.again,
+        "computed_again": finding.again,
     }
 
 
@@ -471,34 +475,37 @@ SIZES_NOTE = (
 
 def sizes_table(campaign: CampaignRuns) -> Table:
     """Return bias, scatter and coverage of each parameter; pooled values in reported sigmas."""
-    some = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
+    spreads = tuple(_displayed(s) for s in (*campaign.spreads, campaign.pooled))
     root = campaign.values.shape[1] ** 0.5
-
-    def percent(values: Iterable[float]) -> list[Cell]:
-        return [Number(100.0 * value, digits=1) for value in values]
 
     return table(
         campaign_title(campaign),
-        (Column("parameter"), [s.name for s in some]),
-        (Column("reference", BY_ROW), [Number(s.reference) for s in some]),
+        (Column("parameter"), [s.name for s in spreads]),
+        (Column("reference", BY_ROW), [Number(s.reference) for s in spreads]),
         (
             Column("bias ± σ", BY_ROW, printed="bias"),
-            [Number(s.bias, s.scatter / root) for s in some],
+            [Number(s.bias, s.scatter / root) for s in spreads],
         ),
-        (Column("scatter", BY_ROW), [two_digits(s.scatter) for s in some]),
-        (Column("reported σ", BY_ROW, printed="reported"), [two_digits(s.reported) for s in some]),
+        (Column("scatter", BY_ROW), [two_digits(s.scatter) for s in spreads]),
+        (
+            Column("reported σ", BY_ROW, printed="reported"),
+            [two_digits(s.reported) for s in spreads],
+        ),
         (
             Column("within 2 σ", "%", printed="within 2 sigma, %"),
-            percent(s.within_two for s in some),
+            percent(s.within_two for s in spreads),
         ),
-        (Column("from (95 %)", "%", printed="from"), percent(s.interval[0] for s in some)),
-        (Column("to", "%", printed="to (95 %)", beside=True), percent(s.interval[1] for s in some)),
-        units=[s.unit for s in some],
+        (Column("from (95 %)", "%", printed="from"), percent(s.interval[0] for s in spreads)),
+        (
+            Column("to", "%", printed="to (95 %)", beside=True),
+            percent(s.interval[1] for s in spreads),
+        ),
+        units=[s.unit for s in spreads],
     )
 
 
 def campaign_title(campaign: CampaignRuns) -> str:
-    """Return the scenario, how many runs from which seed, and the method."""
+    """Return the title of a campaign: scenario, number of runs, seed and method."""
     return (
         f"{campaign.scenario.name}: {len(campaign.seeds)} runs from seed {campaign.root}, "
         f"{campaign.estimation.label}"
@@ -537,7 +544,7 @@ def broken_words(campaign: CampaignRuns) -> str:
     return f"{campaign.broken} of {len(campaign.seeds)} runs broke down and are left out ({why})"
 
 
-def _shown(s: Spread) -> Spread:
+def _displayed(s: Spread) -> Spread:
     """Return the spread of a parameter in its display unit."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}

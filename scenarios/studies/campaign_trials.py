@@ -416,7 +416,7 @@ class Trials:
             return None
         order = [estimates.names.index(name) for name in self.names]
         values = estimates.values[order]
-        std = np.sqrt(np.maximum(np.diagonal(estimates.covariance, axis1=1, axis2=2).T[order], 0.0))
+        std = estimates.std[order]
         converged = np.array([outcome == SOUND for outcome in estimates.outcomes]) & np.all(
             np.isfinite(values) & (std > 0.0), axis=0
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
 from scenarios.files.sources import DocumentError, toml_value
-from scenarios.studies.declaration import Scenario, methods_without_gone, without_gone
+from scenarios.studies.declaration import Scenario, methods_without_removed, without_removed
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
@@ -23,21 +23,20 @@ EXAMINATIONS = {
     "random-papers": "random",
     "every-effect": "every-effect",
 }
-SURROGATE = "standin"
+SURROGATE = "standin"  # kind and prefix of surrogate flights in earlier versions
+FOLDER = files("scenarios").joinpath("catalog")
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:
     """Return the names of the built-in scenarios, sorted: all, or those of one kind."""
-    entries = files("scenarios").joinpath("catalog").iterdir()
-    names = sorted(
-        entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml")
-    )
+    file_names = (entry.name for entry in FOLDER.iterdir())
+    names = sorted(name.removesuffix(".toml") for name in file_names if name.endswith(".toml"))
     return tuple(name for name in names if kind is None or scenario_kind(name) == kind)
 
 
 def scenario_kind(name: str) -> str:
-    """Return the kind of a scenario, by the key ``kind`` of its file: ``IDENTIFICATION`` if it has
-    none; a name or a path as ``load_document``.
+    """Return the kind of a scenario, from the key ``kind`` of its file: ``IDENTIFICATION`` without
+    the key. ``name``: a name or a path as in ``load_document``.
     """
     document, _, where = load_document(name)
     kind = str(document.get("kind", IDENTIFICATION))
@@ -52,23 +51,29 @@ def scenario_kind(name: str) -> str:
 
 def scenario_title(name: str) -> str:
     """Return the one line that describes a built-in scenario."""
-    return str(
-        tomllib.loads(
-            files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
-        )["title"]
-    )
+    return str(tomllib.loads(_catalogue_text(name))["title"])
 
 
 def scenario_text(name: str) -> str:
-    """Return the file of a built-in scenario, for copying and editing."""
-    _known(name)
-    return files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
+    """Return the text of a built-in scenario's file. Raises DeclarationError if there is none."""
+    if name in EXAMINATIONS:
+        raise moved(name, EXAMINATIONS[name])
+    if name.startswith(f"{SURROGATE}-"):
+        raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
+    names = scenario_names()
+    if name not in names:
+        raise DeclarationError(
+            f"there is no scenario {name!r}", where="flightid", remedy=closest(name, names)
+        )
+    return _catalogue_text(name)
+
+
+def _catalogue_text(name: str) -> str:
+    return FOLDER.joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
 
 def scenario_file(name: str) -> str:
-    """Return the name of a scenario's file in messages: the path that a user gave, or a built-in
-    name with its ending.
-    """
+    """Return the name of a scenario's file in messages: the user's path, or NAME.toml."""
     return name if name.endswith(".toml") else f"{name}.toml"
 
 
@@ -97,66 +102,40 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
 
 
 def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any], str, str]:
-    """Return the content of a scenario's file with the changes made, its short name, and what
-    messages call the file. Errors as ``load_scenario``.
+    """Return the content of a scenario's file with the changes made, its short name, and its name
+    in messages. Errors as ``load_scenario``.
     """
-    where = scenario_file(name)
     if name.endswith(".toml"):
-        document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
+        document, folder, short = read_toml(name), Path(name).parent, Path(name).stem
     else:
-        document = _beside(
-            tomllib.loads(scenario_text(name)),
-            Path(str(files("scenarios").joinpath("catalog"))),
-        )
-        short = name
-    return with_changes(document, changes), short, where
+        document, folder, short = tomllib.loads(scenario_text(name)), Path(str(FOLDER)), name
+    document = _with_model_paths(document, folder)
+    return with_changes(document, changes), short, scenario_file(name)
 
 
-def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the document with its users' model files resolved against its own folder."""
+def _with_model_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the document with the paths of user model files relative to ``folder`` resolved."""
     from scenarios.files.user_models import is_model_file
 
-    def found(table: Any, key: str) -> Any:
-        named = table.get(key) if isinstance(table, dict) else None
-        return (
-            {**table, key: str(folder / named)}
-            if isinstance(named, str) and is_model_file(named)
-            else table
-        )
+    def resolved(table: Any, key: str) -> Any:
+        path = table.get(key) if isinstance(table, dict) else None
+        if isinstance(path, str) and is_model_file(path):
+            return {**table, key: str(folder / path)}
+        return table
 
-    methods = document.get("methods")
-    out = {
-        **document,
-        **{
-            table: found(document[table], key)
-            for table, key in (("flight", "vehicle"), ("estimate", "model"))
-            if table in document
-        },
-    }
-    return (
-        {**out, "methods": [found(each, "model") for each in methods]}
-        if isinstance(methods, list)
-        else out
-    )
+    out = dict(document)
+    for table, key in (("flight", "vehicle"), ("estimate", "model")):
+        if table in document:
+            out[table] = resolved(document[table], key)
+    if isinstance(document.get("methods"), list):
+        out["methods"] = [resolved(method, "model") for method in document["methods"]]
+    return out
 
 
 def moved(what: str, examination: str, where: str = "flightid") -> DeclarationError:
-    """Return the error for a study that moved to `exam`, which is not installed."""
+    """Return the error for a study that is now in `exam`, which is not installed."""
     remedy = f"in a checkout of the source: python -m exam {examination} --help"
     return DeclarationError(f"{what} examines the tracing loop", where=where, remedy=remedy)
-
-
-def _known(name: str) -> None:
-    if name in EXAMINATIONS:
-        raise moved(name, EXAMINATIONS[name])
-    if name.startswith(f"{SURROGATE}-"):
-        raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
-    if name not in scenario_names():
-        raise DeclarationError(
-            f"there is no scenario {name!r}",
-            where="flightid",
-            remedy=closest(name, scenario_names()),
-        )
 
 
 def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
@@ -180,14 +159,17 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     path = key.strip().split(".")
     changed: dict[str, Any] = _put(document, path, value, key.strip())
     if isinstance(document.get("own"), dict) and path[0] != "own":
-        changed["own"] = without_gone(document["own"], document, changed)
-    return (
-        methods_without_gone(document, changed) if path[0] in ("estimate", "methods") else changed
-    )
+        changed["own"] = without_removed(document["own"], document, changed)
+    if path[0] in ("estimate", "methods"):
+        return methods_without_removed(document, changed)
+    return changed
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
-    """Return a table with one entry replaced; list entries are numbered from 1."""
+    """Return a table with the entry at ``path`` replaced; list entries are numbered from 1.
+
+    ``key``: the path as the user wrote it.
+    """
     first, *rest = path
     if isinstance(table, list):
         if not (first.isascii() and first.isdigit()) or not 1 <= int(first) <= len(table):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.banks.delays import ENGINES, SecondPass
-from ident.estimate import Estimate
+from ident.estimate import Estimate, FilterHistory
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.sources import versions
@@ -222,6 +222,22 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
         },
         "overclaimed": list(method.overclaimed),
     }
+
+
+def history_csv(history: FilterHistory, outputs: Sequence[str]) -> str:
+    """Return states and parameters with sigmas, and innovations, of each sample as CSV."""
+    columns: dict[str, np.ndarray] = {"time": history.time}
+    for name, mean, std in zip(history.names, history.mean, history.std, strict=True):
+        columns |= {name: mean, f"std_{name}": std}
+    for name, value, std in zip(outputs, history.innovation, history.innovation_std, strict=True):
+        columns |= {f"innovation_{name}": value, f"std_innovation_{name}": std}
+    return columns_csv(columns)
+
+
+def columns_csv(columns: Mapping[str, np.ndarray]) -> str:
+    """Return named columns as CSV, with nine significant digits."""
+    rows = np.array(list(columns.values())).T.tolist()
+    return csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows))
 
 
 def determination_csv(methods: Sequence[MethodDetermination]) -> str:

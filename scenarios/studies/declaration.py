@@ -148,28 +148,31 @@ class Estimation:
     Attributes
     ----------
     name : key in the study.
-    label : for tables and figures.
+    label : name in tables and figures.
     model, modes : name and number of elastic modes of the estimation model.
     outputs : measured outputs that are used.
-    start, initial : starting values and priors of the free parameters; of the states.
+    start : starting values and priors of the free parameters.
+    initial : initial values and priors of the states.
     method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"`` or ``"equation-error"``.
     held : fixed parameters that are not constants of the vehicle.
     noise_std : assumed measurement noise; empty: that of the record's sensors.
     process_noise : assumed spectral densities, by state or parameter.
-    integration, max_step, passes : of a filter.
+    integration, max_step, passes : integration method, longest step (s) and number of passes of a
+        filter.
     terms : Taylor terms of a filter's transition matrix; 0 for the matrix exponential.
-    spread : each further pass starts from the previous result with at most ``spread`` times its
-        standard deviations, and so is linearised there. Infinite keeps the declared priors; 20
-        counts the data 1 + 1/400 times.
+    spread : priors of each further pass, at most ``spread`` times the standard deviations of the
+        previous pass, from whose result it starts. Infinite keeps the declared priors; 20 counts
+        the data 1 + 1/400 times.
     use_priors : whether a whole-record fit uses the priors of ``start``; filters always do.
     explanation : note for the reader of the result.
     published : published values to compare with.
     flown_noise_std : sensor noise of this estimation's record; empty: that of the flight.
     own : the user's model, as its file declares it.
-    flight, distance : flight of this estimation alone; None: the scenario's.
+    flight, distance : flight of this estimation alone, and how it differs from the fitted model;
+        None and empty: those of the scenario.
     choices : values of this estimation that no source gives.
-    engine : of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; the results
-        agree to rounding.
+    engine : implementation of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``;
+        the results of all engines agree to rounding.
     """
 
     name: str
@@ -205,15 +208,15 @@ class Scenario:
 
     Attributes
     ----------
-    name, title, about : for people.
+    name, title, about : name, one line and a paragraph on the study.
     distance : how the truth differs from the fitted model.
     flight : the simulated flight.
     estimations : methods, the main one first.
-    condensed : compare with statically condensed coefficients; condensed are the elastic modes that
-        the estimation model lacks.
+    condensed : compare with coefficients in which the elastic modes that the estimation model lacks
+        are statically condensed.
     display : further display unit of a parameter, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
-    flown : aircraft class and flight phase, for levels of flying qualities; None: no levels.
+    flown : aircraft class and flight phase for levels of flying qualities; None: no levels.
     files : users' model files, with hashes.
     repeated : flights that are simulated several times, to show the scatter of the estimates.
     sweep : structures from stiff to soft that the flight is repeated with.
@@ -258,8 +261,8 @@ def choices_of(
     """Return the choices that ``own`` declares.
 
     ``own`` repeats keys of ``document``, with a reason instead of each value. The values are read
-    from the document, so that a study reports what it used. ``where`` is the key of ``own`` in
-    messages.
+    from the document, so that a study reports the values it used. ``where`` is the key of ``own``
+    in messages.
 
     Raises
     ------
@@ -268,9 +271,10 @@ def choices_of(
     return tuple(_choices(own, document, where, ""))
 
 
-def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iterator[Choice]:
+def _choices(own: Mapping[str, Any], table: Any, where: str, above: str) -> Iterator[Choice]:
+    """Yield the choices of a table; ``above``: key of the table with a dot, or empty."""
     for name, reason in own.items():
-        key, value = f"{above}{name}", _inside(found, name)
+        key, value = f"{above}{name}", _entry(table, name)
         if value is None:
             raise DeclarationError(
                 "the file has no such value",
@@ -289,48 +293,44 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
             )
 
 
-def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
-    """Leave out the entries of ``own`` for values that a change of the document removed."""
+def without_removed(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
+    """Return ``own`` without the entries whose values a change of the document removed."""
     out: dict[str, Any] = {}
     for name, reason in own.items():
-        old, new = _inside(before, name), _inside(after, name)
+        old, new = _entry(before, name), _entry(after, name)
         if new is None and old is not None:
             continue
-        kept = without_gone(reason, old, new) if isinstance(reason, Mapping) else reason
+        kept = without_removed(reason, old, new) if isinstance(reason, Mapping) else reason
         if kept != {} or reason == {}:
             out[name] = kept
     return out
 
 
-def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """Apply ``without_gone`` to the table ``own`` of each method of a changed document.
+def methods_without_removed(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """Return the document ``after`` with ``without_removed`` applied to ``own`` of each method.
 
-    A method without an own value uses that of the main method.
+    A method that does not give a value uses that of the main method.
     """
-    were, now = before.get("methods"), after.get("methods")
-    if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
+    old_methods, new_methods = before.get("methods"), after.get("methods")
+    if not (isinstance(old_methods, list) and isinstance(new_methods, list)):
         return after
-    return {
-        **after,
-        "methods": [_method(old, new, before, after) for old, new in zip(were, now, strict=True)],
-    }
-
-
-def _method(old: Any, new: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -> Any:
-    if not (
-        isinstance(old, Mapping)
-        and isinstance(new, Mapping)
-        and isinstance(new.get("own"), Mapping)
-    ):
-        return new
-    main = [
+    if len(old_methods) != len(new_methods):
+        return after
+    old_main, new_main = (
         document["estimate"] if isinstance(document.get("estimate"), Mapping) else {}
         for document in (before, after)
-    ]
-    return {**new, "own": without_gone(new["own"], {**main[0], **old}, {**main[1], **new})}
+    )
+    methods = []
+    for old, new in zip(old_methods, new_methods, strict=True):
+        if not (isinstance(old, Mapping) and isinstance(_entry(new, "own"), Mapping)):
+            methods.append(new)
+            continue
+        own = without_removed(new["own"], {**old_main, **old}, {**new_main, **new})
+        methods.append({**new, "own": own})
+    return {**after, "methods": methods}
 
 
-def _inside(table: Any, name: str) -> Any:
+def _entry(table: Any, name: str) -> Any:
     """Return an entry of a table, or of a list (numbered from 1); None if missing."""
     if isinstance(table, list):
         return (
@@ -363,7 +363,7 @@ def value_text(value: Any) -> str:
 
 # ---- Maneuvers of a flight plan
 
-START_OF_REST = -1e6  # s; inputs are at rest from then on, earlier than any delay or filter needs
+START_OF_REST = -1e6  # s; inputs are at rest from then on: earlier than any delay reaches back
 SMOOTH = ("sweep", "multisine")  # maneuvers without steps
 
 
@@ -405,7 +405,7 @@ def maneuvers_by_input(
 def with_common_hold(
     by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
 ) -> dict[str, Maneuver]:
-    """Return maneuvers with the same behaviour of all inputs between samples, as a record has it.
+    """Return maneuvers in which all inputs behave alike between samples, as in a record.
 
     If any input has steps, smooth inputs are held between the samples ``time`` (s), too.
     """
@@ -442,33 +442,31 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
                 where=where,
                 remedy=f"it takes {', '.join((*needed, 'start'))}",
             )
-    return build(plan.numbers)
+    return build(**plan.numbers)
 
 
-# Kind of maneuver -> numbers that it needs, and the function that makes it from them.
-KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
-    "3-2-1-1": (
-        ("amplitude", "unit"),
-        lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"]),
-    ),
-    "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
-    "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),
-    "step": (("amplitude",), lambda n: step(n["amplitude"], n["start"])),
-    "sweep": (
-        ("amplitude", "first_frequency", "last_frequency", "duration"),
-        lambda n: Sweep(
-            n["amplitude"],
-            n["first_frequency"],
-            n["last_frequency"],
-            n["duration"],
-            n["start"],
-            taper=0.1 * n["duration"],
-        ),
-    ),
-    "multisine": (
-        ("amplitude", "duration", "harmonics"),
-        lambda n: schroeder_multisine(
-            n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]
-        ),
-    ),
+def _tapered_sweep(
+    amplitude: float,
+    first_frequency: float,
+    last_frequency: float,
+    duration: float,
+    start: float = 0.0,
+) -> Maneuver:
+    return Sweep(amplitude, first_frequency, last_frequency, duration, start, taper=0.1 * duration)
+
+
+def _multisine(
+    amplitude: float, duration: float, harmonics: Sequence[int], start: float = 0.0
+) -> Maneuver:
+    return schroeder_multisine(amplitude, duration, tuple(harmonics), start)
+
+
+# Kind of maneuver -> numbers that it needs besides the start, and the function that makes it.
+KINDS: Mapping[str, tuple[tuple[str, ...], Callable[..., Maneuver]]] = {
+    "3-2-1-1": (("amplitude", "unit"), three_two_one_one),
+    "doublet": (("amplitude", "unit"), doublet),
+    "pulse": (("amplitude", "unit"), pulse),
+    "step": (("amplitude",), step),
+    "sweep": (("amplitude", "first_frequency", "last_frequency", "duration"), _tapered_sweep),
+    "multisine": (("amplitude", "duration", "harmonics"), _multisine),
 }

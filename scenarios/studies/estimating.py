@@ -22,6 +22,7 @@ from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor
 from scenarios.files.user_models import inputs_at_rest
 from scenarios.studies.declaration import (
+    FILTERS,
     Estimation,
     FlightPlan,
     Scenario,
@@ -29,7 +30,7 @@ from scenarios.studies.declaration import (
     maneuvers_by_input,
     with_common_hold,
 )
-from scenarios.studies.reading import own_biases, own_declared
+from scenarios.studies.reading import own_biases, own_declared, refuse_held_start
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, ParameterSet
 from sim.declaration.model import Model, Noise, System
@@ -53,7 +54,7 @@ from sim.vehicles.factory import (
     rigid_model,
     whole_axis_model,
 )
-from sim.vehicles.flexibility import with_frequency_factor
+from sim.vehicles.flexibility import condense_above, with_frequency_factor
 from sim.vehicles.library import VehicleData, read_parameter_set
 
 # ---- Flight of a scenario: record and truth
@@ -116,7 +117,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     model = true_model(flight)
     place = where or "key flight"
     inputs = {signal.name for signal in model.equations.inputs}
-    outputs = {signal.name for signal in model.equations.outputs}
+    outputs = [signal.name for signal in model.equations.outputs]
     for name in flight.noise_std:
         if name not in outputs:
             raise DeclarationError(
@@ -128,15 +129,10 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     time = sample_times(flight.rate, flight.duration)
     if flight.own is not None:
         by_input = with_common_hold(by_input, flight.maneuvers, time)
-    measured = [
-        name
-        for name in (signal.name for signal in model.equations.outputs)
-        if name in flight.noise_std
-    ]
     common: dict[str, Any] = {
         "step": min(flight.step, 1.0 / flight.rate),
         "method": STEPS.get(flight.integration),  # None: adaptive step
-        "outputs": measured,
+        "outputs": [name for name in outputs if name in flight.noise_std],
         "distance": DISTANCES[scenario.distance],
         "name": scenario.name,
     }
@@ -212,10 +208,13 @@ def declared_model(
     place = f"estimation {estimation.name}"
     values = {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
     _only_declared(estimation, kind, values, place)
-    initial = {name: start.value for name, start in estimation.initial.items()}
-    model = model_from_constants(
-        kind, constants, values, modes=estimation.modes, initial=_base_states(kind, initial)
-    )
+    # States of effects have no place among the initial states of the equations.
+    initial = {
+        name: start.value
+        for name, start in estimation.initial.items()
+        if name in _NAMES[kind].states
+    }
+    model = model_from_constants(kind, constants, values, modes=estimation.modes, initial=initial)
     free = model.parameters.only_free(estimation.start).with_prior(
         {name: start.std for name, start in estimation.start.items()}
     )
@@ -239,9 +238,32 @@ def declared_model(
     )
 
 
+def declared_for(
+    scenario: Scenario, estimation: Estimation, flight: FlightPlan | None = None
+) -> Model:
+    """Return ``declared_model`` with the constants and noise levels of a scenario.
+
+    ``flight``: flight whose vehicle gives the constants; None: that of the scenario.
+    """
+    return declared_model(
+        estimation,
+        flight_constants(flight or scenario.flight, estimation),
+        assumed_noise(scenario, estimation),
+    )
+
+
 def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
     """Return the noise levels that an estimation assumes: its own, else those of the sensors."""
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
+
+
+def condensed_values(flight: FlightPlan, estimation: Estimation) -> Mapping[str, float]:
+    """Return the coefficients that a model with fewer elastic modes should find, SI, by name.
+
+    They include the quasi-static part of the modes that the model lacks.
+    """
+    values = flown_vehicle(flight).values
+    return condense_above(values, flight.modes, min(estimation.modes, flight.modes))
 
 
 def vehicle_constants(
@@ -268,26 +290,19 @@ def flight_constants(flight: FlightPlan, estimation: Estimation) -> dict[str, fl
 
 def compiled(estimation: Estimation, model: Model) -> System:
     """Return the System of a model for the estimation's method and outputs."""
-    filtering = estimation.method in ("ekf", "ukf")
     if estimation.method in ("output-error", "filter-error"):
         return biased_system(estimation, model)
-    return compile_model(model, estimation.outputs, online=filtering)
+    return compile_model(model, estimation.outputs, online=estimation.method in FILTERS)
 
 
 def biased_system(estimation: Estimation, model: Model) -> System:
     """Return the System of a model for a whole-record fit, with free sensor biases."""
-    return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
-
-
-def _biased(estimation: Estimation, model: Model) -> list[str]:
-    """Return the outputs whose sensors have a free bias."""
     if estimation.own is not None:
-        return own_biases(model, estimation.outputs)
-    return [
-        name
-        for name in estimation.outputs
-        if not (estimation.model == "ballistic" and name == "altitude")
-    ]
+        biased = own_biases(model, estimation.outputs)
+    else:
+        is_ballistic = estimation.model == "ballistic"
+        biased = [name for name in estimation.outputs if not (is_ballistic and name == "altitude")]
+    return compile_model(model.with_biases(biased), estimation.outputs)
 
 
 def _longest_step(estimation: Estimation) -> float:
@@ -310,7 +325,7 @@ def filter_settings(estimation: Estimation) -> FilterSettings:
 def estimate_record(estimation: Estimation, record: Record, model: Model) -> Result:
     """Run an estimation on a record with a declared model."""
     system = compiled(estimation, model)
-    if estimation.method in ("ekf", "ukf"):
+    if estimation.method in FILTERS:
         estimate = _filtered(estimation, record, model)
     elif estimation.method == "output-error":
         from ident.whole_record.layout import FitSettings
@@ -383,17 +398,13 @@ def _only_declared(
     No default replaces a missing value, since it would be the true one.
     """
     needed = _NAMES[kind].needed
+    of_modes = mode_units(estimation.modes)
     modal = [
         name
-        for name, _, must in mode_units(estimation.modes)
-        if must and not name.startswith(tuple(MODE_CONSTANTS))
+        for name, _, required in of_modes
+        if required and not name.startswith(tuple(MODE_CONSTANTS))
     ]
-    known = {
-        *needed,
-        *_NAMES[kind].optional,
-        *modal,
-        *(name for name, _, _ in mode_units(estimation.modes)),
-    }
+    known = {*needed, *_NAMES[kind].optional, *(name for name, _, _ in of_modes)}
     for name in (*needed, *modal):
         if name not in values:
             raise DeclarationError(
@@ -408,13 +419,7 @@ def _only_declared(
                 where=f"{place}, key start",
                 remedy=f"use {', '.join(sorted(known))}",
             )
-    for name in estimation.held:
-        if name in estimation.start:
-            raise DeclarationError(
-                f"{name} is under start and under held",
-                where=f"{place}, key held",
-                remedy="keep one of the two",
-            )
+    refuse_held_start(estimation)
     for name in estimation.process_noise:
         if name not in (*estimation.start, *estimation.initial):
             remedy = f"use {', '.join((*estimation.initial, *estimation.start))}"
@@ -423,11 +428,6 @@ def _only_declared(
                 where=f"{place}, key process_noise",
                 remedy=remedy,
             )
-
-
-def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
-    """Return the initial values of the states of the equations, without those of effects."""
-    return {name: value for name, value in initial.items() if name in _NAMES[kind].states}
 
 
 def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> ParameterSet:
@@ -484,6 +484,11 @@ class Estimates:
     degrees: np.ndarray
     outputs: tuple[str, ...]
     noise_std: np.ndarray
+
+    @property
+    def std(self) -> np.ndarray:
+        """Reported standard deviations, shape ``(n, k)``."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2).T, 0.0))
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:

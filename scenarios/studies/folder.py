@@ -36,8 +36,7 @@ from scenarios.studies.campaign_statistics import (
     statistics_content,
     statistics_csv,
 )
-from scenarios.studies.comparison import comparison, determination_csv
-from scenarios.studies.declaration import Start
+from scenarios.studies.comparison import comparison, determination_csv, history_csv
 from scenarios.studies.page import campaign_page, study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
@@ -49,13 +48,12 @@ if TYPE_CHECKING:
 
     from scenarios.plots.drawing import Named
     from scenarios.plots.residuals import EquivalentRow
-    from scenarios.plots.signals import MethodOutputs
     from scenarios.plots.studies import Coverage, DeterminedBy
 
 
 # ---- Data of the figure of a sweep
 
-# Criterion -> axis label, legend, range drawn to scale.
+# Criterion -> axis label, legend, range of values drawn to scale.
 LABELS = {
     "likelihood": (
         "BIC gain of an elastic mode (–)",
@@ -74,7 +72,7 @@ LABELS = {
 def draw_sweep(sweep: Sweep, title: str) -> Figure:
     """Return the figure of equivalent derivatives and criteria over the degree of flexibility.
 
-    Methods: the main one and those with elastic modes.
+    It has the main method, and the methods with another number of elastic modes.
     """
     from scenarios.plots.studies import (
         CriterionCourse,
@@ -85,20 +83,18 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
 
     points = sweep.points
     degrees = [point.figures.degree for point in points]
+    main_modes = points[0].methods[0].estimation.modes
     courses = []
     for name, rigid in sweep.rigid.items():
         estimates = {}
         for number, method in enumerate(points[0].methods):
-            if name in method.names and (
-                number == 0 or method.estimation.modes != points[0].methods[0].estimation.modes
-            ):
+            if name in method.names and (number == 0 or method.estimation.modes != main_modes):
                 at = method.names.index(name)
-                found = [
+                estimates[method.estimation.label] = [
                     (float(point.methods[number].values[at]), float(point.methods[number].std[at]))
                     for point in points
                 ]
-                estimates[method.estimation.label] = found
-        printed = [
+        published = [
             Published(sweep.point(mark.frequency_factor).figures.degree, start.value, start.std)
             for mark, values in sweep.marks
             if (start := values.get(name)) is not None
@@ -106,14 +102,14 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
         condensed = [point.figures.condensed[name] for point in points]
         best = [point.figures.fitted[name] for point in points]
         courses.append(
-            DerivativeCourse(name, sweep.units[name], rigid, condensed, best, estimates, printed)
+            DerivativeCourse(name, sweep.units[name], rigid, condensed, best, estimates, published)
         )
-    criteria = [
-        CriterionCourse(
-            *LABELS[each.name][:2], each.limit, each.values, each.degree, LABELS[each.name][2]
+    criteria = []
+    for item in criteria_of(points):
+        axis_label, legend, drawn_range = LABELS[item.name]
+        criteria.append(
+            CriterionCourse(axis_label, legend, item.limit, item.values, item.degree, drawn_range)
         )
-        for each in criteria_of(points)
-    ]
     marks = {
         mark.label: sweep.point(mark.frequency_factor).figures.degree for mark, _ in sweep.marks
     }
@@ -123,7 +119,7 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
 # ---- Data of the figures of a campaign's statistics
 
 
-def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]:
+def statistics_figures(statistics: CampaignStatistics, title: str) -> Iterator[Named]:
     """Yield the figures of coverage, of the error distribution, and of NEES and NIS."""
     from scenarios.plots.studies import (
         CoverageRow,
@@ -135,22 +131,21 @@ def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]
 
     rows = [
         CoverageRow(
-            p.name,
+            parameter.name,
             tuple(
-                (100.0 * w.share, 100.0 * w.interval[0], 100.0 * w.interval[1]) for w in p.coverage
+                (100.0 * within.share, 100.0 * within.interval[0], 100.0 * within.interval[1])
+                for within in parameter.coverage
             ),
         )
-        for p in found.parameters
+        for parameter in statistics.parameters
     ]
-    yield (
-        "coverage",
-        partial(figure_coverage, rows, [100.0 * NORMAL[each] for each in SIGMAS], title),
-    )
-    yield "normality", partial(figure_errors, found.names, found.sigmas, title)
+    expected = [100.0 * NORMAL[sigmas] for sigmas in SIGMAS]
+    yield "coverage", partial(figure_coverage, rows, expected, title)
+    yield "normality", partial(figure_errors, statistics.names, statistics.sigmas, title)
     panels = [
-        SquaresPanel(s.name, s.values / s.degrees, float(s.degrees.mean()))
-        for s in (found.nees, found.nis)
-        if s is not None
+        SquaresPanel(squares.name, squares.values / squares.degrees, float(squares.degrees.mean()))
+        for squares in (statistics.nees, statistics.nis)
+        if squares is not None
     ]
     if panels:
         yield "consistency", partial(figure_squares, panels, title)
@@ -158,27 +153,25 @@ def statistics_figures(found: CampaignStatistics, title: str) -> Iterator[Named]
 
 # ---- Figures of a study
 
-TOLD_APART = 0.1  # share of the main method's residual rms; methods that differ less are not drawn
-MOST_RESPONSES = 3
+# Relative difference from the main method's residual rms; methods that differ less are not drawn.
+VISIBLE_DIFFERENCE = 0.1
+MOST_RESPONSES = 3  # methods whose outputs are drawn
 MOST_PANELS = 30  # parameters in one figure
 
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
     """Yield a scenario's figures: file stem and drawing function."""
-    from scenarios.plots.residuals import (
-        ComparisonRow,
-        ErrorCloud,
-        figure_comparison,
-        figure_equivalents,
-        figure_repeated,
-    )
-    from scenarios.plots.signals import context, figure_fit, figure_record
+    from scenarios.plots.residuals import ErrorCloud, figure_equivalents, figure_repeated
+    from scenarios.plots.signals import context, figure_fit, figure_record, response_of
     from scenarios.plots.studies import figure_determination
 
     scenario, main = study.scenario, study.main
     title = scenario.title
-    responses = [_response(method) for method in _told_apart(study)]
-    known = {name for each in responses for name in each.outputs}
+    responses = [
+        response_of(method.result.estimate, method.estimation.label)
+        for method in _distinguishable(study)
+    ]
+    fitted_outputs = {name for response in responses for name in response.outputs}
     yield (
         "fit",
         partial(
@@ -189,15 +182,17 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             title,
             study.truth.noise_std,
             SIMULATED_DATA,
-            context(study.record, tuple(known)),
+            context(study.record, tuple(fitted_outputs)),
         ),
     )
     yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
             heading = f"{title}\n{method.estimation.label}"
-            drawn = partial(figure_record, method.result.record, heading, SIMULATED_DATA)
-            yield f"record_{method.estimation.name}", drawn
+            yield (
+                f"record_{method.estimation.name}",
+                partial(figure_record, method.result.record, heading, SIMULATED_DATA),
+            )
         # For a single parameter, the figures with all methods suffice.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(
@@ -205,6 +200,34 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             )
     if scenario.estimations[0].model == "ballistic":
         yield from _ballistic_figures(study)
+    yield from _error_figure(study)
+    if study.repeated:
+        clouds = [
+            ErrorCloud(
+                scatter.estimation.label,
+                scatter.flight,
+                scatter.names,
+                scatter.sigmas,
+                scatter.outcomes,
+            )
+            for scatter in study.repeated
+        ]
+        yield "repeated", partial(figure_repeated, clouds, title)
+    if study.determinations:
+        determined = [_determined(method) for method in study.determinations]
+        yield "determination", partial(figure_determination, determined, title)
+    if study.sweep is not None:
+        yield "flexibility", partial(draw_sweep, study.sweep, title)
+    if scenario.condensed:
+        yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
+
+
+def _error_figure(study: StudyResult) -> Iterator[Named]:
+    """Yield the figure of errors against the reference values, if there are any."""
+    from scenarios.plots.residuals import ComparisonRow, figure_comparison
+
+    scenario, main = study.scenario, study.main
+    is_single = len(main.rows) == 1  # all methods in one figure
     rows = [
         ComparisonRow(
             row.name,
@@ -213,36 +236,17 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
             row.std,
             row.published.value if row.published else None,
             row.published.std if row.published else None,
-            method.estimation.label if len(main.rows) == 1 else "",
+            method.estimation.label if is_single else "",
         )
-        for method in (study.methods if len(main.rows) == 1 else (main,))
+        for method in (study.methods if is_single else (main,))
         for row in method.rows
         if row.reference is not None
     ]
     if rows:
         against = "condensed" if scenario.condensed else "true"
-        label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
-        yield (
-            "errors",
-            partial(figure_comparison, rows, f"{title}\n{label}error against the {against} value"),
-        )
-    if study.repeated:
-        clouds = [
-            ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes)
-            for each in study.repeated
-        ]
-        yield "repeated", partial(figure_repeated, clouds, title)
-    determined = [
-        _determined(method.determination)
-        for method in study.methods
-        if method.determination is not None
-    ]
-    if determined:
-        yield "determination", partial(figure_determination, determined, title)
-    if study.sweep is not None:
-        yield "flexibility", partial(draw_sweep, study.sweep, title)
-    if scenario.condensed:
-        yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
+        label = "" if is_single else f"{main.estimation.label}: "
+        title = f"{scenario.title}\n{label}error against the {against} value"
+        yield "errors", partial(figure_comparison, rows, title)
 
 
 def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> Iterator[Named]:
@@ -251,20 +255,16 @@ def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> 
 
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     sigmas = (campaign.values - reference) / campaign.std
-    rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
+    rows = [_coverage(spread, row) for spread, row in zip(campaign.spreads, sigmas, strict=True)]
+    if len(rows) > 1:
+        rows.append(_coverage(campaign.pooled, sigmas.ravel()))
     title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
-    yield (
-        "campaign",
-        partial(
-            figure_campaign,
-            [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows,
-            title,
-        ),
-    )
+    yield "campaign", partial(figure_campaign, rows, title)
     yield from statistics_figures(statistics, title)
 
 
 def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
+    """Return a row of the figure of coverage; ``sigmas``: errors over reported sigmas, ``(M,)``."""
     from scenarios.plots.studies import Coverage
 
     low, high = spread.interval
@@ -272,6 +272,7 @@ def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
 
 
 def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> Iterator[Named]:
+    """Yield the figures of a filter's histories, and the correlation of the main method."""
     from scenarios.plots.estimates import (
         figure_correlation,
         figure_innovations,
@@ -285,7 +286,9 @@ def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> It
         prior = {name: (start.value, start.std) for name, start in estimation.start.items()}
         true = {row.name: row.reference for row in method.rows if row.reference is not None}
         published = {
-            row.name: _pair(row.published) for row in method.rows if row.published is not None
+            row.name: (row.published.value, row.published.std)
+            for row in method.rows
+            if row.published is not None
         }
         units = [row.unit for row in method.rows]
         against = "condensed" if study.scenario.condensed else "true"
@@ -308,53 +311,44 @@ def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> It
         )
 
 
-def _told_apart(study: StudyResult) -> list[MethodResult]:
+def _distinguishable(study: StudyResult) -> list[MethodResult]:
     """Return the main method and those whose residuals differ visibly from its residuals."""
     z, valid = study.record.output_array(study.main.result.estimate.output_names)
 
-    def size(method: MethodResult) -> np.ndarray:
+    def residual_rms(method: MethodResult) -> np.ndarray:
         return np.sqrt(
             np.mean(np.where(valid, z - method.result.estimate.fitted[0], 0.0) ** 2, axis=1)
         )
 
-    expected = size(study.main)
-    same_record = [
-        m
-        for m in study.methods[1:]
-        if m.result.record is study.record and len(m.result.estimate.output_names) == len(z)
-    ]
-    return [
-        study.main,
-        *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART)),
-    ][:MOST_RESPONSES]
+    of_main = residual_rms(study.main)
+    drawn = [study.main]
+    for method in study.methods[1:]:
+        estimate = method.result.estimate
+        if method.result.record is not study.record or len(estimate.output_names) != len(z):
+            continue
+        if np.any(np.abs(residual_rms(method) / of_main - 1.0) > VISIBLE_DIFFERENCE):
+            drawn.append(method)
+    return drawn[:MOST_RESPONSES]
 
 
 def _ballistic_figures(study: StudyResult) -> Iterator[Named]:
     from scenarios.plots.signals import figure_ballistic_coefficient, figure_trajectory
 
-    kept, same_fall = {}, {}
+    title = study.scenario.title
+    histories, of_common_flight = {}, {}  # by label of the method
     for method in study.methods:
-        if method.result.estimate.history is not None:
-            kept[method.estimation.label] = method.result.estimate.history
+        history, label = method.result.estimate.history, method.estimation.label
+        if history is not None:
+            histories[label] = history
             if method.estimation.flight is None:
-                same_fall[method.estimation.label] = method.result.estimate.history
-    if same_fall:
-        yield (
-            "trajectory",
-            partial(figure_trajectory, study.record, same_fall, study.truth, study.scenario.title),
-        )
-    if kept:
+                of_common_flight[label] = history
+    if of_common_flight:
+        drawn = partial(figure_trajectory, study.record, of_common_flight, study.truth, title)
+        yield "trajectory", drawn
+    if histories:
         true = study.truth.parameters["beta"].value
-        yield (
-            "ballistic_coefficient",
-            partial(figure_ballistic_coefficient, kept, true, title=study.scenario.title),
-        )
-
-
-def _response(method: MethodResult) -> MethodOutputs:
-    from scenarios.plots.signals import response_of
-
-    return response_of(method.result.estimate, method.estimation.label)
+        drawn = partial(figure_ballistic_coefficient, histories, true, title=title)
+        yield "ballistic_coefficient", drawn
 
 
 def _equivalents(study: StudyResult) -> list[EquivalentRow]:
@@ -381,19 +375,15 @@ def _equivalents(study: StudyResult) -> list[EquivalentRow]:
 def _determined(method: MethodDetermination) -> DeterminedBy:
     from scenarios.plots.studies import DeterminedBy
 
-    found, seen = method.found, len(method.found.names) - method.found.unseen
-    ratio = dict(zip(found.names, (found.posterior_std / found.prior_std).tolist(), strict=True))
+    found = method.found
+    ratio = (found.posterior_std / found.prior_std).tolist()
     return DeterminedBy(
         method.estimation.label,
-        ratio,
+        dict(zip(found.names, ratio, strict=True)),
         dict(zip(found.names, found.prior_share.tolist(), strict=True)),
-        found.strengths[:seen],
+        found.strengths[: len(found.names) - found.unseen],
         found.unseen,
     )
-
-
-def _pair(start: Start) -> tuple[float, float]:
-    return start.value, start.std
 
 
 # ---- The study folder of a scenario: record, truth, comparison, histories, figures
@@ -402,7 +392,7 @@ MAIN = "comparison.json"
 
 
 def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a study into ``folder``, whole or not at all; returns the folder.
+    """Write a study into ``folder``, all files or none; return the folder.
 
     Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (terminal output),
     ``response.csv`` (measured, predicted and noise-free outputs), ``history.csv`` of a filter,
@@ -427,17 +417,16 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
                 method.truth.outputs if method.truth else None,
             )
             if estimate.history is not None:
-                write_history(scratch / f"history{suffix}.csv", method)
+                text = history_csv(estimate.history, estimate.output_names)
+                write_text(scratch / f"history{suffix}.csv", text)
         write_json(scratch / "truth.json", truth_content(study.truth))
-        determined = [
-            method.determination for method in study.methods if method.determination is not None
-        ]
-        if determined:
-            write_text(scratch / "determination.csv", determination_csv(determined))
+        if study.determinations:
+            text = determination_csv(study.determinations)
+            write_text(scratch / "determination.csv", text)
         if study.sweep is not None:
             write_text(scratch / "sweep.csv", sweep_csv(study.sweep))
         write_text(scratch / "study.txt", as_text(lambda out: print_study(study, out, HERE)))
-        labels = {each.estimation.name: each.estimation.label for each in study.methods}
+        labels = {method.estimation.name: method.estimation.label for method in study.methods}
         drawn = draw_into(scratch, study_figures(study), figures, labels)
         write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
@@ -461,37 +450,18 @@ def truth_content(truth: Truth) -> dict[str, Any]:
     }
 
 
-def write_history(path: Path, method: MethodResult) -> None:
-    """Write states and parameters with sigmas, and innovations, of each sample as CSV."""
-    history = method.result.estimate.history
-    assert history is not None
-    outputs = method.result.estimate.output_names
-    header = ["time"]
-    for name in history.names:
-        header += [name, f"std_{name}"]
-    for name in outputs:
-        header += [f"innovation_{name}", f"std_innovation_{name}"]
-    columns = [history.time]
-    for mean, std in zip(history.mean, history.std, strict=True):
-        columns += [mean, std]
-    for value, std in zip(history.innovation, history.innovation_std, strict=True):
-        columns += [value, std]
-    rows = np.array(columns).T.tolist()
-    write_text(path, csv_text(header, ([f"{value:.9g}" for value in row] for row in rows)))
-
-
 # ---- The folder of a campaign
 
 
 def write_campaign(
     campaign: CampaignRuns, judgement: Judgement, out: Path, *, figures: Formats = USUAL
 ) -> Path:
-    """Write data files, figures and the page into ``out``, all or nothing; return ``out``."""
+    """Write data files, figures and the page into ``out``, all files or none; return ``out``."""
     with study_folder(out, "campaign.json") as scratch:
         header = ["seed", *(part for name in campaign.names for part in (name, f"std_{name}"))]
-        sound = campaign.seeds[campaign.kept].tolist()
-        cells = np.stack([campaign.values, campaign.std], axis=1).reshape(-1, len(sound)).T
-        rows = ([seed, *map(repr, row)] for seed, row in zip(sound, cells.tolist(), strict=True))
+        seeds = campaign.seeds[campaign.kept].tolist()
+        cells = np.stack([campaign.values, campaign.std], axis=1).reshape(-1, len(seeds)).T
+        rows = ([seed, *map(repr, row)] for seed, row in zip(seeds, cells.tolist(), strict=True))
         write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
         write_text(scratch / "estimates.csv", csv_text(header, rows))
         drawn: tuple[Drawn, ...] = ()
@@ -511,7 +481,7 @@ def write_campaign(
             **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
             "broken": campaign.broken,
             **({"failures": dict(campaign.failures)} if campaign.failures else {}),
-            "parameters": {s.name: _spread(s) for s in campaign.spreads},
+            "parameters": {spread.name: _spread_content(spread) for spread in campaign.spreads},
             "pooled": {
                 "within_one_sigma": campaign.pooled.within_one,
                 "within_two_sigma": campaign.pooled.within_two,
@@ -525,14 +495,14 @@ def write_campaign(
     return out
 
 
-def _spread(s: Spread) -> dict[str, Any]:
+def _spread_content(spread: Spread) -> dict[str, Any]:
     return {
-        "unit": s.unit,
-        "reference": s.reference,
-        "bias": s.bias,
-        "scatter": s.scatter,
-        "reported_std": s.reported,
-        "within_one_sigma": s.within_one,
-        "within_two_sigma": s.within_two,
-        "interval": list(s.interval),
+        "unit": spread.unit,
+        "reference": spread.reference,
+        "bias": spread.bias,
+        "scatter": spread.scatter,
+        "reported_std": spread.reported,
+        "within_one_sigma": spread.within_one,
+        "within_two_sigma": spread.within_two,
+        "interval": list(spread.interval),
     }

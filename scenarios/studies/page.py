@@ -39,6 +39,7 @@ from scenarios.studies.campaign_report import (
     sizes_table,
     statistics_blocks,
 )
+from scenarios.studies.campaign_statistics import NORMAL
 from scenarios.studies.comparison import (
     choice_lines,
     distance_text,
@@ -61,8 +62,6 @@ from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
-TWO_SIGMA = 0.9545  # coverage of a normal distribution
-COVERING_SIGMAS = 2.0  # an interval of so many sigmas should contain the truth
 
 
 def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
@@ -83,18 +82,24 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
             *section("Recorded and estimated", *first),
-            *section("Estimates", *_found(study, main)),
+            *section("Estimates", *_estimates(study, main)),
             *section(
                 "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
             ),
             *section(
                 "Repeated flights", *(repeated_blocks(study.repeated) if study.repeated else ())
             ),
-            *_determined(study),
-            *section("Structures from stiff to soft", *_swept(study)),
+            *section(
+                "What the record determines",
+                *(determination_blocks(study.determinations) if study.determinations else ()),
+            ),
+            *section(
+                "Structures from stiff to soft",
+                *(sweep_blocks(study.sweep) if study.sweep is not None else ()),
+            ),
             *section("Further figures", *others),
-            *section("Residuals and noise", *_evidence(study)),
-            *section("How it was made", *_made(study)),
+            *section("Residuals and noise", *_residual_blocks(study)),
+            *section("How it was made", *_provenance(study)),
         ),
         reproduction=reproduction(
             ("flightid", "run", scenario.name, "--seed", str(study.seed)),
@@ -107,21 +112,19 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
 
 def within_line(rows: Sequence[Row], reference: str) -> str:
     """Return how many estimates are within two sigmas of the reference; empty without one."""
-    known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
-    if not known:
+    errors = [abs(row.sigmas) for row in rows if row.sigmas is not None and row.std > 0.0]
+    if not errors:
         return ""
-    inside = sum(abs(error) <= COVERING_SIGMAS for error in known)
-    worst = max(known, key=abs)
-    which = "the estimate lies" if len(known) == 1 else f"{inside} of {len(known)} estimates lie"
-    if len(known) == 1:
-        return f"{which} {abs(worst):.1f} of its sigmas from the {reference} value"
+    if len(errors) == 1:
+        return f"the estimate lies {errors[0]:.1f} of its sigmas from the {reference} value"
+    inside = sum(error <= 2.0 for error in errors)
     return (
-        f"{which} within two of their sigmas of the {reference} value; the farthest is "
-        f"{abs(worst):.1f} off"
+        f"{inside} of {len(errors)} estimates lie within two of their sigmas of the {reference} "
+        f"value; the farthest is {max(errors):.1f} off"
     )
 
 
-def _found(study: StudyResult, method: MethodResult) -> list[Block]:
+def _estimates(study: StudyResult, method: MethodResult) -> list[Block]:
     scenario, estimation = study.scenario, method.estimation
     estimate = method.result.estimate
     flown = scenario.flown
@@ -143,27 +146,12 @@ def _found(study: StudyResult, method: MethodResult) -> list[Block]:
 
 def _method(study: StudyResult, method: MethodResult) -> Section:
     choices = Bullets(tuple(choice_lines(method.estimation.choices)))
-    told = Prose(as_sentence(test_line(method.tests))) if method.tests else None
-    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]
+    tests = Prose(as_sentence(test_line(method.tests))) if method.tests else None
+    return section(capital(method.estimation.label), *_estimates(study, method), tests, choices)[0]
 
 
-def _determined(study: StudyResult) -> tuple[Section, ...]:
-    found = [method.determination for method in study.methods if method.determination is not None]
-    return (
-        section(
-            "What the record determines",
-            *determination_blocks(found),
-        )
-        if found
-        else ()
-    )
-
-
-def _swept(study: StudyResult) -> list[Block]:
-    return [] if study.sweep is None else sweep_blocks(study.sweep)
-
-
-def _evidence(study: StudyResult) -> list[Block]:
+def _residual_blocks(study: StudyResult) -> list[Block]:
+    """Return tables of residual tests and noise levels by method."""
     blocks: list[Block] = []
     for method in study.methods:
         estimate, record = method.result.estimate, method.result.record
@@ -180,7 +168,7 @@ def _evidence(study: StudyResult) -> list[Block]:
     return blocks
 
 
-def _integrated(truth: Truth) -> str:
+def _integration_sentence(truth: Truth) -> str:
     if truth.step is not None:
         return f"The motion is integrated in steps of {truth.step:g} s."
     if truth.method == EXACT:
@@ -189,15 +177,16 @@ def _integrated(truth: Truth) -> str:
     return f"The motion is integrated by {truth.method} to {error}."
 
 
-def _made(study: StudyResult) -> list[Block]:
+def _provenance(study: StudyResult) -> list[Block]:
+    """Return sentences on flight, model, engine, choices and vehicle, and a table of constants."""
     scenario, record = study.scenario, study.record
     vehicle = vehicle_line(scenario.flight)
     blocks: list[Block] = [Prose(as_sentence(scenario.about))] if scenario.about else []
-    told = (
+    flight = (
         f"Flight and model: {distance_text(scenario.distance)}. {len(record)} samples in "
         f"{record.time[-1]:g} s."
     )
-    blocks += [Prose(f"{told} {_integrated(study.truth)}")]
+    blocks += [Prose(f"{flight} {_integration_sentence(study.truth)}")]
     if line := engine_line([method.estimation for method in study.methods]):
         blocks += [Prose(as_sentence(line))]
     if study.flexibility is not None:
@@ -206,15 +195,11 @@ def _made(study: StudyResult) -> list[Block]:
             for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)
         ]
     blocks += [Prose(as_sentence(note)) for note in study.notes]
-    choices = choice_lines(scenario.choices)
-    blocks += (
-        [
+    if scenario.choices:
+        blocks += [
             Prose("Chosen for this study, not published or published otherwise:"),
-            Bullets(tuple(choices)),
+            Bullets(tuple(choice_lines(scenario.choices))),
         ]
-        if choices
-        else []
-    )
     blocks += [Prose(as_sentence(vehicle))] if vehicle else []
     blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
     return blocks
@@ -231,16 +216,14 @@ def campaign_page(
     low, high = pooled.interval
     wrong = judgement.findings.found
     share = (
-        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
-        f"interval {100 * low:.1f} to {100 * high:.1f} %, "
+        f"{100 * pooled.within_two:.1f} % of all two-sigma intervals contain the reference (95 % "
+        f"interval {100 * low:.1f} to {100 * high:.1f} %, {100 * NORMAL[2]:.1f} % expected)"
     )
-    share += f"{100 * TWO_SIGMA:.1f} % expected)"
-    worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
-    bias = (
-        f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter"
-        if worst.scatter > 0.0
-        else ""
-    )
+    biases = {s.name: abs(s.bias) / s.scatter for s in campaign.spreads if s.scatter > 0.0}
+    bias = ""
+    if biases:
+        worst = max(biases, key=lambda name: biases[name])
+        bias = f"largest bias: {worst}, {biases[worst]:.2f} of its scatter"
     broken = broken_words(campaign) if campaign.broken else ""
     files = [("model", file.name, file.sha256) for file in scenario.files]
     command = [
@@ -257,9 +240,7 @@ def campaign_page(
     return Page(
         title=f"{capital(scenario.title)}: {len(seeds)} runs",
         kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
-        verdict="sigmas hold"
-        if not wrong
-        else f"{len(wrong)} of {len(campaign.names)} sigmas wrong",
+        verdict=f"{len(wrong)} of {len(campaign.names)} sigmas wrong" if wrong else "sigmas hold",
         tone="good" if not wrong else "fair",
         sentence=as_sentence(share),
         summary=tuple(as_sentence(line) for line in (bias,) if line),

@@ -38,7 +38,7 @@ from scenarios.studies.schema import (
     ScenarioTable,
     SpreadTable,
     density,
-    positive,
+    positive_si,
     si,
     standard_deviations,
     unit_of,
@@ -112,8 +112,10 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
 
 
 def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Model:
-    """Return the model an estimator starts from: ``start`` free with its priors, ``held`` fixed,
-    constants as the file has them.
+    """Return the user model from which an estimator starts.
+
+    The parameters under ``start`` are free with their priors, those under ``held`` are fixed, and
+    constants have the values of the file.
 
     Raises
     ------
@@ -146,13 +148,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
                     where=f"{place}, key {key}",
                     remedy=closest(name, known),
                 )
-    for name in estimation.held:
-        if name in estimation.start:
-            raise DeclarationError(
-                f"{name} is under start and under held",
-                where=f"{place}, key held",
-                remedy="keep one of the two",
-            )
+    refuse_held_start(estimation)
     try:
         started = model.with_values(
             {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
@@ -174,6 +170,17 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
     )
     noise = Noise(dict(noise_std), dict(estimation.process_noise))
     return replace(started, parameters=free, initial=ParameterSet(tuple(initial)), noise=noise)
+
+
+def refuse_held_start(estimation: Estimation) -> None:
+    """Raise DeclarationError for a parameter that is both under ``start`` and under ``held``."""
+    for name in estimation.held:
+        if name in estimation.start:
+            raise DeclarationError(
+                f"{name} is under start and under held",
+                where=f"estimation {estimation.name}, key held",
+                remedy="keep one of the two",
+            )
 
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
@@ -200,15 +207,14 @@ def flight_of(
             remedy=remedy,
         )
     model = own or fitted
-    rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return FlightPlan(
         flight.vehicle,
-        positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration"),
-        rate,
+        positive_si(flight.duration, "s", f"{place}.duration"),
+        positive_si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}),
         maneuver_plans(flight.maneuvers, place, model),
         standard_deviations(flight.noise_std, flight.noise_variance, place, model),
         flight.modes,
-        positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
+        positive_si(flight.step, "s", f"{place}.step"),
         flight.integration,
         {
             name: density(name, value, f"{place}.process_noise.{name}", model)
@@ -341,7 +347,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     DeclarationError : an unknown or missing key, a wrong value or unit: one line, file and key.
     """
     content = checked(ScenarioTable, document, where)
-    base = {key: value for key, value in document["estimate"].items()}
+    base = dict(document["estimate"])
     files = model_files(
         [
             content.flight.vehicle,
@@ -350,8 +356,8 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         ]
     )
     flight = flight_of(content.flight, content.estimate.model, where, files)
-    _refuse_words_for_aircraft(content, flight.own, where)
-    mains = [estimation_of(content.estimate, "main", where, flight, files)]
+    _refuse_aircraft_keys(content, flight.own, where)
+    estimations = [estimation_of(content.estimate, "main", where, flight, files)]
     for number, change in enumerate(content.methods, start=1):
         merged = {**base, **change}
         for table in ("start", "initial", "held"):
@@ -364,7 +370,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
             raise DeclarationError(
                 f"the name {method.name!r} {why}", where=f"{place}.name", remedy=remedy
             )
-        if method.name.lower() in [done.name.lower() for done in mains]:
+        if method.name.lower() in [estimation.name.lower() for estimation in estimations]:
             raise DeclarationError(
                 f"the name {method.name!r} is taken",
                 where=f"{place}.name",
@@ -381,11 +387,12 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
             )
         declared = estimation_of(method, method.name, where, own_flight or flight, files)
         choices = choices_of(method.own, merged, f"{place}.own")
-        mains.append(
+        estimations.append(
             replace(declared, flight=own_flight, distance=method.distance or "", choices=choices)
         )
-    _refuse_other_flights(content, mains, where)
-    if content.estimate.engine is not None and not any(each.method == "ekf" for each in mains):
+    _refuse_other_flights(content, estimations, where)
+    filters = [estimation for estimation in estimations if estimation.method == "ekf"]
+    if content.estimate.engine is not None and not filters:
         what = "an engine is named, and no method is an extended Kalman filter"
         raise DeclarationError(
             what,
@@ -398,7 +405,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         " ".join(content.about.split()),
         content.distance,
         flight,
-        tuple(mains),
+        tuple(estimations),
         content.condensed,
         dict(content.display),
         content.seed,
@@ -406,16 +413,18 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         if content.aircraft_class or content.flight_phase
         else None,
         tuple(file.identity for file in files.values()),
-        repeated_of(content, [each.name for each in mains if each.flight is None], where, files)
+        repeated_of(content, [e.name for e in estimations if e.flight is None], where, files)
         if content.repeated
         else None,
-        _swept(content, mains, where),
+        _sweep_plan(content, estimations, where),
         content.determination,
         choices_of(content.own, document, f"{where}, key own"),
     )
 
 
-def _swept(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> SweepPlan | None:
+def _sweep_plan(
+    content: ScenarioTable, estimations: Sequence[Estimation], where: str
+) -> SweepPlan | None:
     """Return the structures of a sweep, from stiff to soft."""
     if content.sweep is None:
         return None
@@ -426,7 +435,7 @@ def _swept(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> S
             where=place,
             remedy="fly elastic modes, with condensed = true",
         )
-    if mains[0].modes or mains[0].model != "rigid":
+    if estimations[0].modes or estimations[0].model != "rigid":
         raise DeclarationError(
             "the main method is no rigid model",
             where=place,
@@ -474,6 +483,7 @@ def estimation_of(
     flight: FlightPlan,
     files: Mapping[str, OwnModel],
 ) -> Estimation:
+    """Return the estimation of a checked table; ``name``: ``"main"`` or the name of a method."""
     place = f"{where}, key {'estimate' if name == 'main' else f'methods {name}'}"
     own = files[estimate.model].model if estimate.model in files else None
     model = own or estimate.model
@@ -506,7 +516,7 @@ def estimation_of(
         terms=estimate.terms,
         max_step=math.inf
         if estimate.max_step is None
-        else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
+        else positive_si(estimate.max_step, "s", f"{place}.max_step"),
         passes=estimate.passes,
         use_priors=estimate.use_priors,
         spread=math.inf if estimate.spread is None else estimate.spread,
@@ -519,16 +529,16 @@ def estimation_of(
     return declared if own is None else completed(declared, flight.noise_std)
 
 
-def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where: str) -> None:
+def _refuse_aircraft_keys(content: ScenarioTable, own: Model | None, where: str) -> None:
     """Raise DeclarationError for keys that only make sense for an aircraft."""
     aircraft = content.estimate.model != "ballistic" and (own is None or is_of_aircraft(own))
-    asked = {"condensed": content.condensed and own is not None}
-    asked |= {
+    without_meaning = {"condensed": content.condensed and own is not None}
+    without_meaning |= {
         key: getattr(content, key) is not None and not aircraft
         for key in ("aircraft_class", "flight_phase")
     }
-    for key, vain in asked.items():
-        if vain:
+    for key, refused in without_meaning.items():
+        if refused:
             raise DeclarationError(
                 "this is for aircraft, and none flies",
                 where=f"{where}, key {key}",
@@ -536,9 +546,11 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
             )
 
 
-def _refuse_other_flights(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> None:
+def _refuse_other_flights(
+    content: ScenarioTable, estimations: Sequence[Estimation], where: str
+) -> None:
     """Raise DeclarationError for a method's own flight in a sweep, whose methods share flights."""
-    own = [number for number, method in enumerate(mains) if method.flight is not None]
+    own = [number for number, method in enumerate(estimations) if method.flight is not None]
     if own and content.sweep:
         raise DeclarationError(
             "a sweep is flown once for all methods",

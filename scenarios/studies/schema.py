@@ -40,18 +40,18 @@ UNITS = {
     "thrust": "N",
 }
 # A falling body's beta is its ballistic coefficient, an aircraft's its sideslip.
-OWN_UNITS = {"lateral": {"beta": "rad"}}
+UNITS_BY_MODEL = {"lateral": {"beta": "rad"}}
 
 
 def unit_of(name: str, model: str | Model = "") -> str:
     """Return the SI unit of a named quantity; 1 for a coefficient.
 
-    ``model``: name of a built-in model, in which a name may have another meaning, or a user's model
-    (``Model``), which declares its units.
+    ``model``: name of a built-in model, in which a quantity may have another unit, or a user's
+    model (``Model``), which declares its units.
     """
     if isinstance(model, Model):
         return unit_in(model, name)
-    return OWN_UNITS.get(model, {}).get(name) or UNITS.get(name, "1")
+    return UNITS_BY_MODEL.get(model, {}).get(name) or UNITS.get(name, "1")
 
 
 def standard_deviations(
@@ -60,10 +60,8 @@ def standard_deviations(
     """Return noise standard deviations by output, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
-        out[name] = positive(
-            si(value, unit_of(name, model), f"{where}.noise_std.{name}"),
-            f"{where}.noise_std.{name}",
-        )
+        key = f"{where}.noise_std.{name}"
+        out[name] = positive_si(value, unit_of(name, model), key)
     for name, text in variance.items():
         key = f"{where}.noise_variance.{name}"
         number, unit = _parts(text, key)
@@ -84,20 +82,13 @@ def density(name: str, value: Quantity, where: str, model: str | Model = "") -> 
             where=where,
             remedy='write for example "57 (lb/ft2)^2/s"',
         )
-    factor = float(
-        to_si(
-            1.0,
-            _root(unit.removesuffix("/s"), where),
-            unit_of(name, model),
-            where,
-            DeclarationError,
-        )
-    )
+    root = _root(unit.removesuffix("/s"), where)
+    factor = float(to_si(1.0, root, unit_of(name, model), where, DeclarationError))
     return _not_negative(number, where) * factor**2
 
 
 def _root(unit: str, where: str) -> str:
-    """Return the unit whose square is given: ``"deg^2"``, ``"(deg/s)^2"``."""
+    """Return the square root of a unit such as ``"deg^2"`` or ``"(deg/s)^2"``."""
     text = unit.strip()
     if not text.endswith("^2"):
         raise DeclarationError(
@@ -109,6 +100,7 @@ def _root(unit: str, where: str) -> str:
 
 
 def _parts(text: str, where: str) -> tuple[float, str]:
+    """Return number and unit of a text such as ``"0.016 deg^2"``."""
     number, _, unit = text.strip().partition(" ")
     try:
         return float(number), unit
@@ -121,12 +113,22 @@ def _parts(text: str, where: str) -> tuple[float, str]:
 
 
 def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
-    """Return a number, or a text with a unit, in ``target``; ``same``: spellings of units."""
+    """Return a number, or a text with a unit, in the unit ``target``.
+
+    ``same``: units to read as other units, such as ``{"hz": "1/s"}``.
+    """
     if not isinstance(value, str):
         return float(value)
     number, unit = _parts(value, where)
     unit = (same or {}).get(unit.lower(), unit)
     return float(to_si(number, unit, target, where, DeclarationError))
+
+
+def positive_si(
+    value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None
+) -> float:
+    """Return ``si`` of a value. Raises DeclarationError if it is not positive and finite."""
+    return positive(si(value, target, where, same), where)
 
 
 def positive(value: float, where: str) -> float:
@@ -146,7 +148,7 @@ def _not_negative(value: float, where: str) -> float:
     return value
 
 
-# ---- The schema of scenario files (pydantic); imported only when one is read
+# ---- The schema of scenario files
 
 Name = Annotated[str, Field(min_length=1)]
 Distance = Literal[
@@ -182,7 +184,7 @@ class SpreadTable(Strict):
 
 
 class ManeuverTable(Strict):
-    """One maneuver; which numbers it needs depends on its kind."""
+    """One maneuver; its kind determines which numbers it needs."""
 
     input: Name
     kind: Literal["3-2-1-1", "doublet", "step", "pulse", "sweep", "multisine"]

@@ -24,25 +24,24 @@ from scenarios.report.quantities import in_hertz, shown_in, spaced
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
 from scenarios.studies.estimating import (
     Result,
-    assumed_noise,
     biased_system,
     compiled,
-    declared_model,
+    condensed_values,
+    declared_for,
     estimate_record,
-    flight_constants,
     flown_vehicle,
     fly_scenario,
     measured_again,
     true_model,
 )
-from scenarios.studies.published import Row, published_values
+from scenarios.studies.published import Row, published_values, rows_of
 from scenarios.studies.sweep import Sweep
 from sim.declaration.model import Model
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
 from sim.vehicles.factory import linearise
-from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above, flexibility
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, flexibility
 
 # ---- Repeated flights of a scenario
 
@@ -117,7 +116,8 @@ def fly_repeatedly(
     """
     if scenario.repeated is None:
         return ()
-    first_seed, runs = scenario.seed if seed is None else seed, scenario.repeated.runs
+    first_seed = scenario.seed if seed is None else seed
+    seeds = range(first_seed, first_seed + scenario.repeated.runs)
     scatters = []
     parts = [
         (flight, estimation)
@@ -129,7 +129,7 @@ def fly_repeatedly(
         stage = f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}"
         progress(stage, number / len(parts))
         changed = replace(scenario, flight=flight.flight)
-        flown = [fly_scenario(changed, first_seed + run) for run in range(runs)]
+        flown = [fly_scenario(changed, run_seed) for run_seed in seeds]
         scatters.append(_scatter(scenario, flight, estimation, flown))
     return tuple(scatters)
 
@@ -141,11 +141,7 @@ def _scatter(
     flown: list[tuple[Record, Truth]],
 ) -> Scatter:
     """Return the results of an estimator on the records of a repeated flight."""
-    model = declared_model(
-        estimation,
-        flight_constants(variation.flight, estimation),
-        assumed_noise(scenario, estimation),
-    )
+    model = declared_for(scenario, estimation, variation.flight)
     names = tuple(estimation.start)
     with_batch_engine = replace(estimation, engine="batched")
     estimates = [estimate_record(with_batch_engine, record, model).estimate for record, _ in flown]
@@ -420,6 +416,12 @@ class StudyResult:
     def main(self) -> MethodResult:
         return self.methods[0]
 
+    @property
+    def determinations(self) -> list[MethodDetermination]:
+        """What the record determines, by method; empty if the scenario does not ask for it."""
+        found = (method.determination for method in self.methods)
+        return [determination for determination in found if determination is not None]
+
 
 def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
     """Simulate, estimate and compare; the same seed gives the same numbers.
@@ -454,17 +456,8 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """Return the coefficients that a model with fewer elastic modes should find, SI, by name.
-
-    They include the quasi-static part of the modes that the model lacks. Empty unless the scenario
-    asks for condensation.
-    """
-    if not scenario.condensed:
-        return EMPTY
-    values = flown_vehicle(scenario.flight).values
-    return condense_above(
-        values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes)
-    )
+    """Return ``condensed_values`` if the scenario asks for condensation, else nothing."""
+    return condensed_values(scenario.flight, estimation) if scenario.condensed else EMPTY
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
@@ -506,36 +499,28 @@ def _method(
     condensed: Mapping[str, float],
 ) -> MethodResult:
     """Run a method on a record; ``condensed``: the coefficients of ``references``."""
-    model = declared_model(
-        estimation,
-        flight_constants(scenario.flight, estimation),
-        assumed_noise(scenario, estimation),
-    )
+    model = declared_for(scenario, estimation)
     result = estimate_record(estimation, record, model)
     estimate = result.estimate
-    units = {name: unit for name, unit in zip(estimate.names, estimate.units, strict=True)}
+    units = dict(zip(estimate.names, estimate.units, strict=True))
     published = published_values(estimation.published, units) if estimation.published else {}
+    true = {item.name: item.value for item in truth.parameters}
     rows = tuple(
-        Row(
-            name,
-            unit,
-            float(value),
-            float(std),
-            truth.parameters[name].value if name in truth.parameters else None,
-            condensed.get(name),
-            published.get(name),
+        replace(
+            row,
+            true=true.get(row.name),
+            condensed=condensed.get(row.name),
+            published=published.get(row.name),
         )
-        for name, unit, value, std in zip(
-            estimate.names, estimate.units, estimate.values, estimate.std, strict=True
-        )
+        for row in rows_of(estimate)
     )
     tests = tests_of_records(estimate, [record])
     is_about_rest = estimation.model != "ballistic" and moves_about_rest(model)
-    own_parameters = estimate.only(model.parameters.names)
-    derived = modal_estimate(compiled(estimation, model), own_parameters) if is_about_rest else {}
+    without_biases = estimate.only(model.parameters.names)
+    derived = modal_estimate(compiled(estimation, model), without_biases) if is_about_rest else {}
     levels: tuple[ModeLevel, ...] = ()
     if scenario.flown is not None:
-        modes = characteristics(compiled(estimation, model), own_parameters)
+        modes = characteristics(compiled(estimation, model), without_biases)
         levels = mode_levels(modes, scenario.flown) if modes is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
     found = determine(estimation, record, model, estimate) if scenario.determination else None

@@ -15,8 +15,6 @@ the noise.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,21 +25,20 @@ import numpy as np
 from ident.banks.bank import run_bank
 from ident.estimate import Outcome
 from ident.statistics.residuals import ResidualTest, tests_of_records
+from scenarios.files.writing import csv_text
 from scenarios.studies.declaration import Estimation, FlightPlan, Mark, Scenario, Start
 from scenarios.studies.estimating import (
-    assumed_noise,
     compiled,
-    declared_model,
+    condensed_values,
+    declared_for,
     estimate_record,
     filter_settings,
-    flight_constants,
     flown_vehicle,
     fly_scenario,
 )
 from scenarios.studies.published import published_values
-from sim.declaration.model import Model
 from sim.record import Record
-from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above, flexibility
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, flexibility
 
 # ---- A scenario's flight with structures from stiff to soft
 
@@ -170,7 +167,7 @@ def sweep_flexibility(
     units = {
         item.name: item.unit
         for estimation in scenario.estimations
-        for item in _model(scenario, estimation, flights[0]).parameters
+        for item in declared_for(scenario, estimation, flights[0]).parameters
     }
     values = flown_vehicle(scenario.flight).values
     marks = tuple(
@@ -180,12 +177,6 @@ def sweep_flexibility(
     return Sweep(points, {name: values[name] for name in figures[0].condensed}, units, marks)
 
 
-def _model(scenario: Scenario, estimation: Estimation, flight: FlightPlan) -> Model:
-    return declared_model(
-        estimation, flight_constants(flight, estimation), assumed_noise(scenario, estimation)
-    )
-
-
 def _results(
     scenario: Scenario,
     estimation: Estimation,
@@ -193,13 +184,8 @@ def _results(
     records: Sequence[Record],
 ) -> list[SweptMethod]:
     """Return the results of one method on all structures; filters run on all records at once."""
-    all_condensed = [
-        condense_above(
-            flown_vehicle(flight).values, flight.modes, min(estimation.modes, flight.modes)
-        )
-        for flight in flights
-    ]
-    model = _model(scenario, estimation, flights[0])
+    all_condensed = [condensed_values(flight, estimation) for flight in flights]
+    model = declared_for(scenario, estimation, flights[0])
     if estimation.method == "ekf" and not estimation.modes and math.isinf(estimation.spread):
         system = compiled(estimation, model)
         z = np.stack([record.output_array(system.output_names)[0] for record in records], axis=2)
@@ -218,7 +204,7 @@ def _results(
     with_batch_engine = replace(estimation, engine="batched")
     results = []
     for flight, record, condensed in zip(flights, records, all_condensed, strict=True):
-        model = _model(scenario, estimation, flight)
+        model = declared_for(scenario, estimation, flight)
         estimate = estimate_record(with_batch_engine, record, model).estimate
         tests = tests_of_records(estimate, [record])
         results.append(
@@ -431,9 +417,7 @@ def _criterion_content(criterion: Criterion, sweep: Sweep) -> dict[str, Any]:
 
 def sweep_csv(sweep: Sweep) -> str:
     """Return the estimates of all structures as CSV; missing values are empty."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADINGS)
+    rows = []
     for point in sweep.points:
         for method in point.methods:
             for i, name in enumerate(method.names):
@@ -454,8 +438,8 @@ def sweep_csv(sweep: Sweep) -> str:
                     sweep.units[name],
                     rigid,
                 ]
-                writer.writerow([*labels, *map(repr, numbers)])
-    return text.getvalue()
+                rows.append([*labels, *map(repr, numbers)])
+    return csv_text(HEADINGS, rows)
 
 
 def _point_content(point: SweepPoint) -> dict[str, Any]:

@@ -45,6 +45,7 @@ from scenarios.studies.comparison import (
     choice_lines,
     distance_text,
     engine_line,
+    in_unit,
     other_flight_line,
     reference_lines,
     vehicle_line,
@@ -276,12 +277,9 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
     if study.repeated:
         out.print()
         show_blocks(out, repeated_blocks(study.repeated))
-    determined = [
-        method.determination for method in study.methods if method.determination is not None
-    ]
-    if determined:
+    if study.determinations:
         out.print()
-        show_blocks(out, determination_blocks(determined))
+        show_blocks(out, determination_blocks(study.determinations))
     if study.sweep is not None:
         show_blocks(out, sweep_blocks(study.sweep), apart=True)
     if study.flexibility is not None:
@@ -432,8 +430,6 @@ def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
     """Return the rows in display units; further rows have frequencies in Hz, and parameters in the
     units of the scenario's ``display``.
     """
-    from scenarios.studies.comparison import in_unit
-
     displayed = []
     for row in rows:
         unit = shown_in(row.unit, row.name).unit

@@ -1,6 +1,5 @@
-"""Flights whose answer is known.
+"""Simulated flights that are diagnosed or estimated from files, and compared with their truth.
 
-They may import everything in `scenarios` but `api`, `commands` and `cli`. Only here and in
-`studies` is truth opened. How often the loop is right over many flights is counted by `exam`, which
-is not installed.
+They may import everything in `scenarios` but `api`, `commands` and `cli`. Truth is read only here
+and in `studies`. `exam`, which is not installed, counts how often the tracing loop is right.
 """

@@ -15,11 +15,10 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from ident.estimate import Estimate, Outcome
 from scenarios.files.declarations import checked
-from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.preparation.plan import Request
@@ -47,7 +46,7 @@ from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, distance_text, estimate_content
 from scenarios.studies.published import Row
-from scenarios.studies.schema import Quantity, positive, si
+from scenarios.studies.schema import Quantity, Strict, positive, positive_si, si
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
 from sim.errors import DeclarationError
@@ -70,9 +69,9 @@ class RollLoop:
     Attributes
     ----------
     gain : rad/s2 of a full command.
-    inv_T_roll : 1/s.
-    delay : s, of servo and computer.
-    proportional, integral : command per rad/s, per rad.
+    inv_T_roll : inverse of the roll time constant, 1/s.
+    delay : delay of servo and computer, s.
+    proportional, integral : gains of the law, command per rad/s and per rad.
     rate : frames a second.
     """
 
@@ -92,13 +91,14 @@ class SweepScenario:
     ----------
     loop : the roll axis of a small aircraft; None if ``airframe`` of the X-29-like aircraft
         flies.
-    amplitude : of the excitation, in the unit of the command.
-    low, high : Hz.
-    duration : s.
-    flights : how many are pooled.
-    gyro : rad/s, rough_air : rad/s2, standard deviations.
-    form : of the transfer function that is fitted, empty for none.
-    band : Hz, of the estimate.
+    amplitude : amplitude of the excitation, in the unit of the command.
+    low, high : lowest and highest frequency of the excitation, Hz.
+    duration : s, of each flight.
+    flights : number of flights that are pooled.
+    gyro : standard deviation of the noise of the gyro, rad/s.
+    rough_air : standard deviation of the rolling acceleration by rough air, rad/s2.
+    form : form of the fitted transfer function; empty for none.
+    band : lowest and highest frequency of the estimate, Hz.
     """
 
     name: str
@@ -119,9 +119,7 @@ class SweepScenario:
     seed: int
 
 
-class _Roll(BaseModel):
-    model_config = VEHICLES_SCHEMA_STRICT
-
+class _Roll(Strict):
     gain: Quantity
     inv_T_roll: Quantity
     delay: Quantity
@@ -130,9 +128,7 @@ class _Roll(BaseModel):
     rate: Quantity
 
 
-class _Excitation(BaseModel):
-    model_config = VEHICLES_SCHEMA_STRICT
-
+class _Excitation(Strict):
     amplitude: float = Field(gt=0)
     low: Quantity
     high: Quantity
@@ -140,16 +136,12 @@ class _Excitation(BaseModel):
     flights: int = Field(default=1, ge=1, le=20)
 
 
-class _Noise(BaseModel):
-    model_config = VEHICLES_SCHEMA_STRICT
-
+class _Noise(Strict):
     gyro: Quantity = 0.0
     rough_air: Quantity = 0.0
 
 
-class _Sweep(BaseModel):
-    model_config = VEHICLES_SCHEMA_STRICT
-
+class _Sweep(Strict):
     schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
     kind: Literal["sweep"]
     title: Annotated[str, Field(min_length=1)]
@@ -179,14 +171,13 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     if content.airframe is not None and content.form:
         what = "the airframe is behind its sensors and the law, which no form describes"
         raise DeclarationError(what, where=f"{where}, key form", remedy="leave form out")
-    hertz = {"hz": "1/s"}
 
     def number(value: Quantity, unit: str, key: str) -> float:
-        return positive(si(value, unit, f"{where}, key {key}", hertz), f"{where}, key {key}")
+        return positive_si(value, unit, f"{where}, key {key}", {"hz": "1/s"})
 
-    def spread(value: Quantity, unit: str, key: str) -> float:
-        result = si(value, unit, f"{where}, key {key}")
-        return result if result == 0.0 else positive(result, f"{where}, key {key}")
+    def noise_std(value: Quantity, unit: str, key: str) -> float:
+        std = si(value, unit, f"{where}, key {key}")
+        return std if std == 0.0 else positive(std, f"{where}, key {key}")
 
     loop = None
     if content.loop is not None:
@@ -217,7 +208,7 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
             "in all at most"
         )
         raise DeclarationError(what, where=f"{where}, key sweep.duration", remedy=remedy)
-    band = (number(content.band[0], "1/s", "band"), number(content.band[1], "1/s", "band"))
+    band_low, band_high = (number(end, "1/s", "band") for end in content.band)
     return SweepScenario(
         name,
         content.title,
@@ -230,10 +221,10 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
         high,
         duration,
         content.sweep.flights,
-        spread(content.noise.gyro, "rad/s", "noise.gyro"),
-        spread(content.noise.rough_air, "rad/s2", "noise.rough_air"),
+        noise_std(content.noise.gyro, "rad/s", "noise.gyro"),
+        noise_std(content.noise.rough_air, "rad/s2", "noise.rough_air"),
         content.form,
-        band,
+        (band_low, band_high),
         content.seed,
     )
 
@@ -246,8 +237,10 @@ SPLINE_FREQUENCIES = 1_000  # frequencies between which splines give the true ma
 
 
 def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
-    """Simulate one flight: inputs ``sweep`` and ``command`` (= sweep - returned), outputs
-    ``returned`` and the rate that is fed back.
+    """Simulate one flight of a loop.
+
+    Inputs are ``sweep`` and ``command`` (sweep - returned), outputs ``returned`` and the angular
+    rate that is fed back, ``p`` or ``q``.
 
     Raises DeclarationError if the loop is unstable.
     """
@@ -263,36 +256,36 @@ def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1
         Spacing.LOGARITHMIC,
     )
     sweep = np.asarray(shape(time))
-    name, unit = ("p", "rad/s") if scenario.loop is not None else ("q", "rad/s")
     if scenario.loop is not None:
-        command, returned, turning = _roll(scenario.loop, sweep, scenario, rng)
-        of_command = "1"
+        command, returned, turn_rate = _roll(scenario.loop, sweep, scenario, rng)
+        name, unit = "p", "1"
     else:
         noise = LoopNoise(gyro=math.degrees(scenario.gyro))
-        _, command, returned, turning, _ = loop_test(load_x29(scenario.airframe), sweep, rng, noise)
-        of_command = "deg"
-    inputs = (Channel.of("sweep", of_command, sweep), Channel.of("command", of_command, command))
-    outputs = (Channel.of("returned", of_command, returned), Channel.of(name, unit, turning))
+        x29 = load_x29(scenario.airframe)
+        _, command, returned, turn_rate, _ = loop_test(x29, sweep, rng, noise)
+        name, unit = "q", "deg"
+    inputs = (Channel.of("sweep", unit, sweep), Channel.of("command", unit, command))
+    outputs = (Channel.of("returned", unit, returned), Channel.of(name, "rad/s", turn_rate))
     return Record(time, inputs, outputs, Hold.PREVIOUS, f"flight {number}")
 
 
 def frame_rate(scenario: SweepScenario) -> float:
-    """Frames a second, those of the record."""
-    return (
-        scenario.loop.rate if scenario.loop is not None else 1.0 / load_x29(scenario.airframe).frame
-    )
+    """Return the number of frames a second, which is the rate of the record."""
+    if scenario.loop is not None:
+        return scenario.loop.rate
+    return 1.0 / load_x29(scenario.airframe).frame
 
 
 def _roll(
     loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Command, returned signal and measured roll rate at each frame, with the command held."""
+    """Return command, returned signal and measured roll rate of each frame; the command is held."""
     whole, decay, now, before = _frame_delay(loop)
     step = 1.0 / loop.rate
     share = math.exp(-step / AIR_TIME)
     white, gyro = rng.standard_normal(sweep.size), scenario.gyro * rng.standard_normal(sweep.size)
     command, returned, measured = (np.zeros(sweep.size) for _ in range(3))
-    delayed = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
+    delayed = np.zeros(sweep.size + whole + 2)  # commands, zero before the first frame
     p = angle = air = 0.0
     for n in range(sweep.size):
         measured[n] = p + gyro[n]
@@ -312,8 +305,10 @@ def _roll(
 
 
 def _frame_delay(loop: RollLoop) -> tuple[int, float, float, float]:
-    """Whole frames of the delay, the decay of p over a frame, and the gains of the commands at its
-    end and one frame before.
+    """Return the parts of the roll dynamics over a frame.
+
+    They are the whole frames of the delay, the decay of p, and the gains of the commands at the end
+    of the frame and one frame before.
     """
     step, a = 1.0 / loop.rate, loop.inv_T_roll
     whole = int(loop.delay / step + 1e-9)
@@ -325,7 +320,7 @@ def _frame_delay(loop: RollLoop) -> tuple[int, float, float, float]:
 
 
 def true_loop(scenario: SweepScenario, omega: np.ndarray) -> np.ndarray:
-    """The broken-loop response from command to returned signal, sampled, at ``omega`` rad/s."""
+    """Return the sampled broken-loop response, command to returned signal, at ``omega`` rad/s."""
     if scenario.loop is None:
         x29 = load_x29(scenario.airframe)
         return np.asarray(open_loop(x29)(np.exp(1j * omega * x29.frame))).ravel()
@@ -337,7 +332,7 @@ def true_loop(scenario: SweepScenario, omega: np.ndarray) -> np.ndarray:
 
 
 def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
-    """Margins of the true loop by python-control: dB, deg, s, and the least distance from -1."""
+    """Return the margins of the true loop by python-control: dB, deg, s; and distance from -1."""
     import control
 
     last = 0.999 * math.pi * frame_rate(scenario)
@@ -359,7 +354,7 @@ def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
 
 
 def true_parameters(scenario: SweepScenario) -> Mapping[str, float]:
-    """Return the parameters of the fitted form ``roll``; none of another form or aircraft."""
+    """Return the true parameters of the form ``roll``; empty for another form or aircraft."""
     loop = scenario.loop
     if loop is None or scenario.form != "roll":
         return {}
@@ -375,10 +370,11 @@ class SweepStudy:
 
     Attributes
     ----------
-    records : of the flights.
-    response : of the rate to the command, with the fitted form; None if none is fitted.
-    loop : of the returned signal to the command, with its margins.
-    rows : what was estimated, with the truth.
+    records : records of the flights.
+    response : response of the rate to the command, with the fitted form; None without a form.
+    loop : response of the returned signal to the command, with its margins.
+    rows : estimated and true values.
+    estimate : the estimated values with their covariance.
     """
 
     scenario: SweepScenario
@@ -400,11 +396,11 @@ def run_sweep(
     seed: int | None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> SweepStudy:
-    """Simulate and estimate as ``flightid response`` from the files of the flights.
+    """Simulate the flights, and estimate from their files as ``flightid response`` does.
 
     Raises
     ------
-    FlightidError : a loop that is unstable, a band that the flights do not resolve.
+    FlightidError : the loop is unstable, or the flights do not resolve the band.
     """
     chosen = scenario.seed if seed is None else seed
     rng = np.random.default_rng(chosen)
@@ -431,7 +427,7 @@ def run_sweep(
 def _estimated(
     scenario: SweepScenario, response: ResponseEstimates | None, loop: ResponseEstimates
 ) -> tuple[tuple[Row, ...], Estimate]:
-    """Parameters of the fitted form and the margins, with the truth, and as an estimate."""
+    """Return parameters of the fitted form and margins, with true values and as an estimate."""
     true: Mapping[str, float] = {**true_parameters(scenario), **true_margins(scenario)}
     rows, covariance = [], np.zeros((0, 0))
     fitted = response.fits.of(0, 0) if response is not None and response.fits is not None else None
@@ -446,15 +442,22 @@ def _estimated(
         rows.append(
             Row(name, UNITS[margin.kind], margin.size.value, margin.size.std, true.get(name))
         )
-    size, first = len(rows), len(covariance)
-    whole = np.diag([row.std**2 for row in rows])
-    whole[:first, :first] = covariance
-    names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
-    values = np.array([row.estimate for row in rows]).reshape(size)
-    none = np.zeros(0)
-    return tuple(rows), Estimate(
-        "frequency-response", names, units, values, whole, Outcome.CONVERGED, 0.0, (), none, ()
+    first = len(covariance)
+    joint = np.diag([row.std**2 for row in rows])
+    joint[:first, :first] = covariance
+    estimate = Estimate(
+        "frequency-response",
+        tuple(row.name for row in rows),
+        tuple(row.unit for row in rows),
+        np.array([row.estimate for row in rows], dtype=float),
+        joint,
+        Outcome.CONVERGED,
+        0.0,
+        (),
+        np.zeros(0),
+        (),
     )
+    return tuple(rows), estimate
 
 
 def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BELOW) -> None:
@@ -473,7 +476,7 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
 
 
 def sweep_summary(study: SweepStudy, details: str) -> Summary:
-    """Summary of the flights and the results."""
+    """Return the summary of the flights and the results."""
     s = study.scenario
     flown = (
         f"{s.flights} flight{'s' * (s.flights > 1)} of {s.duration:g} s, a sweep of the command "
@@ -495,7 +498,7 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
 
 
 def model_lines(study: SweepStudy) -> list[str]:
-    """Return the fitted transfer function and how it is judged."""
+    """Return the fitted transfer function and its assessment."""
     return [] if study.response is None else fit_lines(study.response, 0, 0)
 
 
@@ -510,26 +513,21 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
     with study_folder(folder, MAIN) as scratch:
         for n, record in enumerate(study.records, 1):
             write_record(scratch, record, "record" if n == 1 else f"record_{n}", simulated=True)
-        both = [each for each in (study.response, study.loop) if each is not None]
-        heads = [responses_csv(each).partition("\n") for each in both]
-        write_text(
-            scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads)
-        )
+        estimates = [found for found in (study.response, study.loop) if found is not None]
+        tables = [responses_csv(found).partition("\n") for found in estimates]
+        text = tables[0][0] + "\n" + "".join(rows for _, _, rows in tables)  # one header
+        write_text(scratch / "responses.csv", text)
         figure_files: tuple[Drawn, ...] = ()
         if figures:
+            from scenarios.plots import flying_qualities as drawing
             from scenarios.plots.drawing import draw_for_page
-            from scenarios.plots.flying_qualities import (
-                figure_margins,
-                figure_mismatch,
-                figure_response,
-            )
 
             named: list[tuple[str, Any]] = [
-                ("response", partial(figure_response, study.response or study.loop))
+                ("response", partial(drawing.figure_response, study.response or study.loop))
             ]
             if study.response is not None:
-                named.append(("mismatch", partial(figure_mismatch, study.response)))
-            named.append(("loop", partial(figure_margins, study.loop)))
+                named.append(("mismatch", partial(drawing.figure_mismatch, study.response)))
+            named.append(("loop", partial(drawing.figure_margins, study.loop)))
             figure_files = draw_for_page(named, scratch, figures)
         write_page(scratch, sweep_page(study, figure_files))
         write_json(scratch / "truth.json", truth_content(study))
@@ -538,13 +536,13 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
 
 
 def truth_content(study: SweepStudy) -> dict[str, Any]:
-    """True parameters and margins."""
-    known = {
+    """Return the true parameters and margins."""
+    true = {
         row.name: {"value": row.true, "unit": row.unit}
         for row in study.rows
         if row.true is not None
     }
-    return {"schema": "flightid/truth/1", "parameters": known, "distance": study.scenario.distance}
+    return {"schema": "flightid/truth/1", "parameters": true, "distance": study.scenario.distance}
 
 
 def sweep_comparison(study: SweepStudy) -> dict[str, Any]:

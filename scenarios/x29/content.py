@@ -28,6 +28,7 @@ from scenarios.x29.estimating import (
     Misfit,
     OverSeeds,
     between_grid_points,
+    start_of,
 )
 from scenarios.x29.findings import (
     bias_rows,
@@ -44,7 +45,7 @@ from sim.vehicles.factory import LOES_DERIVATIVES
 
 # ---- Published values next to ours
 
-# row with R, as in the paper's tables
+# Output -> row of the paper's tables that has its R.
 _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
@@ -57,7 +58,7 @@ def units_of(study: LoopStudy) -> dict[str, str]:
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
     """Return entries of ``comparison.json`` on the paper: tables, procedure, checks, methods."""
-    column = study.scenario.published[0] if study.scenario.published else ""
+    column = study.scenario.column
     out: dict[str, Any] = {}
     if column:
         printed = printed_column(column)
@@ -81,13 +82,12 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
         out["published"]["correlation"] = {"names": list(names), "matrix": C.tolist()}
         out["published"]["correlation_pairs"] = [
             {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r}
-            for a, b, p, q, r in noted_pairs(study, column)
+            for a, b, p, q, r in correlated_pairs(study, column)
         ]
         out["published"]["between_grid_points"] = between_grid_points(study.single_pass)
     if study.scenario.methods:
-        units = dict(
-            zip(study.single_pass.estimate.names, study.single_pass.estimate.units, strict=True)
-        )
+        estimate = study.single_pass.estimate
+        units = dict(zip(estimate.names, estimate.units, strict=True))
         out["methods"] = [_method(m, units) for m in (*study.methods, own_method(study))]
     if study.restarts:
         out["plain_restarts"] = {
@@ -103,8 +103,9 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
 def procedure_and_printed(
     study: LoopStudy, column: str
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return, by state and parameter, initial and final value and variance, R and Q of the paper's
-    procedure here and as printed, SI.
+    """Return, by state and parameter, the numbers of Tables 1 and 2, here and as printed, SI.
+
+    They are initial and final value and variance, R and Q of the paper's procedure.
     """
     system, bank = study.paper.system, study.single_pass.bank
     best = int(np.argmax(bank.log_likelihood))
@@ -115,7 +116,7 @@ def procedure_and_printed(
     }
     rows = {}
     for i, name in enumerate(bank.names):
-        item = system.initial[name] if name in system.state_names else system.parameters[name]
+        item = start_of(system, name)
         here = {
             "initial": item.value,
             "initial_variance": item.prior_std**2,
@@ -124,42 +125,41 @@ def procedure_and_printed(
             "R": R[name][0] if name in R else None,
             "Q": float(study.scenario.estimation.process_noise.get(name, 0.0)),
         }
-        known = name in start
-        printed = {
-            "initial": start[name].value if known else None,
-            "initial_variance": _squared(start[name].std) if known else None,
-            "final": final[name].value if known else None,
-            "final_variance": _squared(final[name].std) if known else None,
-            "R": R[name][1] if name in R else None,
-            "Q": density.get(name, 0.0) if known else None,
-        }
+        printed: dict[str, float | None] = dict.fromkeys(here)
+        printed["R"] = R[name][1] if name in R else None
+        if name in start:
+            printed |= {
+                "initial": start[name].value,
+                "initial_variance": _squared(start[name].std),
+                "final": final[name].value,
+                "final_variance": _squared(final[name].std),
+                "Q": density.get(name, 0.0),
+            }
         rows[name] = {key: {"here": here[key], "published": printed[key]} for key in here}
     return rows
 
 
-def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Return pairs with a published correlation above ``LARGE_CORRELATION``.
+def correlated_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
+    """Return the pairs of parameters with a published correlation above ``LARGE_CORRELATION``.
 
-    Three values each: published, by the paper's procedure here, by the refined filter.
+    Each has three correlations: published, by the paper's procedure here, by the refined filter.
     """
     names, C = printed_correlation(column)
     bank, history = study.single_pass.bank, study.result.estimate.history
     assert history is not None
     covariance = bank.covariance[int(np.argmax(bank.log_likelihood))]
-    out = []
-    for i, a in enumerate(names):
-        for j, b in enumerate(names[:i]):
-            if abs(C[i, j]) > LARGE_CORRELATION:
-                out.append(
-                    (
-                        b,
-                        a,
-                        float(C[i, j]),
-                        _correlation(covariance, bank.names, a, b),
-                        _correlation(history.covariance[-1], history.names, a, b),
-                    )
-                )
-    return out
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    return [
+        (
+            names[j],
+            names[i],
+            float(C[i, j]),
+            _correlation(covariance, bank.names, names[i], names[j]),
+            _correlation(history.covariance[-1], history.names, names[i], names[j]),
+        )
+        for i, j in pairs
+        if abs(C[i, j]) > LARGE_CORRELATION
+    ]
 
 
 def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float:
@@ -169,11 +169,11 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
     """Return the row without missing values."""
-    finite_pairs = {
+    pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
     }
-    return {key: pair for key, pair in finite_pairs.items() if pair}
+    return {key: pair for key, pair in pairs.items() if pair}
 
 
 def _squared(std: float | None) -> float | None:
@@ -268,10 +268,10 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "published_findings": list(paper_sentences(study)),
         "versions": versions(),
     }
-    content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
-    content |= (
-        {} if study.open_margins is None else {"open_margins": margins_content(study.open_margins)}
-    )
+    if study.linear is not None:
+        content["linear"] = linear_content(study.linear)
+    if study.open_margins is not None:
+        content["open_margins"] = margins_content(study.open_margins)
     return content | _against(study) | _further(study) | _engine(study) | paper_content(study)
 
 
@@ -348,7 +348,7 @@ def _against(study: LoopStudy) -> dict[str, Any]:
 
 
 def _further(study: LoopStudy) -> dict[str, Any]:
-    """Further estimates that the scenario declares."""
+    """Return the further estimates that the scenario declares."""
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {
@@ -356,7 +356,7 @@ def _further(study: LoopStudy) -> dict[str, Any]:
             for name, result in study.together.items()
         }
     if len(study.passes) > 1:
-        out["passes"] = [_values(each) for each in study.passes]
+        out["passes"] = [_values(estimate) for estimate in study.passes]
     if study.over_seeds is not None:
         out["over_seeds"] = _over_seeds(study.over_seeds)
     if study.variants:
@@ -413,7 +413,7 @@ def _engine(study: LoopStudy) -> dict[str, Any]:
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:
     estimate = study.result.estimate
-    printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
+    printed = printed_column(study.scenario.column)
     rows = {}
     for name, unit, value, std in zip(
         estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
@@ -442,24 +442,22 @@ def _fixed(result: LoopResult) -> dict[str, Any]:
 
 
 def _states(study: LoopStudy) -> dict[str, Any]:
-    """Return, per state and parameter of eq. 11, the numbers of Tables 1 and 2: initial and final
-    value and variance, R and Q.
+    """Return the numbers of Tables 1 and 2 by state and parameter of eq. 11.
+
+    They are initial and final value and variance, R and Q.
     """
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
     rows = {}
     for i, name in enumerate(history.names):
-        item = system.initial[name] if name in system.state_names else system.parameters[name]
-        row = {
+        item = start_of(system, name)
+        rows[name] = {
             "initial": item.value,
             "initial_variance": item.prior_std**2,
             "final": float(history.mean[i, -1]),
             "final_variance": float(history.std[i, -1] ** 2),
             "process_noise": float(density.get(name, 0.0)),
-        }
-        rows[name] = {
-            **row,
             **({"measurement_variance": noise[name] ** 2} if name in noise else {}),
         }
     return rows
@@ -473,11 +471,9 @@ def _check(study: LoopStudy) -> dict[str, Any]:
         key: {name: float(getattr(loop, name)) for name in names} for key, loop in loops.items()
     }
     out["mean_coherence"] = check.coherence
-    return (
-        {**out, "record": {name: float(value) for name, value in record.items()}}
-        if record is not None
-        else out
-    )
+    if record is not None:
+        out["record"] = {name: float(value) for name, value in record.items()}
+    return out
 
 
 def _values(estimate: Estimate) -> dict[str, Any]:

@@ -40,6 +40,7 @@ from sim.vehicles.factory import model_from_constants
 # ---- What a scenario of the closed loop declares
 
 _NONE: Mapping[str, float] = MappingProxyType({})
+OUTPUTS = ("alpha", "q", "nz")  # rad, rad/s, g
 # Further methods of a scenario -> their names in tables.
 METHODS: Mapping[str, str] = MappingProxyType(
     {
@@ -90,12 +91,12 @@ class LoopFlight:
     airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``.
     duration : s.
     noise : whether the telemetry is noisy.
-    dead_band, curvature : of the stick, in and 1/in; None: the aircraft's.
+    dead_band, curvature : those of the stick, in and 1/in; None: the aircraft's.
     rate_limits : whether the actuators have rate limits.
-    low_order : simulate the loop's low-order equivalent, to isolate the effect of model order.
+    low_order : simulate the loop's low-order equivalent, to isolate the effect of the model order.
     gust : spectral density of white forcing of the pitch rate, (rad/s2)^2 s; low order only.
-    spike : in the recorded stick only, not in the control computer.
-    noise_std : of the telemetry by output, rad, rad/s and g; empty: the aircraft's.
+    spike : wrong sample of the recorded stick; the control computer does not see it.
+    noise_std : noise of the telemetry by output, rad, rad/s and g; empty: the aircraft's.
     """
 
     airframe: str
@@ -127,7 +128,8 @@ class LoopEstimation:
     window_start, window_stop : part of the record that is used, s.
     restarts : largest number of restarts of the refined filter from its own result.
     prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` in Tables 1 and 2.
-    engine : of the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
+    engine : implementation of the filters, a key of ``ident.banks.delays.ENGINES``; the results of
+        all engines agree to rounding.
     """
 
     start: Mapping[str, float]
@@ -213,6 +215,11 @@ class LoopScenario:
     choices: tuple[Choice, ...] = ()
     seeds: int = 0
 
+    @property
+    def column(self) -> str:
+        """The scenario's own column of the paper's tables; empty if there is none."""
+        return self.published[0] if self.published else ""
+
 
 # ---- Low-order equivalents published in NASA TM-101722
 
@@ -243,22 +250,25 @@ def printed_columns() -> tuple[str, ...]:
 
 
 def printed_column(name: str) -> dict[str, Printed]:
-    """Return a column of the paper's tables: final estimates, SI. Raises DeclarationError when
-    there is none.
+    """Return a column of the paper's tables: final estimates, SI. Empty without a name.
+
+    Raises DeclarationError if there is no such column.
     """
-    return _column("loes", name)
+    return _column("loes", name) if name else {}
 
 
 def printed_start(name: str) -> dict[str, Printed]:
-    """Initial state estimate and P0 of Table 1 (``simulation``) or 2 (``flight``), SI. Raises
-    DeclarationError when there is none.
+    """Return the initial state estimate and P0 of Table 1 (``simulation``) or 2 (``flight``), SI.
+
+    Raises DeclarationError if there is none.
     """
     return _column("initial", name)
 
 
 def printed_noise(name: str) -> dict[str, float]:
-    """R of Table 1 or 2 as standard deviations, rad, rad/s and g. Raises DeclarationError when
-    there is none.
+    """Return R of Table 1 or 2 as standard deviations, rad, rad/s and g.
+
+    Raises DeclarationError if there is none.
     """
     rows = _table("measurement_noise", name)
     return standard_deviations(
@@ -267,7 +277,7 @@ def printed_noise(name: str) -> dict[str, float]:
 
 
 def printed_density(name: str) -> dict[str, float]:
-    """Q of Table 1 or 2 as printed.
+    """Return Q of Table 1 or 2 as printed.
 
     Raises DeclarationError if there is none.
     """
@@ -280,15 +290,16 @@ def printed_checks(name: str) -> dict[str, Range]:
 
 
 def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError
-    when there is none.
+    """Return the names and correlation matrix ``(13, 13)`` of Table 1 or 2.
+
+    Raises DeclarationError if there is none.
     """
     rows = _table("correlation", name)
     names = ("alpha", *rows)
     C = np.eye(len(names))
     for i, row in enumerate(rows.values(), start=1):
         C[i, :i] = C[:i, i] = row
-    signs = np.array([-1.0 if each in TURNED else 1.0 for each in names])
+    signs = np.array([-1.0 if name in TURNED else 1.0 for name in names])
     return names, C * np.outer(signs, signs)
 
 
@@ -312,20 +323,20 @@ def _table(kind: str, name: str) -> Mapping[str, Any]:
             where=f"published {FILE}",
             remedy=f"use one of {', '.join(tables)}",
         )
-    result: Mapping[str, Any] = tables[name]
-    return result
+    table: Mapping[str, Any] = tables[name]
+    return table
 
 
 def _column(kind: str, name: str) -> dict[str, Printed]:
     return {
-        key: Printed(float(e["value"]), math.sqrt(e["variance"]) if "variance" in e else None)
-        for key, e in _table(kind, name).items()
+        key: Printed(float(row["value"]), math.sqrt(row["variance"]) if "variance" in row else None)
+        for key, row in _table(kind, name).items()
     }
 
 
 # ---- From a closed-loop scenario's flight to its record
 
-NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
+NO_LIMIT = 1e6  # deg/s, a rate that no actuator reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,14 +357,17 @@ def aircraft(flight: LoopFlight) -> X29:
     if not flight.rate_limits:
         canard, flaperon, strake = (replace(surface, rate=NO_LIMIT) for surface in x29.surfaces)
         x29 = replace(x29, surfaces=(canard, flaperon, strake))
-    t, noise = x29.telemetry, flight.noise_std
-    std = (
-        noise.get("alpha", t.alpha_noise),
-        noise.get("q", t.q_noise),
-        noise.get("nz", t.nz_noise),
+    std = {**telemetry_noise(x29), **flight.noise_std}
+    telemetry = replace(
+        x29.telemetry, alpha_noise=std["alpha"], q_noise=std["q"], nz_noise=std["nz"]
     )
-    telemetry = replace(t, alpha_noise=std[0], q_noise=std[1], nz_noise=std[2])
     return replace(x29, stick=stick, telemetry=telemetry)
+
+
+def telemetry_noise(x29: X29) -> dict[str, float]:
+    """Return the standard deviations of the telemetry by output: rad, rad/s, g."""
+    t = x29.telemetry
+    return {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
 
 
 def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -400,15 +414,20 @@ def fly_loop(flight: LoopFlight, seed: int) -> SimulatedLoop:
 
 
 def low_order_model(x29: X29, values: dict[str, float]) -> Model:
-    """Return the low-order equivalent system at the aircraft's flight condition; ``values`` by the
-    names of a vehicle file.
+    """Return the low-order equivalent system at the aircraft's flight condition.
+
+    ``values``: parameters by the names of a vehicle file.
     """
-    constants = {
+    return model_from_constants("loes", loop_constants(x29), values)
+
+
+def loop_constants(x29: X29) -> dict[str, float]:
+    """Return the constants of the low-order equivalent by the names of a vehicle file, SI."""
+    return {
         "airspeed": x29.airframe.airspeed,
         "gravity": x29.airframe.gravity,
         "vane_arm": x29.telemetry.vane_arm,
     }
-    return model_from_constants("loes", constants, values)
 
 
 def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
@@ -417,12 +436,21 @@ def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
     return {name: float(getattr(equivalent, name)) for name in names}
 
 
+def short_period(values: Mapping[str, float]) -> tuple[float, float]:
+    """Return undamped natural frequency (rad/s) and damping ratio of the short period.
+
+    ``values``: L_alpha, L_q, M_alpha and M_q. NaN if the short period does not oscillate.
+    """
+    stiffness = values["L_alpha"] * values["M_q"] - values["L_q"] * values["M_alpha"]
+    frequency = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
+    return frequency, -(values["L_alpha"] + values["M_q"]) / (2.0 * frequency)
+
+
 def _low_order_record(
     x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
 ) -> Record:
     """Return the record of the loop's low-order equivalent, with the recorded stick, held."""
-    t = x29.telemetry
-    std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
+    std = telemetry_noise(x29) if flight.noise else {}
     model = low_order_model(x29, equivalent_values(equivalent_system(x29)))
     model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values(
         {"nz_0": 1.0}

@@ -34,7 +34,10 @@ from scenarios.x29.declaration import (
     low_order_model,
     printed_density,
     printed_start,
+    short_period,
+    telemetry_noise,
 )
+from sim.declaration.effect import Parameter
 from sim.declaration.model import System
 from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Record
@@ -47,9 +50,7 @@ ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A record cut to the window, the filter's System for it, the noise it assumes, and who runs
-    it.
-    """
+    """A record cut to the window, the filter's System, the assumed noise, and the engine."""
 
     record: Record
     system: System
@@ -59,10 +60,15 @@ class SetUp:
 
 @dataclass(frozen=True, eq=False)
 class SinglePass:
-    """Result of the paper's procedure: one pass of the bank, and the filter of the most likely
-    delay.
+    """Result of the paper's procedure: one pass of a bank of filters over the record.
 
-    ``estimate`` has the parameters without the delay.
+    Attributes
+    ----------
+    bank : all filters.
+    delays, weights : delay (s) and weight by likelihood of each filter.
+    delay : most likely delay, s.
+    weighted_mean : mean of the delays by likelihood, s.
+    estimate : parameters of the filter of the most likely delay, without the delay.
     """
 
     bank: BankEstimate
@@ -80,14 +86,18 @@ def set_up(
     initial: Mapping[str, float] | None = None,
     prior: str = "",
 ) -> SetUp:
-    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file;
-    ``initial`` : further starts of constants; ``prior`` : another rule for P0 than the
-    estimation's."""
+    """Return the fourteen-state filter for a flight's record.
+
+    Parameters
+    ----------
+    start : starting values by the names of a vehicle file.
+    initial : further starting values, of constants.
+    prior : rule for P0; empty: that of the estimation.
+    """
     record = simulated.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
-    t = simulated.x29.telemetry
-    sensors = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
+    sensors = telemetry_noise(simulated.x29)
     noise_std = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
     noise = {name: estimation.noise_share * noise_std[name] for name in sensors}
     # The delay here is only a place holder: the bank holds it at each of its values.
@@ -115,9 +125,15 @@ def _printed_prior(system: System) -> System:
     )
 
 
+def start_of(system: System, name: str) -> Parameter:
+    """Return the initial state or parameter of a filter with this name, with its prior."""
+    return system.initial[name] if name in system.state_names else system.parameters[name]
+
+
 def refined(setting: SetUp) -> DelayBank:
-    """Return the bank with a delay between its grid points; P0 stays as the paper's rule has it,
-    also where the record contradicts it.
+    """Return the bank with the delay refined between its grid points.
+
+    P0 stays as declared, even if the record contradicts it.
     """
     return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
@@ -166,14 +182,17 @@ def rough(setting: SetUp) -> tuple[Estimate, float]:
         setting.record, setting.system, fixed_values={"delay": delays}, tolerance=np.inf
     )
     best = int(np.argmax(bank.log_likelihood))
-    return setting.engine.alone(
-        setting.record, _at(setting.system, float(delays[best])), None, trajectories[:, :, best]
-    ), float(delays[best])
+    delay = float(delays[best])
+    parameters = setting.system.parameters.with_values({"delay": delay})
+    system = replace(setting.system, parameters=parameters)
+    estimate = setting.engine.alone(setting.record, system, None, trajectories[:, :, best])
+    return estimate, delay
 
 
 def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndarray:
-    """Outputs ``(3, N)`` of the final estimate driven by the stick alone, from the smoothed state
-    at the window's begin.
+    """Return the outputs ``(3, N)`` of an estimate, simulated from the stick alone.
+
+    The simulation starts from the smoothed state at the start of the window.
     """
     record, system = setting.record, setting.system
     values = {name: value for name, value in estimate.as_dict().items() if name != "delay"}
@@ -182,16 +201,10 @@ def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndar
     drive = drive_from_record(
         system, p, record.input_array(system.input_names), record.time, record.hold, grid
     )
-    x0 = (
-        [0.0, 0.0, 0.0]
-        if estimate.history is None
-        else smooth(estimate.history).mean[:3, 0].tolist()
-    )
+    x0 = [0.0, 0.0, 0.0]
+    if estimate.history is not None:
+        x0 = smooth(estimate.history).mean[:3, 0].tolist()
     return np.array(simulate(system, p, x0, drive, grid))
-
-
-def _at(system: System, delay: float) -> System:
-    return replace(system, parameters=system.parameters.with_values({"delay": delay}))
 
 
 # ---- Misfit of the low-order filter
@@ -229,20 +242,15 @@ class Misfit:
 
     @property
     def peak_percent(self) -> float:
-        """Error of the final peak of the simulation, percent of the measured one (negative: too
-        small).
-        """
-        return (
-            100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)
-            if self.peak_measured
-            else 0.0
-        )
+        """Error of the simulated final peak, percent of the measured one; negative: too small."""
+        if not self.peak_measured:
+            return 0.0
+        return 100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)
 
 
 def sensor_noise(simulated: SimulatedLoop) -> np.ndarray:
-    """Return the telemetry's sigma of alpha, q and nz."""
-    t = simulated.x29.telemetry
-    return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
+    """Return the noise of the telemetry ``(3,)``: alpha (rad), q (rad/s) and nz (g)."""
+    return np.array(list(telemetry_noise(simulated.x29).values()))
 
 
 def misfit(
@@ -253,8 +261,9 @@ def misfit(
     stretch: tuple[float, float] | None,
     peak: tuple[float, float] | None,
 ) -> Misfit:
-    """Misfit of a simulation ``(3, N)`` and of the innovations of its estimate, relative to
-    ``noise_std (3,)``.
+    """Return the misfit of a simulation ``(3, N)`` and of the innovations of its estimate.
+
+    ``noise_std``: noise of the outputs, ``(3,)``.
     """
     names = estimate.output_names
     z, valid = record.output_array(names)
@@ -276,33 +285,35 @@ def misfit(
             simulated_peak = float(simulated[row, near].mean())
     history = estimate.history
     assert history is not None
-    series = (history.innovation[row] / history.innovation_std[row])[history.valid[row]]
-    centred = series - series.mean()
+    innovations = (history.innovation[row] / history.innovation_std[row])[history.valid[row]]
+    centred = innovations - innovations.mean()
     power = np.abs(np.fft.rfft(centred)) ** 2
     nis = float(history.nis.sum()) / max(int(history.degrees.sum()), 1)
     return Misfit(
-        {name: float(np.sqrt(np.mean(line**2))) for name, line in zip(names, error, strict=True)},
-        float(np.sqrt(np.mean(error[row, inside] ** 2))) if inside.any() else 0.0,
-        float(np.sqrt(np.mean(error[row, ~inside] ** 2))) if inside.any() else 0.0,
+        {name: _rms(errors) for name, errors in zip(names, error, strict=True)},
+        _rms(error[row, inside]) if inside.any() else 0.0,
+        _rms(error[row, ~inside]) if inside.any() else 0.0,
         measured,
         simulated_peak,
         float(centred[1:] @ centred[:-1] / (centred @ centred)),
-        ljung_box(series, np.ones(len(series), dtype=bool), "q").statistic,
+        ljung_box(innovations, np.ones(len(innovations), dtype=bool), "q").statistic,
         float(power[1 : max(2, len(power) // 5)].sum() / power[1:].sum()),
         float(np.sqrt(nis)),
     )
 
 
-# ---- The same record estimated in other ways than the scenario's own
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# ---- The same record estimated by further methods
 
 RESTART_PASSES = 5  # restarts of plain filters from their own result
 
 
 @dataclass(frozen=True, eq=False)
 class LoopMethodResult:
-    """Result of one method: delay (s), values and sigmas by name of the parameters,
-    log-likelihood.
-    """
+    """Result of one method: delay (s), values and sigmas of the parameters, log-likelihood."""
 
     name: str
     label: str
@@ -313,25 +324,20 @@ class LoopMethodResult:
 
     @property
     def frequency(self) -> float:
-        """Undamped natural frequency of its short period, rad/s; NaN if that does not
-        oscillate.
-        """
-        v = self.values
-        stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
-        return float(np.sqrt(stiffness)) if stiffness > 0 else float("nan")
+        """Undamped natural frequency of the short period, rad/s; NaN if it does not oscillate."""
+        return short_period(self.values)[0]
 
     @property
     def damping(self) -> float:
-        """Its damping ratio."""
-        return -(self.values["L_alpha"] + self.values["M_q"]) / (2.0 * self.frequency)
+        """Damping ratio of the short period; NaN if it does not oscillate."""
+        return short_period(self.values)[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Restarts:
-    """Plain filters with the printed P0 held at some delays (s), each started again from its own
-    result.
+    """Plain filters with fixed delays (s), each restarted several times from its own result.
 
-    ``values`` : by parameter, ``(passes, delays)``.
+    ``values``: estimates by parameter, shape ``(passes, delays)``.
     """
 
     delays: tuple[float, ...]
@@ -340,35 +346,40 @@ class Restarts:
 
 @dataclass(frozen=True, eq=False)
 class MethodInputs:
-    """Inputs of the methods: the paper's set-up and its bank, ours and its refined bank, and the
-    record set up again.
+    """Inputs of the methods.
+
+    Attributes
+    ----------
+    paper, single_pass : filter with the paper's settings, and its result.
+    estimation, refined : the scenario's estimation and its refined bank.
+    set_up : returns the filter for the same record with another estimation.
     """
 
     paper: SetUp
     single_pass: SinglePass
     estimation: LoopEstimation
     refined: DelayBank
-    again: Callable[[LoopEstimation], SetUp]
+    set_up: Callable[[LoopEstimation], SetUp]
 
 
-def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodResult, ...]:
-    """Each named method on the record; ``names`` are keys of ``METHODS``."""
-    return tuple(_RUN[name](name, ways) for name in names)
+def run_methods(names: Sequence[str], inputs: MethodInputs) -> tuple[LoopMethodResult, ...]:
+    """Return the results of the methods ``names``, keys of ``METHODS``."""
+    return tuple(_RUN[name](name, inputs) for name in names)
 
 
 def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
-    """Return the filter next to the refined delay, on the side opposite to the most likely one."""
+    """Return the index of the filter beyond the refined delay, as seen from the most likely one."""
     best = int(np.argmax(first_estimate.bank.log_likelihood))
     step = 1 if first_estimate.delays[best] < refined_delay else -1
     return min(max(best + step, 0), len(first_estimate.delays) - 1)
 
 
-def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Restarts]:
-    """Plain restarts at some delays (s), with P0 and R as printed and with each of them another."""
-    louder = _set_up(ways, prior="printed", noise_share=2.0 * ways.estimation.noise_share)
+def all_restarts(inputs: MethodInputs, delays: Sequence[float]) -> dict[str, Restarts]:
+    """Return restarts at some delays (s): P0 and R as printed, other P0, and other R."""
+    louder = _set_up(inputs, prior="printed", noise_share=2.0 * inputs.estimation.noise_share)
     settings = {
-        "R and P0 as printed": ways.paper,
-        "P0 a quarter of the start": _set_up(ways, prior="quarter"),
+        "R and P0 as printed": inputs.paper,
+        "P0 a quarter of the start": _set_up(inputs, prior="quarter"),
         "R four times as large": louder,
     }
     return {label: single_pass_restarts(setting, delays) for label, setting in settings.items()}
@@ -377,9 +388,7 @@ def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Resta
 def single_pass_restarts(
     setting: SetUp, delays: Sequence[float], passes: int = RESTART_PASSES
 ) -> Restarts:
-    """Plain filters at held delays, ``passes`` times each from its last parameters with the same
-    P0.
-    """
+    """Return plain filters at fixed delays (s), restarted ``passes`` times with the same P0."""
     system, start = setting.system, None
     n_x, rows, names = len(system.states), [], system.parameters.free_names
     for _ in range(passes):
@@ -394,8 +403,9 @@ def single_pass_restarts(
 
 
 def between_grid_points(first_estimate: SinglePass) -> float:
-    """Vertex of the parabola through the largest log-likelihood of the bank and its neighbours,
-    s.
+    """Return the delay (s) at the vertex of a parabola through the largest log-likelihoods.
+
+    The parabola goes through the most likely filter of the bank and its two neighbours.
     """
     L, best = first_estimate.bank.log_likelihood, int(np.argmax(first_estimate.bank.log_likelihood))
     near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
@@ -421,25 +431,22 @@ def _best(name: str, first_estimate: SinglePass) -> LoopMethodResult:
     return _of_bank(name, first_estimate, int(np.argmax(first_estimate.bank.log_likelihood)))
 
 
-def _at_fixed_delay(name: str, ways: MethodInputs) -> LoopMethodResult:
-    delay = ways.refined.refined
-    bank = run_bank(ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([delay])})
-    return _of_bank(name, replace(ways.single_pass, bank=bank, delays=np.array([delay])), 0)
+def _at_fixed_delay(name: str, inputs: MethodInputs) -> LoopMethodResult:
+    delays = np.array([inputs.refined.refined])
+    bank = run_bank(inputs.paper.record, inputs.paper.system, fixed_values={"delay": delays})
+    return _of_bank(name, replace(inputs.single_pass, bank=bank, delays=delays), 0)
 
 
-def _relinearised(name: str, ways: MethodInputs) -> LoopMethodResult:
+def _relinearised(name: str, inputs: MethodInputs) -> LoopMethodResult:
+    delays = np.array([inputs.single_pass.delay])
     bank, _ = run_iterated_bank(
-        ways.paper.record,
-        ways.paper.system,
-        fixed_values={"delay": np.array([ways.single_pass.delay])},
+        inputs.paper.record, inputs.paper.system, fixed_values={"delay": delays}
     )
-    return _of_bank(
-        name, replace(ways.single_pass, bank=bank, delays=np.array([ways.single_pass.delay])), 0
-    )
+    return _of_bank(name, replace(inputs.single_pass, bank=bank, delays=delays), 0)
 
 
-def _set_up(ways: MethodInputs, **changes: Any) -> SetUp:
-    return ways.again(replace(ways.estimation, **changes))
+def _set_up(inputs: MethodInputs, **changes: Any) -> SetUp:
+    return inputs.set_up(replace(inputs.estimation, **changes))
 
 
 def _refined(name: str, setting: SetUp) -> LoopMethodResult:
@@ -447,7 +454,7 @@ def _refined(name: str, setting: SetUp) -> LoopMethodResult:
 
 
 def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
-    """Return a refined bank's result in the same form."""
+    """Return the result of a refined bank as that of a method."""
     estimate = bank.estimate
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     return LoopMethodResult(
@@ -456,18 +463,20 @@ def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
 
 
 _RUN: Mapping[str, Callable[[str, MethodInputs], LoopMethodResult]] = {
-    "paper": lambda name, ways: _best(name, ways.single_pass),
-    "paper-other": lambda name, ways: _of_bank(
-        name, ways.single_pass, other_side(ways.single_pass, ways.refined.refined)
+    "paper": lambda name, inputs: _best(name, inputs.single_pass),
+    "paper-other": lambda name, inputs: _of_bank(
+        name, inputs.single_pass, other_side(inputs.single_pass, inputs.refined.refined)
     ),
-    "paper-density": lambda name, ways: _best(
-        name, single_pass(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
+    "paper-density": lambda name, inputs: _best(
+        name, single_pass(_set_up(inputs, prior="printed", process_noise=printed_density("flight")))
     ),
-    "plain-quarter": lambda name, ways: _best(name, single_pass(_set_up(ways, prior="quarter"))),
+    "plain-quarter": lambda name, inputs: _best(
+        name, single_pass(_set_up(inputs, prior="quarter"))
+    ),
     "held": _at_fixed_delay,
     "relinearised": _relinearised,
-    "refined-printed": lambda name, ways: _refined(name, _set_up(ways, prior="printed")),
-    "refined-quarter": lambda name, ways: _refined(name, _set_up(ways, prior="quarter")),
+    "refined-printed": lambda name, inputs: _refined(name, _set_up(inputs, prior="printed")),
+    "refined-quarter": lambda name, inputs: _refined(name, _set_up(inputs, prior="quarter")),
 }
 
 
@@ -488,8 +497,9 @@ class VariantResult:
 def run_variant(
     scenario: LoopScenario, variant: Variant, seed: int, start: Mapping[str, float]
 ) -> VariantResult:
-    """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant
-    declares none.
+    """Simulate a variant with a seed and estimate it.
+
+    ``start``: starting values of the scenario, for a variant without its own.
     """
     simulated_flight = fly_loop(variant.flight, seed)
     setting = set_up(variant.estimation, simulated_flight, variant.estimation.start or start)
@@ -508,14 +518,14 @@ def run_variant(
 
 @dataclass(frozen=True, eq=False)
 class OverSeeds:
-    """The paper's bank on flights that differ in their noise alone.
+    """Results of the paper's bank on k flights that differ only in their noise.
 
     Attributes
     ----------
-    seeds : ``(k,)``.
-    delays : the most likely delay of each, s.
-    names : of the parameters.
-    values : ``(k, n)`` parameters of the filter at that delay.
+    seeds : seeds of the flights.
+    delays : most likely delay of each flight, s, ``(k,)``.
+    names : names of the n parameters.
+    values : parameters of the filter with the most likely delay, ``(k, n)``.
     """
 
     seeds: tuple[int, ...]
@@ -524,34 +534,35 @@ class OverSeeds:
     values: np.ndarray
 
     def by_delay(self) -> list[tuple[float, np.ndarray]]:
-        """Each delay that was chosen, with the rows ``(j, n)`` of the flights that chose it; the
-        most frequent first.
+        """Return each most likely delay with the parameters ``(j, n)`` of its flights.
+
+        The most frequent delay comes first.
         """
-        chosen = [
+        by_delay = [
             (float(delay), self.values[self.delays == delay]) for delay in np.unique(self.delays)
         ]
-        return sorted(chosen, key=lambda each: -len(each[1]))
+        return sorted(by_delay, key=lambda pair: -len(pair[1]))
 
 
 def run_over_seeds(
     scenario: LoopScenario, start: Mapping[str, float], prior: str
 ) -> OverSeeds | None:
-    """Return the paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0.
-    None if no seeds are requested.
+    """Return the results of the paper's bank on flights with the seeds 1 to ``scenario.seeds``.
+
+    None if no seeds are requested. ``prior``: rule for P0.
     """
     if not scenario.seeds:
         return None
     seeds = tuple(range(1, scenario.seeds + 1))
-    estimate = [
+    results = [
         single_pass(
             set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior)
         )
         for seed in seeds
     ]
-    delays = np.array([round(each.delay, 6) for each in estimate])
     return OverSeeds(
         seeds,
-        delays,
-        estimate[0].estimate.names,
-        np.array([each.estimate.values for each in estimate]),
+        np.array([round(result.delay, 6) for result in results]),
+        results[0].estimate.names,
+        np.array([result.estimate.values for result in results]),
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
-from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.document import (
@@ -29,17 +29,23 @@ from scenarios.report.folder import first_figure, write_page
 from scenarios.report.quantities import as_text, number_text
 from scenarios.report.summary import HERE, residual_phrase
 from scenarios.report.terminal import tests_table
-from scenarios.studies.comparison import HEADING, SEE_PAPERS, bank_line, choice_lines
+from scenarios.studies.comparison import (
+    HEADING,
+    SEE_PAPERS,
+    bank_line,
+    choice_lines,
+    columns_csv,
+    history_csv,
+)
 from scenarios.x29.content import loop_comparison
-from scenarios.x29.declaration import printed_column
+from scenarios.x29.declaration import OUTPUTS, printed_column, telemetry_noise
+from scenarios.x29.estimating import start_of
 from scenarios.x29.findings import sentences
-from scenarios.x29.loop import OUTPUTS
 from scenarios.x29.open_margins import OPEN, OpenMargins
 from scenarios.x29.printing import BLOCKS, WORDS, print_loop
 from scenarios.x29.study import LoopResult, LoopStudy
 from sim.closed_loop.airframe import X29
 from sim.declaration.effect import Parameter
-from sim.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,9 +63,8 @@ def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
     tables = {title: section(title, *blocks(study)) for title, blocks in BLOCKS.items()}
     qualities = "; ".join(
-        f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)} {q.unit}".rstrip(  # noqa: E501
-            " 1"
-        )
+        f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)}"
+        f"{'' if q.unit == '1' else f' {q.unit}'}"
         for q in study.result.qualities
     )
     white = all(test.passed for test in study.tests)
@@ -87,9 +92,9 @@ def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
                 Prose(as_sentence(SEE_PAPERS)) if scenario.published else None,
             ),
             *section("Further figures", *others),
-            *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
+            *(part for title, parts in tables.items() if title != "Estimate" for part in parts),
             *section("Residuals", tests_table("Residual tests", study.tests)),
-            *_made(study, window, choices),
+            *_provenance(study, window, choices),
         ),
         reproduction=reproduction(
             ("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}."
@@ -98,7 +103,7 @@ def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
     )
 
 
-def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
+def _provenance(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
     origin = Prose(
         f"Flight and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
@@ -122,7 +127,7 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 
 
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
-    """Return the figures of a study: stem of each file and function that draws it."""
+    """Yield the figures of a study: stem of the file and function that draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
     from scenarios.plots.low_order import figure_side_by_side, figure_states
     from scenarios.plots.signals import figure_fit, figure_record, units_of
@@ -135,11 +140,9 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
         "record",
         partial(figure_record, result.simulated.record, f"{title}\nrecord", SIMULATED_DATA),
     )
-    noise = (
-        dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True))
-        if study.scenario.flight.noise
-        else None
-    )
+    noise = None
+    if study.scenario.flight.noise:
+        noise = dict(zip(OUTPUTS, estimate.noise_std.tolist(), strict=True))
     simulated = [_response("low-order equivalent, free simulation", study.simulated)]
     yield (
         "fit",
@@ -189,10 +192,7 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     units = units_of(record, names)
     yield "innovations", partial(figure_innovations, history, names, units, title)
     system = result.setting.system
-    items = [
-        system.initial[n] if n in system.state_names else system.parameters[n]
-        for n in history.names
-    ]
+    items = [start_of(system, name) for name in history.names]
     moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
     states, state_units = [item.name for item in moving], [item.unit for item in moving]
     heading = f"{title}\nstates of the filter"
@@ -254,15 +254,14 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
             ),
         )
     elif study.variants:
-        stretch = study.scenario.stretch is not None
-        words = (
-            "rms of q in the stretch over σ (–)"
-            if stretch
-            else "lag-1 correlation of pitch-rate innovations (–)"
-        )
-        result = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
-        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in result]
-        yield "variants", partial(figure_peaks, rows, words, title)
+        misfits = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
+        if study.scenario.stretch is not None:
+            axis_label = "rms of q in the stretch over σ (–)"
+            rows = [(label, misfit.stretch) for label, misfit in misfits]
+        else:
+            axis_label = "lag-1 correlation of pitch-rate innovations (–)"
+            rows = [(label, misfit.lag_one) for label, misfit in misfits]
+        yield "variants", partial(figure_peaks, rows, axis_label, title)
 
 
 def _parameter_histories(
@@ -283,14 +282,12 @@ def _parameter_histories(
 
 def _printed(study: LoopStudy) -> list[dict[str, float]]:
     """Return published values of the other and of this scenario; empty if there are none."""
-    scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
-    columns = [
-        scenario.published[0] if scenario is not None and scenario.published else ""
-        for scenario in scenarios
-    ]
+    columns = (
+        study.other.scenario.column if study.other is not None else "",
+        study.scenario.column,
+    )
     return [
-        {name: cell.value for name, cell in printed_column(each).items()} if each else {}
-        for each in columns
+        {name: cell.value for name, cell in printed_column(column).items()} for column in columns
     ]
 
 
@@ -299,13 +296,13 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
     from scenarios.plots.low_order import figure_open_margins
 
     clouds = [
-        (each.name, each.simulation[each.plausible], each.flight[each.plausible])
-        for each in found.designs
+        (design.name, design.simulation[design.plausible], design.flight[design.plausible])
+        for design in found.designs
     ]
-    (own, mine), (against, theirs), *beside = study.margins.items()
+    first, (other_name, other), *further = study.margins.items()
     declared = [
-        (f"{name} and {against}, declared", theirs.phase, each.phase)
-        for name, each in ((own, mine), *beside)
+        (f"{name} and {other_name}, declared", other.phase, margins.phase)
+        for name, margins in (first, *further)
     ]
     effects = [
         (item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects
@@ -317,7 +314,7 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
 def _response(label: str, outputs: np.ndarray) -> MethodOutputs:
     from scenarios.plots.signals import MethodOutputs
 
-    return MethodOutputs(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
+    return MethodOutputs(label, dict(zip(OUTPUTS, outputs, strict=True)))
 
 
 def _bars(result: LoopResult) -> dict[str, Bar]:
@@ -342,7 +339,7 @@ MAIN = "comparison.json"
 
 
 def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a study into ``folder``, completely or not at all; return the folder.
+    """Write a study into ``folder``, all files or none; return the folder.
 
     Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (the text
     of the terminal), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
@@ -353,8 +350,11 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
         write_record(scratch, study.result.simulated.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
-        _write_history(scratch / "history.csv", study)
-        _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
+        estimate = study.result.estimate
+        assert estimate.history is not None
+        text = history_csv(estimate.history, estimate.output_names)
+        write_text(scratch / "history.csv", text)
+        write_text(scratch / "simulation.csv", _simulation_csv(study))
         figure_files = draw_into(scratch, loop_figures(study), figures)
         write_page(scratch, loop_page(study, figure_files))
         write_json(scratch / MAIN, loop_comparison(study))
@@ -362,12 +362,13 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
 
 
 def truth_content(study: LoopStudy) -> dict[str, Any]:
-    """Return the true flight: airframe, stick, noise. No parameter of the low-order model is true
-    for a loop of higher order.
+    """Return the true flight: airframe, stick, noise.
+
+    It has no true parameters, since the loop is of higher order than the model.
     """
     simulated, flight = study.result.simulated, study.scenario.flight
     x29: X29 = simulated.x29
-    a, stick, t = x29.airframe, x29.stick, x29.telemetry
+    a, stick = x29.airframe, x29.stick
     content: dict[str, Any] = {
         "schema": "flightid/truth/1",
         "parameters": {},
@@ -385,9 +386,7 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
             "gain": stick.gain,
             "curvature": stick.curvature,
         },
-        "noise_std": {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
-        if flight.noise
-        else {"alpha": 0.0, "q": 0.0, "nz": 0.0},
+        "noise_std": telemetry_noise(x29) if flight.noise else dict.fromkeys(OUTPUTS, 0.0),
         "effects": [],
         "distance": study.scenario.distance,
     }
@@ -403,24 +402,10 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
     return content
 
 
-def _write_history(path: Path, study: LoopStudy) -> None:
-    history, outputs = study.result.estimate.history, study.result.estimate.output_names
-    assert history is not None
-    columns: dict[str, np.ndarray] = {"time": history.time}
-    for name, mean, std in zip(history.names, history.mean, history.std, strict=True):
-        columns |= {name: mean, f"std_{name}": std}
-    for name, value, std in zip(outputs, history.innovation, history.innovation_std, strict=True):
-        columns |= {f"innovation_{name}": value, f"std_innovation_{name}": std}
-    _write_columns(path, columns)
-
-
-def _write_simulation(path: Path, record: Record, simulated: np.ndarray) -> None:
+def _simulation_csv(study: LoopStudy) -> str:
+    """Return measured and simulated outputs in the window as CSV."""
+    record = study.result.setting.record
     columns: dict[str, np.ndarray] = {"time": record.time}
-    for name, row in zip(("alpha", "q", "nz"), simulated, strict=True):
-        columns |= {name: record[name].values, f"simulated_{name}": row}
-    _write_columns(path, columns)
-
-
-def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
-    rows = np.array(list(columns.values())).T.tolist()
-    write_text(path, csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows)))
+    for name, simulated in zip(OUTPUTS, study.simulated, strict=True):
+        columns |= {name: record[name].values, f"simulated_{name}": simulated}
+    return columns_csv(columns)

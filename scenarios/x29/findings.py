@@ -5,7 +5,7 @@ identifiable.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from scenarios.x29.declaration import (
     printed_density,
     printed_noise,
     printed_start,
+    short_period,
 )
 from scenarios.x29.estimating import LoopMethodResult, between_grid_points, of_refined
 from scenarios.x29.loop import FLIGHTS, has_equivalent, linear_sentence, targets
@@ -28,9 +29,9 @@ from sim.closed_loop.airframe import load_x29
 
 # ---- Conclusions from the numbers of NASA TM-101722
 
-# what starts far enough from zero for the paper's rule
+# Parameters whose start is far enough from zero for the paper's rule of P0.
 QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
-# what lag, delay and short period trade against each other
+# Parameters of lag and short period, which trade off against the delay.
 COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")
 MISSED_SIGMAS = 3.0  # combined sigmas from the printed value that count as missed
 SHORT_PERIOD = ("L_alpha", "M_alpha", "L_q", "M_q")
@@ -39,12 +40,14 @@ RULE_HOLDS = 0.05  # share of a sigma, more than the rounding of three digits
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
-    """Return all findings on a study, in the order of its tables."""
-    column = study.scenario.published[0] if study.scenario.published else ""
+    """Return all findings on the paper, in the order of its tables."""
+    column = study.scenario.column
     out: list[str] = []
     if study.scenario.methods and has_table(column):
-        out += [prior_sentence(), noise_sentence(column), density_sentence(study)]
         out += [
+            prior_sentence(),
+            noise_sentence(column),
+            density_sentence(study),
             *_shift(study, column),
             *_delay(study, column),
             *_damping(column),
@@ -54,7 +57,7 @@ def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def prior_sentence() -> str:
-    """Return whether the printed P0 follows the printed rule."""
+    """Return a sentence on how the printed P0 differs from the printed rule."""
     start, texts, others = printed_start("simulation"), [], []
     for name in QUARTERED:
         cell = start[name]
@@ -71,7 +74,7 @@ def prior_sentence() -> str:
 
 
 def noise_sentence(column: str) -> str:
-    """Return the units of the printed R, and by how much the simulation's is smaller."""
+    """Return a sentence on the units of the printed R, and on the smaller R of the simulation."""
     flight, start = printed_noise("flight"), printed_start("flight")
     simulation = printed_noise("simulation")
     P0 = {name: (start[name].std or 0.0) ** 2 for name in ("alpha", "q")}
@@ -95,7 +98,7 @@ def noise_sentence(column: str) -> str:
 
 
 def density_sentence(study: LoopStudy) -> str:
-    """Possible meaning of the printed process noise."""
+    """Return a sentence on the possible meaning of the printed process noise."""
     q = printed_density("flight")["q"]
     out = (
         f"the printed Q of q, {q:.1e}, times the sampling interval, {q / 40.0:.3g} (rad/s2)^2 s, "
@@ -105,7 +108,7 @@ def density_sentence(study: LoopStudy) -> str:
     paper = next((m for m in study.methods if m.name == "paper"), None)
     if density is None or paper is None:
         return out
-    printed = printed_column(study.scenario.published[0])["M_q"].std
+    printed = printed_column(study.scenario.column)["M_q"].std
     return (
         f"{out}: sigma of M_q {paper.std['M_q']:.2f}, printed {printed:.2f}; as a density itself "
         f"it would make {density.std['M_q']:.2f} of it"
@@ -129,7 +132,7 @@ def _shift(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _delay(study: LoopStudy, column: str) -> Iterator[str]:
-    """Possible origin of the paper's range of delays."""
+    """Yield the sentence on the possible origin of the paper's range of delays."""
     printed_delay = printed_checks(column).get("delay")
     if printed_delay is None:
         return
@@ -138,14 +141,12 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
     lag, half = 1.0 / cell.value, 2.0 * cell.std / cell.value**2
     pure = min(DELAYS, key=lambda d: abs(d + lag - 0.5 * (printed_delay.low + printed_delay.high)))
     gaps, step = np.sort(first.bank.log_likelihood)[::-1], DELAYS[1] - DELAYS[0]
-    below = [
-        max(d for d in DELAYS if d <= each) for each in (printed_delay.low, printed_delay.high)
+    # Weight of the upper of two grid points whose weighted mean is an end of the printed range.
+    weights = [
+        (end - max(d for d in DELAYS if d <= end)) / step
+        for end in (printed_delay.low, printed_delay.high)
     ]
-    share = [
-        (each - d) / step
-        for each, d in zip((printed_delay.low, printed_delay.high), below, strict=True)
-    ]
-    needed = max(abs(math.log(each / (1.0 - each))) for each in share)
+    needed = max(abs(math.log(weight / (1.0 - weight))) for weight in weights)
     low, high = pure + lag - half, pure + lag + half
     miss = max(abs(low - printed_delay.low), abs(high - printed_delay.high))
     total = first.delay + 1.0 / first.estimate.value("inv_tau")
@@ -167,18 +168,19 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _damping(column: str) -> Iterator[str]:
-    """Possible origin of the paper's range of damping ratios."""
+    """Yield the sentence on the possible origin of the paper's range of damping ratios."""
     printed, cells = printed_checks(column).get("damping_ratio"), printed_column(column)
     if printed is None:
         return
     values = {name: cells[name].value for name in SHORT_PERIOD}
-    middle, squares = damping_of(values), 0.0
+    _, middle = short_period(values)
+    squares = 0.0
     for name in SHORT_PERIOD:
         std = cells[name].std or 0.0
-        squares += (damping_of({**values, name: values[name] + std}) - middle) ** 2
+        squares += (short_period({**values, name: values[name] + std})[1] - middle) ** 2
     half = 2.0 * math.sqrt(squares)
     others = {
-        name: damping_of({key: printed_column(name)[key].value for key in SHORT_PERIOD})
+        name: short_period({key: printed_column(name)[key].value for key in SHORT_PERIOD})[1]
         for name in ("time_shift", "convergence")
     }
     yield (
@@ -189,20 +191,11 @@ def _damping(column: str) -> Iterator[str]:
     )
 
 
-def damping_of(values: Mapping[str, float]) -> float:
-    """Return the damping ratio of a short period that oscillates."""
-    stiffness = values["L_alpha"] * values["M_q"] - values["L_q"] * values["M_alpha"]
-    return -(values["L_alpha"] + values["M_q"]) / (2.0 * math.sqrt(stiffness))
-
-
 def off(method: LoopMethodResult, column: str) -> float:
-    """Root mean square of the differences from a printed column over ``COMPARED``, as a share."""
+    """Return the rms of the relative differences from a printed column, over ``COMPARED``."""
     printed = printed_column(column)
-    return float(
-        np.sqrt(
-            np.mean([(method.values[name] / printed[name].value - 1.0) ** 2 for name in COMPARED])
-        )
-    )
+    shares = [method.values[name] / printed[name].value - 1.0 for name in COMPARED]
+    return float(np.sqrt(np.mean(np.square(shares))))
 
 
 def own_method(study: LoopStudy) -> LoopMethodResult:
@@ -216,11 +209,9 @@ def own_method(study: LoopStudy) -> LoopMethodResult:
 
 
 def _methods(study: LoopStudy, column: str) -> Iterator[str]:
-    """Yield the difference of the paper's procedure from its own table here, and the effect of each
-    refinement.
-    """
-    result = {m.name: m for m in (*study.methods, own_method(study))}
-    paper, printed = result.get("paper"), printed_column(column)
+    """Yield sentences on the paper's procedure against its own table, and on each refinement."""
+    methods = {m.name: m for m in (*study.methods, own_method(study))}
+    paper, printed = methods.get("paper"), printed_column(column)
     if paper is None:
         return
     table = {"simulation": "Table 1", "flight": "Table 2"}[column]
@@ -244,23 +235,22 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
         f"at {1e3 * paper.delay:.0f} ms: {text}"
     )
     ranked = sorted(
-        (m for m in result.values() if m.name != "paper-density"), key=lambda m: off(m, column)
+        (m for m in methods.values() if m.name != "paper-density"), key=lambda m: off(m, column)
     )
     yield f"root mean square of these four against {table}: " + "; ".join(
         f"{m.label} {100.0 * off(m, column):.0f} %" for m in ranked
     )
-    if {"held", "relinearised", "paper-other"} <= result.keys():
-        yield _reason(result, study)
+    if {"held", "relinearised", "paper-other"} <= methods.keys():
+        yield _reason(methods, study)
 
 
 def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
-    """Return the effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
+    """Return a sentence on the effects of grid, linearisation and P0 on 1/tau and M_alpha."""
     first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
-        return ", ".join(
-            f"{each} {methods[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha")
-        )
+        values = methods[name].values
+        return f"inv_tau {values['inv_tau']:.3g}, M_alpha {values['M_alpha']:.3g}"
 
     off_by = 1e3 * (first.delay - refined)
     steps = [
@@ -284,23 +274,21 @@ def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
-    """Return sentences on the direction in which repeated passes move, for each fixed delay."""
+    """Yield sentences on the direction in which repeated passes move, for each fixed delay."""
     if not study.restarts:
         return
     before, after = printed_column("flight"), printed_column("convergence")
     names, refined = ("M_q", "inv_tau", "M_alpha"), study.first.refined
     paper = ", ".join(f"{name} {before[name].value:g} to {after[name].value:g}" for name in names)
-    ways: dict[float, list[bool]] = {}
-    for result in study.restarts.values():
-        for k, delay in enumerate(result.delays):
-            ways.setdefault(delay, []).append(
-                all(
-                    _same_direction(
-                        result.values[name][[0, -1], k], before[name].value, after[name].value
-                    )
-                    for name in names
-                )
+    # Whether all parameters move as in the paper: by delay, for each kind of restart.
+    as_paper: dict[float, list[bool]] = {}
+    for restarts in study.restarts.values():
+        for k, delay in enumerate(restarts.delays):
+            moves_as_paper = all(
+                (values[-1, k] - values[0, k]) * (after[name].value - before[name].value) > 0.0
+                for name, values in ((name, restarts.values[name]) for name in names)
             )
+            as_paper.setdefault(delay, []).append(moves_as_paper)
     first = next(iter(study.restarts.values()))
     texts = []
     for k, delay in enumerate(first.delays):
@@ -310,35 +298,30 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
         )
         texts.append(
             f"held at {delay:.4f} s {moves} "
-            f"({'as the paper' if ways[delay][0] else 'the other way'})"
+            f"({'as the paper' if as_paper[delay][0] else 'the other way'})"
         )
     times = len(first.values["M_q"]) - 1
     yield (
         f"the paper's restarts go {paper}. Plain filters with the printed R and P0, started again "
         f"{times} times: {'; '.join(texts)}"
     )
-    grid = {delay: result for delay, result in ways.items() if delay != refined}
-    alike = all(len(set(result)) == 1 for result in grid.values())
+    grid = {delay: moves for delay, moves in as_paper.items() if delay != refined}
+    alike = all(len(set(moves)) == 1 for moves in grid.values())
     cause = (
         "another P0 or another R turns neither grid point's direction"
         if alike
         else "P0 or R turns the direction at a grid point"
     )
-    if all(result[0] == (delay > refined) for delay, result in grid.items()):
+    if all(moves[0] == (delay > refined) for delay, moves in grid.items()):
         cause += (
             f". The record's delay is {refined:.4f} s: held longer, the lag grows shorter from "
             "pass to pass, held shorter it grows longer, and M_q and M_alpha follow. The direction "
             "is that of the grid point which the bank has taken; the paper's is that of a delay "
             "longer than its aircraft's"
         )
-    taken = (
-        "as the paper's" if ways[study.single_pass.delay][0] else "the other way than the paper's"
-    )
-    yield f"{cause}; the bank here takes {study.single_pass.delay:.3f} s and goes {taken}"
-
-
-def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
-    return bool((pair[1] - pair[0]) * (after - before) > 0)
+    delay = study.single_pass.delay
+    direction = "as the paper's" if as_paper[delay][0] else "the other way than the paper's"
+    yield f"{cause}; the bank here takes {delay:.3f} s and goes {direction}"
 
 
 # ---- Sentences on a study of the closed loop
@@ -349,8 +332,9 @@ DISAGREEING_FREQUENCY_SHARE = 0.1
 
 @dataclass(frozen=True)
 class BiasRow:
-    """An estimate that differs from the loop's low-order equivalent (with the true L_q) by more
-    than its sigma.
+    """An estimate that differs significantly from the loop's low-order equivalent.
+
+    The equivalent has the true L_q.
     """
 
     name: str
@@ -380,8 +364,9 @@ def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
 
 
 def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
-    """Return the parameters smaller than two of their sigmas, or L_delta, whatever its size, each
-    with its strongest correlation.
+    """Return the parameters that are not identifiable, each with its largest correlation.
+
+    They are those smaller than two of their sigmas, and always L_delta.
     """
     out = []
     for i, name in enumerate(estimate.names):
@@ -399,13 +384,13 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 def sentences(study: LoopStudy) -> tuple[str, ...]:
     """Return the findings beyond the tables, each sentence with the study's own numbers."""
     bank, out = study.result.bank, []
-    sure = (
+    sigma = (
         f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
     )
     out.append(
         f"delay: most likely of the bank {bank.most_likely:.3f} s, likelihood-weighted sum "
         f"{bank.weighted_mean:.4f} s, "
-        f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds "
+        f"refined between the grid points {bank.refined:.4f}{sigma} s; one delay holds "
         f"{100 * float(bank.weights.max()):.1f} % of the weight"
     )
     rows = bias_rows(study) if study.result.simulated.truth is not None else ()
@@ -414,10 +399,10 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)"
             for r in rows
         )
-        held = f"the loop's own equivalent with the flown L_q, {study.check.flown.L_q:g}"
+        equivalent = f"the loop's own equivalent with the flown L_q, {study.check.flown.L_q:g}"
         out.append(
-            f"bias of a model of low order against {held}, beyond two sigmas of white innovations: "
-            f"{listed or 'none'}"
+            f"bias of a model of low order against {equivalent}, beyond two sigmas of white "
+            f"innovations: {listed or 'none'}"
         )
     contradicted_parameters = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
     if contradicted_parameters:
@@ -467,22 +452,22 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def _margins(study: LoopStudy) -> list[str]:
-    """Margins of the two loops and of a third, and the effects of unpublished values on them."""
+    """Return sentences on the margins of the loops, and the effects of unpublished values."""
     if len(study.margins) < 2:
         return []
-    (own, mine), (against, theirs), *beside = study.margins.items()
+    (name, margins), (other_name, other), *further = study.margins.items()
     texts = [
-        f"{name} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg"
-        for name, each in study.margins.items()
+        f"{airframe} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg"
+        for airframe, each in study.margins.items()
     ]
-    word = "larger" if mine.phase > theirs.phase else "smaller"
+    word = "larger" if margins.phase > other.phase else "smaller"
     out = (
         f"margins of the loop broken at the command: {', '.join(texts)}; the phase margin of "
-        f"{own} is {word} than that of {against}"
+        f"{name} is {word} than that of {other_name}"
     )
-    for name, each in beside:
-        larger = "larger" if each.phase > theirs.phase else "smaller"
-        column = study.scenario.published[0] if study.scenario.published else ""
+    column = study.scenario.column
+    for name, margins in further:
+        larger = "larger" if margins.phase > other.phase else "smaller"
         same = column in FLIGHTS and has_equivalent(load_x29(name), targets(column))
         out += (
             ", that of "

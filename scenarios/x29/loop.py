@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.x29.declaration import NO_LIMIT, printed_column
+from scenarios.x29.declaration import NO_LIMIT, OUTPUTS, printed_column
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, respond
@@ -23,8 +23,7 @@ from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed
 
 # ---- The nonlinear loop against the linear one
 
-OUTPUTS = ("alpha", "q", "nz")
-# in, the largest of each scaled stick; the last asks for some 6 g
+# in, the largest deflection of each scaled stick; the last asks for some 6 g
 STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 RESPONSE_TOLERANCE = 1e-9  # relative error between two forms of the same loop
 Change = Callable[[X29], X29]
@@ -64,22 +63,21 @@ class LinearCheck:
 
 
 def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
-    """Hold a flight of ``x29`` against the linear response to the stick that flew. The stick must
-    move the aircraft.
+    """Compare a flight of ``x29`` with the linear response to the same stick.
+
+    The stick must move the aircraft.
     """
     stick = truth.stick
     linear = respond(x29, stick)[1][:3]
     largest = float(np.abs(stick).max())
     limited = (truth.command_limited | truth.rate_limited | truth.stopped).any(axis=0)
 
-    def of_q(change: Change, size: float = 1.0) -> float:
-        duration = float(truth.time[-1])
-        _, simulated = fly_closed_loop(change(x29), size * stick, duration)
-        return (
-            _share(_motion(simulated)[1], size * linear[1])
-            if simulated.outcome is FlightOutcome.COMPLETED
-            else float("nan")
-        )
+    def q_misfit(change: Change, size: float = 1.0) -> float:
+        """Return the misfit of q for a changed aircraft and a stick scaled by ``size``."""
+        _, simulated = fly_closed_loop(change(x29), size * stick, float(truth.time[-1]))
+        if simulated.outcome is not FlightOutcome.COMPLETED:
+            return float("nan")
+        return _relative_misfit(_motion(simulated)[1], size * linear[1])
 
     simulated = _motion(truth)
     return LinearCheck(
@@ -87,22 +85,23 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
         simulated,
         linear,
         {
-            name: _share(one, other)
-            for name, one, other in zip(OUTPUTS, simulated, linear, strict=True)
+            name: _relative_misfit(flown, expected)
+            for name, flown, expected in zip(OUTPUTS, simulated, linear, strict=True)
         },
         {
-            "the break-out": of_q(lambda x: _straight(_unlimited(x))),
-            "the gearing": of_q(lambda x: _without_break_out(_unlimited(x))),
-            "the limits": of_q(lambda x: _straight(_without_break_out(x))),
-            "none of these": of_q(lambda x: _straight(_without_break_out(_unlimited(x)))),
+            "the break-out": q_misfit(lambda x: _straight(_unlimited(x))),
+            "the gearing": q_misfit(lambda x: _without_break_out(_unlimited(x))),
+            "the limits": q_misfit(lambda x: _straight(_without_break_out(x))),
+            "none of these": q_misfit(lambda x: _straight(_without_break_out(_unlimited(x)))),
         },
         largest,
         STICKS,
         {
-            "as flown": tuple(of_q(lambda x: x, size / largest) for size in STICKS),
-            "no break-out": tuple(of_q(_without_break_out, size / largest) for size in STICKS),
+            "as flown": tuple(q_misfit(lambda x: x, size / largest) for size in STICKS),
+            "no break-out": tuple(q_misfit(_without_break_out, size / largest) for size in STICKS),
             "limits alone": tuple(
-                of_q(lambda x: _straight(_without_break_out(x)), size / largest) for size in STICKS
+                q_misfit(lambda x: _straight(_without_break_out(x)), size / largest)
+                for size in STICKS
             ),
         },
         float(limited.mean()),
@@ -110,7 +109,7 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
 
 
 def linear_content(check: LinearCheck) -> dict[str, object]:
-    """The check for ``comparison.json``; a size at which the aircraft departs is left out."""
+    """Return the check for ``comparison.json``, without sizes at which the aircraft departs."""
     curves = {
         label: [
             {"stick": size, "misfit": value}
@@ -150,20 +149,15 @@ def _motion(truth: ClosedLoopTruth) -> np.ndarray:
     return np.stack([truth.alpha, truth.q, truth.nz - 1.0])
 
 
-def _share(simulated: np.ndarray, linear: np.ndarray) -> float:
+def _relative_misfit(simulated: np.ndarray, linear: np.ndarray) -> float:
     return float(np.linalg.norm(simulated - linear) / np.linalg.norm(linear))
 
 
 def _percent(share: float) -> str:
     if not np.isfinite(share):
         return "unknown (it departs)"
-    return (
-        f"{100.0 * share:.0e} %"
-        if share < RESPONSE_TOLERANCE
-        else f"{100.0 * share:.2g} %"
-        if share < 0.99
-        else f"{100.0 * share:.0f} %"
-    )
+    form = ".0e" if share < RESPONSE_TOLERANCE else ".2g" if share < 0.99 else ".0f"
+    return f"{100.0 * share:{form}} %"
 
 
 def _without_break_out(x29: X29) -> X29:
@@ -189,7 +183,7 @@ CHI_SQUARE_95 = 11.07
 FLIGHTS = ("flight", "time_shift", "convergence")  # the paper's three estimates of one flight
 MATCHED_OMEGA = np.geomspace(0.35, 14.0, 40)  # rad/s, as ``equivalent_system``
 MARGIN_OMEGA = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
-# 1/s, 1/s2, 1, s
+# Bounds and sizes of the unknowns of ``changed``: 1/s, 1/s2, 1, s
 _LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
 _SIZE = np.array([0.1, 3.0, 0.1, 0.01])
 _LEAST_GAIN = 0.01  # smallest gain of the sum of squares that continues the search
@@ -252,13 +246,13 @@ def targets(column: str) -> dict[str, PrintedTarget]:
 
 def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
     """Return the search's start for an aircraft as declared: slopes by small steps."""
-    result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
+    parameters = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
-    return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
+    return Beginning(parameters, _slopes(x29, x29.frame, wanted, parameters, near), near)
 
 
 def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29) -> Beginning:
-    """Start of a search for a near loop, at a matched one."""
+    """Return the start of a search for a loop similar to a matched one."""
     return Beginning(
         matched.parameters,
         _slopes(x29, matched.delay, wanted, matched.parameters, matched.equivalent),
@@ -275,7 +269,7 @@ def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Be
 
     p, J = begin.parameters, begin.slopes
     near = equivalent_of(changed(x29, p), delay, begin.equivalent)
-    r, anew = _deviations(near, wanted), False
+    r, is_fresh = _deviations(near, wanted), False
     for _ in range(_MOST_STEPS):
         step = _SIZE * lsq_linear(J * _SIZE, -r, ((_LOW - p) / _SIZE, (_HIGH - p) / _SIZE)).x
         for share in (1.0, 0.3):
@@ -289,15 +283,15 @@ def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Be
                 break
         gained = float(r @ r - moved @ moved)
         if better:
-            p, r, near, anew = p + s, moved, there, anew and gained < _LEAST_GAIN
+            p, r, near, is_fresh = p + s, moved, there, is_fresh and gained < _LEAST_GAIN
         if gained < _LEAST_GAIN:
-            if anew:
+            if is_fresh:
                 break
-            J, anew = _slopes(x29, delay, wanted, p, near), True
-    result = changed(x29, p)
-    loop = sampled_loop(result, delay).open_loop
+            J, is_fresh = _slopes(x29, delay, wanted, p, near), True
+    matched = changed(x29, p)
+    loop = sampled_loop(matched, delay).open_loop
     stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
-    return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, MARGIN_OMEGA), stable)
+    return Matched(matched, delay, p, near, float(r @ r), loop_margins(loop, MARGIN_OMEGA), stable)
 
 
 def _slopes(
@@ -308,19 +302,19 @@ def _slopes(
     near: EquivalentSystem,
 ) -> np.ndarray:
     """Return the slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
-    first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
-    each = [
+    first = _deviations(near, wanted)
+    columns = [
         (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
         / step.sum()
-        for step in steps
+        for step in 0.05 * np.diag(_SIZE)
     ]
-    return np.array(each).T
+    return np.array(columns).T
 
 
 def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
-    """Whether the declared aircraft has the wanted equivalent, within the plausible scatter."""
-    result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
-    return float(result @ result) <= CHI_SQUARE_95
+    """Return whether the declared aircraft has the wanted equivalent within its scatter."""
+    deviations = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
+    return float(deviations @ deviations) <= CHI_SQUARE_95
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
@@ -328,7 +322,7 @@ def changed(x29: X29, p: np.ndarray) -> X29:
     time constant of the stick's lag).
     """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
-    canard, flaperon, strake = (factor * each for each in a.M_surface)
+    canard, flaperon, strake = (factor * moment for moment in a.M_surface)
     airframe = replace(a, L_alpha=L_alpha, M_alpha=M_alpha, M_surface=(canard, flaperon, strake))
     return replace(x29, airframe=airframe, stick=replace(x29.stick, lag=1.0 / time))
 

@@ -40,9 +40,20 @@ from scenarios.report.summary import (
 from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
-from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed, units_of
-from scenarios.x29.declaration import has_table, printed_checks, printed_column, printed_correlation
-from scenarios.x29.estimating import LARGE_CORRELATION, LoopMethodResult, Misfit
+from scenarios.x29.content import (
+    correlated_pairs,
+    correlation_content,
+    procedure_and_printed,
+    units_of,
+)
+from scenarios.x29.declaration import (
+    has_table,
+    printed_checks,
+    printed_column,
+    printed_correlation,
+    short_period,
+)
+from scenarios.x29.estimating import LARGE_CORRELATION, LoopMethodResult, Misfit, start_of
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
@@ -51,8 +62,8 @@ SQUARED = "unit²"  # heading of a variance; the row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Blocks of the published tables, all methods and restarts."""
-    column = study.scenario.published[0] if study.scenario.published else ""
+    """Return the blocks of the published tables, all methods and restarts."""
+    column = study.scenario.column
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
@@ -125,56 +136,58 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
 
 
 def _pairs(study: LoopStudy, column: str) -> Table:
-    rows = noted_pairs(study, column)
+    rows = correlated_pairs(study, column)
     return table(
         f"largest correlations of {TITLES[column]}",
         (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
         (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (Column("its method, here", PURE), [formatted(c, "+.3f") for _, _, _, c, _ in rows]),
-        (Column("ours, refined", PURE), [formatted(c, "+.3f") for *_, c in rows]),
+        (Column("its method, here", PURE), [formatted(value, "+.3f") for *_, value, _ in rows]),
+        (Column("ours, refined", PURE), [formatted(value, "+.3f") for *_, value in rows]),
     )
 
 
 def _methods(study: LoopStudy, column: str) -> list[Block]:
-    result: list[LoopMethodResult] = [*study.methods, own_method(study)]
+    methods: list[LoopMethodResult] = [*study.methods, own_method(study)]
     printed, units = printed_column(column), units_of(study)
 
-    def told(name: str, form: str) -> Cell:
-        """A printed number; the paper prints no frequency and no damping ratio of its Table 3."""
+    def published(name: str, form: str) -> Cell:
+        """Return a printed number; Table 3 of the paper has no frequency and damping ratio."""
         return formatted(printed[name].value if name in printed else None, form)
 
     shown = table(
         "methods by name",
-        (Column("method"), [*(m.label for m in result), "published"]),
-        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in result), ""]),
+        (Column("method"), [*(m.label for m in methods), "published"]),
+        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in methods), ""]),
         *(
             (
                 _bare(n, units[n]),
-                [
-                    *(
-                        Number(m.values[n], shown=number_text(m.values[n], m.std[n]))
-                        for m in result
-                    ),
-                    told(n, "g"),
-                ],
+                [_by_sigma(m.values[n], m.std[n]) for m in methods] + [published(n, "g")],
             )
             for n in ("L_alpha", *COMPARED)
         ),
         (
             Column("frequency", "rad/s", printed="rad/s"),
-            [*(formatted(m.frequency, ".2f") for m in result), told("natural_frequency", ".2f")],
+            [
+                *(formatted(m.frequency, ".2f") for m in methods),
+                published("natural_frequency", ".2f"),
+            ],
         ),
         (
             Column("damping", PURE),
-            [*(formatted(m.damping, ".3f") for m in result), told("damping_ratio", ".3f")],
+            [*(formatted(m.damping, ".3f") for m in methods), published("damping_ratio", ".3f")],
         ),
-        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in result), ""]),
+        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in methods), ""]),
     )
     note = (
         f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
         "published ones"
     )
     return [shown, Prose(note, "note")]
+
+
+def _by_sigma(value: float, std: float) -> Cell:
+    """Return a number with digits by its sigma, which is not shown."""
+    return Number(value, shown=number_text(value, std))
 
 
 def _restarts(study: LoopStudy) -> list[Block]:
@@ -269,9 +282,9 @@ def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str 
 
 
 def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
-    """Summary: scenario; outcome and delay; frequency and damping; residuals."""
+    """Return the summary: scenario, outcome, frequency, damping and delay, residuals."""
     estimate, shown = study.result.estimate, ("natural_frequency", "damping_ratio", "delay")
-    result = [
+    phrases = [
         value_phrase(WORDS[q.name], q.value, q.std, q.unit)
         for q in study.result.qualities
         if q.name in shown
@@ -280,7 +293,7 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
         f"{study.scenario.name}: {study.scenario.title}; seed {study.seed}; low-order equivalent "
         "by nine filters, delay refined",
         estimate.outcome.value,
-        "; ".join(result),
+        "; ".join(phrases),
         residual_phrase(study.tests),
         details,
     )
@@ -288,14 +301,13 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
 
 def _estimate(study: LoopStudy) -> list[Block]:
     estimate, loop = study.result.estimate, study.check.loop
-    printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
+    printed = printed_column(study.scenario.column)
     names = [name for name in PARAMETERS if name in estimate.names]
 
     def plain(name: str) -> Cell:
         if name == "delay":
             return formatted(study.single_pass.delay, ".3f")
-        value = study.single_pass.estimate.value(name)
-        return Number(value, shown=number_text(value, estimate.sigma(name)))
+        return _by_sigma(study.single_pass.estimate.value(name), estimate.sigma(name))
 
     def published(name: str) -> Cell:
         if name not in printed:
@@ -324,10 +336,7 @@ def _filter_states(study: LoopStudy) -> list[Block]:
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
     units = units_of(study)
-    items = [
-        system.initial[n] if n in system.state_names else system.parameters[n]
-        for n in history.names
-    ]
+    items = [start_of(system, name) for name in history.names]
 
     def scientific(values: Iterable[float]) -> list[Cell]:
         return [formatted(float(value), ".3e") for value in values]
@@ -359,23 +368,22 @@ def _correlation(study: LoopStudy) -> list[Block]:
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
-    result = []
+    qualities = []
     for q in study.result.qualities:
-        result.append(q)
+        qualities.append(q)
         if is_frequency(q.name, q.unit):
-            result.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
+            qualities.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
-        value = q.value + sigmas * q.std
-        return Number(value, shown=number_text(value, q.std))
+        return _by_sigma(q.value + sigmas * q.std, q.std)
 
     shown = table(
         "flying qualities",
-        (Column("quantity"), [WORDS[q.name] for q in result]),
-        (Column("value", BY_ROW), [at(q, 0.0) for q in result]),
-        (Column("from", BY_ROW), [at(q, -2.0) for q in result]),
-        (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in result]),
-        units=[q.unit for q in result],
+        (Column("quantity"), [WORDS[q.name] for q in qualities]),
+        (Column("value", BY_ROW), [at(q, 0.0) for q in qualities]),
+        (Column("from", BY_ROW), [at(q, -2.0) for q in qualities]),
+        (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in qualities]),
+        units=[q.unit for q in qualities],
     )
     out: list[Block] = [shown]
     for row in study.levels:
@@ -395,8 +403,8 @@ def _level(row: QualityLevel) -> str:
 def _check(study: LoopStudy) -> list[Block]:
     loop, record, result = study.check.loop, study.check.record, study.result
     names = ("natural_frequency", "damping_ratio", "delay")
-    own = {q.name: q for q in result.qualities}
-    printed = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
+    filtered = {q.name: q for q in result.qualities}
+    printed = printed_checks(study.scenario.column)
     further: list[tuple[Column, list[Cell]]] = []
     if printed:
         bands = [
@@ -416,9 +424,7 @@ def _check(study: LoopStudy) -> list[Block]:
         (
             Column("filter", BY_ROW),
             [
-                Number(own[n].value, shown=number_text(own[n].value, own[n].std))
-                if n in own
-                else MISSING
+                _by_sigma(filtered[n].value, filtered[n].std) if n in filtered else MISSING
                 for n in names
             ],
         ),
@@ -434,12 +440,12 @@ def _check(study: LoopStudy) -> list[Block]:
 
 
 def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[Cell]:
-    v = study.single_pass.estimate.as_dict()
-    frequency = float(np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0)))
-    result = {"natural_frequency": frequency, "delay": study.single_pass.delay}
-    if frequency:
-        result["damping_ratio"] = -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)
-    return [formatted(result.get(name), ".4g") for name in names]
+    """Return quantities of the plain bank; empty cells if its short period does not oscillate."""
+    frequency, damping = short_period(study.single_pass.estimate.as_dict())
+    values: dict[str, float | None] = {"delay": study.single_pass.delay}
+    if not math.isnan(frequency):
+        values |= {"natural_frequency": frequency, "damping_ratio": damping}
+    return [formatted(values.get(name), ".4g") for name in names]
 
 
 def _differences(study: LoopStudy) -> list[Block]:
@@ -499,10 +505,7 @@ def _passes(study: LoopStudy) -> list[Block]:
         *(
             (
                 Column(n, units[n], printed=n),
-                [
-                    Number(each.value(n), shown=number_text(each.value(n), each.sigma(n)))
-                    for each in study.passes
-                ],
+                [_by_sigma(estimate.value(n), estimate.sigma(n)) for estimate in study.passes],
             )
             for n in names
         ),
@@ -544,25 +547,25 @@ def _variants(study: LoopStudy) -> list[Block]:
 
 
 def _over_seeds(study: LoopStudy) -> list[Block]:
-    result = study.over_seeds
-    if result is None:
+    statistics = study.over_seeds
+    if statistics is None:
         return []
-    rows = [block for _, block in result.by_delay()]
-    delays = list[Cell](formatted(delay, ".3f") for delay, _ in result.by_delay())
+    rows = [block for _, block in statistics.by_delay()]
+    delays = list[Cell](formatted(delay, ".3f") for delay, _ in statistics.by_delay())
     if len(rows) > 1:
-        rows, delays = [*rows, result.values], [*delays, "all"]
+        rows, delays = [*rows, statistics.values], [*delays, "all"]
     units = units_of(study)
     columns = [
         (
             Column(name, units[name], printed=name, together=True),
-            [_mean_cell(block[:, result.names.index(name)]) for block in rows],
+            [_mean_cell(block[:, statistics.names.index(name)]) for block in rows],
         )
         for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau")
     ]
     return [
         table(
-            f"the plain bank on flights with seeds 1 to {len(result.seeds)}: delay chosen, mean +- "
-            "standard deviation",
+            f"the plain bank on flights with seeds 1 to {len(statistics.seeds)}: delay chosen, "
+            "mean +- standard deviation",
             (Column("delay", "s", left=True), delays),
             (Column("flights", PURE), [Number(len(block), digits=0) for block in rows]),
             *columns,

@@ -11,9 +11,10 @@ from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.catalogue import with_change
 from scenarios.studies.declaration import choices_of
-from scenarios.studies.schema import Quantity, positive, si, standard_deviations
+from scenarios.studies.schema import Quantity, positive_si, si, standard_deviations
 from scenarios.x29.declaration import (
     METHODS,
+    OUTPUTS,
     Against,
     LoopEstimation,
     LoopFlight,
@@ -140,8 +141,8 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         None if against is None else Against(against.scenario, against.label, tuple(against.set)),
         tuple(content.together),
         tuple(
-            _variant(v, document, where, f"variants[{i}]")
-            for i, v in enumerate(content.variants, start=1)
+            _variant(variant, document, f"{where}, variants[{i}]")
+            for i, variant in enumerate(content.variants, start=1)
         ),
         _span(content.stretch, f"{where}, key stretch"),
         _span(content.peak, f"{where}, key peak"),
@@ -154,9 +155,9 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
     )
 
 
-def _variant(variant: _Variant, document: Mapping[str, Any], where: str, inside: str) -> Variant:
+def _variant(variant: _Variant, document: Mapping[str, Any], place: str) -> Variant:
+    """Return a variant: the scenario's content with its changes. ``place``: key in messages."""
     changed = {key: value for key, value in document.items() if key != "variants"}
-    place = f"{where}, {inside}"
     for change in variant.set:
         changed = with_change(changed, change)
     content = checked(_Scenario, changed, place)
@@ -176,19 +177,17 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
     plan = StickPlan(
         stick.kind,
         stick.amplitude,
-        positive(si(stick.unit, "s", f"{place}.unit"), f"{place}.unit"),
+        positive_si(stick.unit, "s", f"{place}.unit"),
         si(stick.start, "s", f"{place}.start"),
         stick.bandwidth,
         stick.pilot_seed,
         tuple(stick.times),
         tuple(stick.levels),
     )
-    spike = (
-        None
-        if flight.spike is None
-        else Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
-    )
-    duration = positive(si(flight.duration, "s", f"{where}.duration"), f"{where}.duration")
+    spike = None
+    if flight.spike is not None:
+        spike = Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
+    duration = positive_si(flight.duration, "s", f"{where}.duration")
     if spike is not None and not 0.0 <= spike.time <= duration:
         raise DeclarationError(
             f"{spike.time:g} s is not within the flight",
@@ -202,11 +201,11 @@ def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
             remedy="set low_order = true, or gust = 0",
         )
     for name in flight.noise_variance:
-        if name not in ("alpha", "q", "nz"):
+        if name not in OUTPUTS:
             raise DeclarationError(
                 f"there is no output {name!r}",
                 where=f"{where}.noise_variance",
-                remedy="use alpha, q, nz",
+                remedy=f"use {', '.join(OUTPUTS)}",
             )
     return LoopFlight(
         flight.airframe,
@@ -232,7 +231,7 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         )
     for name in estimate.start:
         if name not in LOES_DERIVATIVES or name == "delay":
-            available = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
+            available = ", ".join(known for known in LOES_DERIVATIVES if known != "delay")
             raise DeclarationError(
                 f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {available}"
             )
@@ -253,11 +252,16 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
             f"no starting value of {', '.join(missing)}", where=f"{where}.start", remedy="give it"
         )
     initial = {
-        name: positive(
-            si(value, _STATES[name], f"{where}.initial_std.{name}"), f"{where}.initial_std.{name}"
-        )
+        name: positive_si(value, _STATES[name], f"{where}.initial_std.{name}")
         for name, value in estimate.initial_std.items()
     }
+    window_start, window_stop = (
+        None if end is None else si(end, "s", f"{where}.{name}")
+        for name, end in (
+            ("window_start", estimate.window_start),
+            ("window_stop", estimate.window_stop),
+        )
+    )
     return LoopEstimation(
         {
             name: si(value, LOES_DERIVATIVES[name], f"{where}.start.{name}")
@@ -268,12 +272,8 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         estimate.noise_share,
         dict(estimate.process_noise),
         initial,
-        None
-        if estimate.window_start is None
-        else si(estimate.window_start, "s", f"{where}.window_start"),
-        None
-        if estimate.window_stop is None
-        else si(estimate.window_stop, "s", f"{where}.window_stop"),
+        window_start,
+        window_stop,
         estimate.restarts,
         estimate.prior,
         estimate.engine,

@@ -25,7 +25,14 @@ from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualiti
 from ident.frequency_response.segments import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, tests_of_records
 from scenarios.studies.catalogue import load_document
-from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
+from scenarios.x29.declaration import (
+    LoopScenario,
+    SimulatedLoop,
+    fly_loop,
+    low_order_model,
+    short_period,
+    telemetry_noise,
+)
 from scenarios.x29.estimating import (
     SETTLED_SIGMAS,
     LoopMethodResult,
@@ -180,12 +187,11 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     first_estimate = single_pass(paper)
     first = _result(scenario, simulated_flight, setting)
     result, passes = _restarted(scenario, simulated_flight, first)
-    held = [
-        first_estimate.delay,
-        first.bank.refined,
-        float(first_estimate.delays[other_side(first_estimate, first.bank.refined)]),
-    ]
-    ways = MethodInputs(
+    beyond = other_side(first_estimate, first.bank.refined)
+    restart_delays = sorted(
+        [first_estimate.delay, first.bank.refined, float(first_estimate.delays[beyond])]
+    )
+    inputs = MethodInputs(
         paper,
         first_estimate,
         scenario.estimation,
@@ -206,8 +212,8 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         result,
         paper,
         first_estimate,
-        run_methods(scenario.methods, ways),
-        all_restarts(ways, sorted(held)) if scenario.estimation.restarts else {},
+        run_methods(scenario.methods, inputs),
+        all_restarts(inputs, restart_delays) if scenario.estimation.restarts else {},
         first.bank,
         passes,
         simulated,
@@ -246,7 +252,10 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
 def _restarted(
     scenario: LoopScenario, simulated: SimulatedLoop, result: LoopResult
 ) -> tuple[LoopResult, tuple[Estimate, ...]]:
-    """The filter started again from its own result until that settles; estimates of all passes."""
+    """Return the result of a filter restarted from its own result until it settles.
+
+    Also returns the estimates of all passes.
+    """
     passes = [result.estimate]
     for _ in range(scenario.estimation.restarts):
         again = _result(
@@ -268,11 +277,11 @@ def response_check(result: LoopResult) -> ResponseCheck:
     """Return the low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.simulated.x29
     loop = equivalent_system(x29)
-    # a low-order truth is `loop`
+    # A low-order flight has the equivalent ``loop`` itself.
     equivalent = (
         loop if result.simulated.truth is None else equivalent_system(x29, x29.airframe.L_q)
     )
-    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.simulated).tolist(), strict=True))
+    std = telemetry_noise(x29)
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
@@ -285,20 +294,17 @@ def response_check(result: LoopResult) -> ResponseCheck:
         low_order_model(x29, {**start, "delay": result.bank.refined}).with_noise(Noise(std))
     )
     fit = fit_response(response, system, FREE_IN_RESPONSE)
-    v = {**fit.values, "L_q": start["L_q"]}
-    stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
-    if not (fit.converged and stiffness > 0):
-        return ResponseCheck(loop, equivalent, None, float(response.coherence.mean()))
-    frequency = float(np.sqrt(stiffness))
-    v |= {
-        "natural_frequency": frequency,
-        "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency),
-    }
-    return ResponseCheck(loop, equivalent, v, float(response.coherence.mean()))
+    values = {**fit.values, "L_q": start["L_q"]}
+    frequency, damping = short_period(values)
+    coherence = float(response.coherence.mean())
+    if not fit.converged or math.isnan(frequency):
+        return ResponseCheck(loop, equivalent, None, coherence)
+    values |= {"natural_frequency": frequency, "damping_ratio": damping}
+    return ResponseCheck(loop, equivalent, values, coherence)
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
-    """Declared starting values, or the estimates of another scenario's bank, as in the paper."""
+    """Return declared starting values, or the estimates of another scenario's bank."""
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
@@ -308,16 +314,16 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
             where=f"scenario {scenario.name}",
             remedy="declare start in one of them",
         )
-    result = _single_pass_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
+    values = _single_pass_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
     return {
         name: value
-        for name, value in result.items()
+        for name, value in values.items()
         if name not in ("L_0", "M_0", "delta_0", "nz_0")
     }
 
 
 def _papers_rule(scenario: LoopScenario) -> str:
-    """Rule of the prior: the printed P0 in scenarios that are compared with the paper."""
+    """Return the rule of P0: the printed P0 in scenarios that are compared with the paper."""
     return "printed" if scenario.published else scenario.estimation.prior
 
 
@@ -336,15 +342,17 @@ def _single_pass_of(scenario: LoopScenario, depth: int = 0) -> SinglePass:
 def _result(scenario: LoopScenario, simulated: SimulatedLoop, setting: SetUp) -> LoopResult:
     bank = refined(setting)
     airframe = simulated.x29.airframe
-    result = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
-    return LoopResult(scenario, simulated, setting, bank, result)
+    known = {"delay": bank.refined}
+    found = qualities(bank.estimate, airframe.airspeed, airframe.gravity, known)
+    return LoopResult(scenario, simulated, setting, bank, found)
 
 
 def _against(
     scenario: LoopScenario, seed: int, result: LoopResult, first: LoopResult
 ) -> tuple[LoopResult | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
-    """Return the other scenario's result, its free simulation, what differs, and differences of
-    flying qualities in sigmas of one result.
+    """Return the other scenario's result, its free simulation, and the differences from it.
+
+    The differences are those of the parameters, and those of flying qualities in sigmas.
     """
     against = scenario.against
     if against is None:
@@ -377,6 +385,8 @@ def _against(
     )
 
 
+# ---- Verdicts on a study
+
 # s: offset between the loop's frames and the recorded stick, held between samples of 40 Hz
 HALF_FRAME = 0.00625
 FREQUENCY = 0.05  # tolerance, share of the frequency
@@ -384,8 +394,8 @@ DAMPING = 0.05  # tolerance of the damping ratio
 DELAY = 0.015  # tolerance, s
 DERIVATIVES = ("L_alpha", "M_alpha", "M_delta", "M_q")
 SHARE = {False: 0.10, True: 0.20}  # tolerance of a derivative, without and with noise
-MOVED = 3.0  # sigmas that an accident of the record may move frequency and damping
-STANDS_OUT = 1.5  # misfit inside a stretch over that elsewhere
+MOVED = 3.0  # sigmas that a disturbance of the record may move frequency and damping
+STANDS_OUT = 1.5  # a stretch stands out with a larger ratio of its misfit to that elsewhere
 PEAK_SAMPLES = 5  # samples that a peak is averaged over
 LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
@@ -452,14 +462,11 @@ def _against_other(study: LoopStudy) -> Iterator[str]:
     spectra, record = "", study.check.record
     if beyond:
         verdict = f"{', '.join(beyond)} by more than {MOVED:g} sigmas"
-        spectra = (
-            ""
-            if record is None
-            else (
+        if record is not None:
+            spectra = (
                 f"; the record's spectra give a damping ratio of {record['damping_ratio']:.3f} "
                 "without a filter"
             )
-        )
     yield f"against {against.label}: {', '.join(texts)}: {verdict}{spectra}"
 
 
@@ -546,16 +553,16 @@ def _stands_out(misfit: Misfit) -> bool:
 
 
 def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> str:
-    """Words on the variants with and without a property, joined by semicolons."""
+    """Return the variants with and without a property in words, joined by a semicolon."""
     groups = (
-        (yes, [shown[label] for label, is_so in off.items() if is_so]),
-        (no, [shown[label] for label, is_so in off.items() if not is_so]),
+        (word, [shown[label] for label, has_property in off.items() if has_property == wanted])
+        for word, wanted in ((yes, True), (no, False))
     )
-    return "; ".join(f"{word} with {', '.join(result)}" for word, result in groups if result)
+    return "; ".join(f"{word} with {', '.join(labels)}" for word, labels in groups if labels)
 
 
 def _signed(value: float) -> str:
-    """Two decimals with a sign; a value that rounds to zero is positive."""
+    """Return two decimals with a sign; a value that rounds to zero is positive."""
     return f"{round(value, 2) + 0.0:+.2f}"
 
 

@@ -762,7 +762,7 @@ FLIGHTID = (
     *changes(
         "flightid/labs/workings/trying.py",
         ("tests/unit/flightid/labs/test_workings.py",),
-        ("(row.estimate - row.reference) / row.std", "(row.reference - row.estimate) / row.std"),
+        ("return row.sigmas", "return -row.sigmas"),
         ("z - estimate.fitted[0]", "estimate.fitted[0] - z"),
     ),
     *changes(

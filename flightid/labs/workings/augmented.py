@@ -1,6 +1,4 @@
-"""Lab 4: an unstable airframe under its control law, and the low-order equivalent system that its
-pilot flies.
-"""
+"""Lab 4: an unstable airframe with its control law, and the low-order equivalent system."""
 
 from __future__ import annotations
 
@@ -29,8 +27,14 @@ DELAYS = (0.10, 0.20, 0.25)  # s, largest of levels 1 to 3: MIL-F-8785C 3.5.3
 
 @dataclass(frozen=True, eq=False)
 class Augmented:
-    """A flight of the closed loop, the low-order system identified from its record, and the one
-    that fits the loop's own frequency response.
+    """A flight of the closed loop and its low-order equivalents.
+
+    Attributes
+    ----------
+    flown : the flight.
+    found : low-order system identified from the record.
+    of_loop : low-order system that fits the frequency response of the loop.
+    qualities, levels : flying qualities of ``found``, and their levels.
     """
 
     flown: SimulatedLoop
@@ -47,8 +51,10 @@ def changes(
     dead_band: float = 0.05,
     noise: bool = True,
 ) -> tuple[str, ...]:
-    """Changes of the scenario: airframe, amplitude (in) and unit (s) of the 3-2-1-1 on the stick,
-    its dead band (in), telemetry noise.
+    """Return the changes of the scenario.
+
+    They are airframe, amplitude (in) and unit (s) of the 3-2-1-1 of the stick, its dead band (in),
+    and telemetry noise.
     """
     return (
         f"flight.airframe={AIRFRAMES[airframe]}",
@@ -60,14 +66,13 @@ def changes(
 
 
 def vehicle_text(flown: SimulatedLoop) -> str:
-    """The vehicle file that the identification is given: the flight condition, and starts from the
-    paper's Table 1, rounded.
+    """Return the vehicle file for the identification.
+
+    It has the flight condition, and rounded starting values from Table 1 of the paper.
     """
-    constants = {
-        "airspeed": flown.x29.airframe.airspeed,
-        "gravity": flown.x29.airframe.gravity,
-        "vane_arm": flown.x29.telemetry.vane_arm,
-    }
+    from scenarios.x29.declaration import loop_constants
+
+    constants = loop_constants(flown.x29)
     starts = {
         "L_alpha": -1.9,
         "M_alpha": -14.0,
@@ -89,23 +94,24 @@ def vehicle_text(flown: SimulatedLoop) -> str:
 
 
 @lru_cache(KEPT)
-def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
-    """Fly the loop, and identify its record as ``flightid identify --model loes`` does. Errors as
-    these.
+def study(changed: tuple[str, ...], seed: int = 1) -> Augmented:
+    """Simulate the loop, and identify its record as ``flightid identify --model loes`` does.
+
+    Raises FlightidError.
     """
     from ident.flying_qualities.levels import levels, qualities
     from scenarios.x29.declaration import fly_loop
     from scenarios.x29.study import loop_scenario
     from sim.closed_loop.linear import equivalent_system
 
-    flown = fly_loop(loop_scenario(SCENARIO, asked).flight, seed)
+    flown = fly_loop(loop_scenario(SCENARIO, changed).flight, seed)
     found = _identified(flown)
     airframe = flown.x29.airframe
-    of_flying = qualities(found.estimate, airframe.airspeed, airframe.gravity)
-    judged = tuple(
-        level for level in levels(of_flying) if level.criterion.category in (CATEGORY, "")
+    found_qualities = qualities(found.estimate, airframe.airspeed, airframe.gravity)
+    of_category = tuple(
+        level for level in levels(found_qualities) if level.criterion.category in (CATEGORY, "")
     )
-    return Augmented(flown, found, equivalent_system(flown.x29), of_flying, judged)
+    return Augmented(flown, found, equivalent_system(flown.x29), found_qualities, of_category)
 
 
 def _identified(flown: SimulatedLoop) -> IdentificationResult:
@@ -134,7 +140,7 @@ def _identified(flown: SimulatedLoop) -> IdentificationResult:
 
 
 def bare_airframe(flown: SimulatedLoop) -> np.ndarray:
-    """Eigenvalues (1/s) of the airframe without its control law, the unstable one last."""
+    """Return the eigenvalues (1/s) of the airframe without control law, the unstable one last."""
     a = flown.x29.airframe
     return np.sort(np.linalg.eigvals(np.array([[a.L_alpha, a.L_q], [a.M_alpha, a.M_q]])).real)
 
@@ -144,23 +150,25 @@ def doubling_time(flown: SimulatedLoop) -> float:
     return math.log(2.0) / float(bare_airframe(flown)[-1])
 
 
-def responses(each: Augmented, omega: np.ndarray) -> dict[str, np.ndarray]:
-    """Pitch rate per stick (rad/s per inch), complex ``(n,)`` at frequencies (rad/s): the whole
-    loop, and the equivalent system from the record.
+def responses(flight: Augmented, omega: np.ndarray) -> dict[str, np.ndarray]:
+    """Return complex responses of pitch rate to stick (rad/s per inch), ``(n,)``.
+
+    They are those of the whole loop, and of the equivalent system from the record. ``omega``:
+    frequencies ``(n,)``, rad/s.
     """
     from sim.closed_loop.linear import equivalent_response, frequency_response
 
-    values, airframe = each.found.estimate.as_dict(), each.flown.x29.airframe
+    values, airframe = flight.found.estimate.as_dict(), flight.flown.x29.airframe
     low = equivalent_response(values, omega, airframe.airspeed, airframe.gravity, values["L_q"])
     return {
-        "the whole loop": frequency_response(each.flown.x29, omega, recorded=True)[1],
+        "the whole loop": frequency_response(flight.flown.x29, omega, recorded=True)[1],
         "equivalent system, from the record": low[1],
     }
 
 
-def quality(each: Augmented, name: str) -> float:
-    """One of the flying qualities by its name."""
-    return next(item.value for item in each.qualities if item.name == name)
+def quality(flight: Augmented, name: str) -> float:
+    """Return a flying-qualities parameter by its name."""
+    return next(item.value for item in flight.qualities if item.name == name)
 
 
 def numbers(
@@ -171,23 +179,23 @@ def numbers(
     noise: bool = True,
     seed: int = 1,
 ) -> dict[str, float]:
-    """What the key expects of one flight; delays in ms, moments per inch of stick."""
-    each = study(changes(airframe, amplitude, unit, dead_band, noise), seed)
-    rows = {row.name: row.estimate for row in each.found.rows}
+    """Return the numbers of the key for one flight; delays in ms, moments per inch of stick."""
+    flight = study(changes(airframe, amplitude, unit, dead_band, noise), seed)
+    rows = {row.name: row.estimate for row in flight.found.rows}
     return {
-        "M_alpha of the airframe": each.flown.x29.airframe.M_alpha,
-        "doubles in": doubling_time(each.flown),
+        "M_alpha of the airframe": flight.flown.x29.airframe.M_alpha,
+        "doubles in": doubling_time(flight.flown),
         **{name: rows[name] for name in ("M_alpha", "M_q", "M_delta", "inv_tau")},
-        "frequency": quality(each, "natural_frequency"),
-        "damping": quality(each, "damping_ratio"),
+        "frequency": quality(flight, "natural_frequency"),
+        "damping": quality(flight, "damping_ratio"),
         "delay": 1000.0 * rows["delay"],
-        "total delay": 1000.0 * quality(each, "total_delay"),
-        "tests failed": float(sum(not test.passed for test in each.found.tests)),
+        "total delay": 1000.0 * quality(flight, "total_delay"),
+        "tests failed": float(sum(not test.passed for test in flight.found.tests)),
     }
 
 
 def level_of_delay() -> str:
-    """The level that the delay of the flight-like airframe allows."""
+    """Return the level that the delay of the flight-like airframe allows."""
     delay = numbers()["delay"] / 1000.0
     return next(
         (f"Level {level}" for level, bound in enumerate(DELAYS, start=1) if delay <= bound), "none"
@@ -195,8 +203,9 @@ def level_of_delay() -> str:
 
 
 def most_constant() -> str:
-    """Which of four quantities changes the least, in per cent, between maneuvers of units of 0.2,
-    0.5 and 1 s.
+    """Return which of four quantities changes least, relative to its size, with the maneuver.
+
+    The maneuvers have units of 0.2, 0.5 and 1 s.
     """
     found = [numbers(unit=unit) for unit in (0.2, 0.5, 1.0)]
     words = {
@@ -206,7 +215,7 @@ def most_constant() -> str:
         "M_alpha": "M_alpha",
     }
     spread = {
-        word: np.ptp([each[name] for each in found]) / abs(found[1][name])
+        word: np.ptp([flight[name] for flight in found]) / abs(found[1][name])
         for word, name in words.items()
     }
     return min(spread, key=lambda word: spread[word])

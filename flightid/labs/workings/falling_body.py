@@ -20,8 +20,10 @@ FOOT, POUND_PER_SQUARE_FOOT = 0.3048, 4.88242764  # m; kg/m2
 def changes(
     start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0
 ) -> tuple[str, ...]:
-    """Changes of the scenario: start of beta and its standard deviation (lb/ft2), passes of the
-    filter, noise of the radar (ft).
+    """Return the changes of the scenario.
+
+    They are start of beta and its standard deviation (lb/ft2), number of passes of the filter, and
+    noise of the radar (ft).
     """
     return (
         ALONE,
@@ -32,27 +34,25 @@ def changes(
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
-    """One fall, estimated."""
-    return tried(SCENARIO, asked, seed)
+def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
+    """Return the study of one fall."""
+    return tried(SCENARIO, changed, seed)
 
 
-def campaign(asked: tuple[str, ...], runs: int = 200) -> CampaignRuns:
-    """The same fall measured again and again, ``runs`` times from seed 1."""
-    return repeated(SCENARIO, asked, runs, 1)
+def campaign(changed: tuple[str, ...], runs: int = 200) -> CampaignRuns:
+    """Return a campaign of the fall: ``runs`` runs from seed 1."""
+    return repeated(SCENARIO, changed, runs, 1)
 
 
 def history_of(found: StudyResult) -> FilterHistory:
-    """The filter's course over time."""
+    """Return the history of the filter."""
     history = found.main.result.estimate.history
     assert history is not None
     return history
 
 
 def awakening(found: StudyResult) -> tuple[float, float]:
-    """Time (s) and true altitude (m) at which the filter has halved the sigma that it began
-    with.
-    """
+    """Return time (s) and true altitude (m) at which the filter has halved its initial sigma."""
     history = history_of(found)
     std = history.std[history.names.index("beta")]
     at = int(np.argmax(std < 0.5 * std[0]))
@@ -68,26 +68,28 @@ def numbers(
     seed: int = 1,
     runs: int = 200,
 ) -> dict[str, float]:
-    """What the key expects: of one fall and of ``runs``; beta in lb/ft2, altitude in km, shares in
-    per cent.
+    """Return the numbers of the key, from one fall and from a campaign.
+
+    Beta is in lb/ft2, altitude in km, coverage in percent.
     """
-    asked = changes(start, spread, passes, noise)
-    one, many = study(asked, seed), campaign(asked, runs)
-    row, (time, altitude) = row_of(one.main, "beta"), awakening(one)
+    changed = changes(start, spread, passes, noise)
+    fall, pooled = study(changed, seed), campaign(changed, runs).pooled
+    row, (time, altitude) = row_of(fall.main, "beta"), awakening(fall)
     return {
         "estimate": row.estimate / POUND_PER_SQUARE_FOOT,
         "sigma": row.std / POUND_PER_SQUARE_FOOT,
         "awakes at": time,
         "altitude then": altitude / 1000.0,
-        "bias": many.pooled.bias,
-        "scatter": many.pooled.scatter,
-        "within 2 sigma": 100.0 * many.pooled.within_two,
+        "bias": pooled.bias,
+        "scatter": pooled.scatter,
+        "within 2 sigma": 100.0 * pooled.within_two,
     }
 
 
 def passes_needed(start: float, spread: float, share: float = 0.9, most: int = 5) -> int:
-    """The fewest passes with which that share of the 2-sigma intervals of 200 falls hold the truth;
-    ``most`` where none do.
+    """Return the fewest passes with which the 2-sigma coverage of 200 falls reaches ``share``.
+
+    ``most`` if no number of passes does.
     """
     shares = {
         passes: campaign(changes(start, spread, passes)).pooled.within_two
@@ -97,11 +99,12 @@ def passes_needed(start: float, spread: float, share: float = 0.9, most: int = 5
 
 
 def worse_prior() -> str:
-    """Which of two priors about 800 lb/ft2 biases one pass more, in reported sigmas; words as the
-    question has them.
+    """Return which of two priors about 800 lb/ft2 causes the larger bias of one pass, in sigmas.
+
+    The words are those of the question.
     """
-    found = {
+    biases = {
         f"{word} one: 800 ± {spread:g}": abs(campaign(changes(spread=spread)).pooled.bias)
         for word, spread in (("a wide", 300.0), ("a narrow", 30.0))
     }
-    return max(found, key=lambda words: found[words])
+    return max(biases, key=lambda words: biases[words])

@@ -1,6 +1,4 @@
-"""Lab 3: a rigid model on the record of a flexible aircraft, whose structure is made stiffer or
-softer.
-"""
+"""Lab 3: a rigid model of a flexible aircraft with a stiffer or softer structure."""
 
 from __future__ import annotations
 
@@ -13,38 +11,42 @@ if TYPE_CHECKING:
 
 SCENARIO = "flexible-ac1-equivalent"
 DENSITIES = (0.0, 0.03, 0.1, 0.15, 0.3, 0.6, 1.0)  # (deg/s)^2/s on pitch rate
-OF_ALPHA = "0.003 deg^2/s"  # the scenario's own, beside any of these but none
-MODES = (12.57, 14.07, 21.17, 22.05)  # rad/s in vacuo, as `flightid vehicles bomber_ac1` lists them
+OF_ALPHA = "0.003 deg^2/s"  # process noise of alpha with each of these, except zero
+MODES = (12.57, 14.07, 21.17, 22.05)  # rad/s in vacuo, from `flightid vehicles bomber_ac1`
 
 
 def changes(factor: float = 1.0, density: float = 0.0, unit: float = 0.5) -> tuple[str, ...]:
-    """Changes of the scenario: factor of all modal frequencies, process noise of the filter on
-    pitch rate ((deg/s)^2/s), unit of the 3-2-1-1 (s).
+    """Return the changes of the scenario.
+
+    They are a factor on all modal frequencies, the filter's process noise of pitch rate
+    ((deg/s)^2/s), and the unit of the 3-2-1-1 (s).
     """
-    believed = f'{{alpha = "{OF_ALPHA}", q = "{density:g} (deg/s)^2/s"}}' if density else "{}"
+    process_noise = f'{{alpha = "{OF_ALPHA}", q = "{density:g} (deg/s)^2/s"}}' if density else "{}"
     return (
         ALONE,
         f"flight.frequency_factor={factor:g}",
         f"flight.maneuvers.1.unit={unit:g} s",
-        f"estimate.process_noise={believed}",
+        f"estimate.process_noise={process_noise}",
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
-    """One flight of the flexible aircraft, estimated with a rigid model."""
-    return tried(SCENARIO, asked, seed)
+def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
+    """Return the study of the flexible aircraft, estimated with a rigid model."""
+    return tried(SCENARIO, changed, seed)
 
 
 def marks(factor: float) -> list[float]:
-    """Frequencies of the elastic modes, rad/s."""
+    """Return the frequencies of the elastic modes, rad/s."""
     return [factor * mode for mode in MODES]
 
 
 def numbers(
     factor: float = 1.0, density: float = 0.0, unit: float = 0.5, seed: int = 1
 ) -> dict[str, float]:
-    """What the key expects: shares of the rigid value that a derivative has lost, errors against
-    the condensed values in sigmas, tests failed.
+    """Return the numbers of the key.
+
+    They are the loss of each derivative in percent of its rigid value, errors against the condensed
+    values in sigmas, and the number of failed tests.
     """
     found = study(changes(factor, density, unit), seed)
     rows = {row.name: row for row in found.main.rows}
@@ -67,13 +69,12 @@ def nearer(factor: float = 1.0, name: str = "Cm_alpha") -> str:
     """Return whether an estimate is nearer to the rigid or to the condensed value."""
     row = row_of(study(changes(factor)).main, name)
     assert row.true is not None and row.condensed is not None
-    return (
-        "rigid" if abs(row.estimate - row.true) < abs(row.estimate - row.condensed) else "condensed"
-    )
+    is_rigid = abs(row.estimate - row.true) < abs(row.estimate - row.condensed)
+    return "rigid" if is_rigid else "condensed"
 
 
 def worst(factor: float = 1.0) -> str:
-    """The derivative that is most of its sigmas from its condensed value."""
+    """Return the derivative with the largest error against its condensed value, in sigmas."""
     return max(study(changes(factor)).main.rows, key=lambda row: abs(sigmas_off(row))).name
 
 
@@ -83,5 +84,5 @@ def first_seen(factors: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5, 1.0)) -> float:
 
 
 def enough_noise(factor: float = 1.0) -> float:
-    """The least of the densities with which no test of the residual fails."""
+    """Return the smallest of the densities with which no residual test fails."""
     return next(density for density in DENSITIES if numbers(factor, density)["tests failed"] == 0)

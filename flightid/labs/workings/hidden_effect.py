@@ -1,4 +1,4 @@
-"""Lab 5: a record with a hidden effect, drawn from a seed; result of the loop, and the truth."""
+"""Lab 5: a record with a hidden effect, drawn from a seed; its diagnosis, and the truth."""
 
 from __future__ import annotations
 
@@ -16,18 +16,24 @@ if TYPE_CHECKING:
     import flightid
     from sim.record import Record
 
-# replaces the hidden effect of the scenario
+# Scenario with and without a hidden effect.
 BASE = {True: "trace-delay", False: "trace-nothing"}
-# Twenty samples a second and short records, so that the loop answers while a class waits; every
-# maneuver still switches at a sample.
+# Low rate and short records, for a quick diagnosis. Each maneuver still switches at a sample.
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 NOTHING = "nothing: noise alone"
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect that may be hidden: ``name`` as ``flightid effects`` lists it, values drawn between
-    two numbers each (SI), values of the second record where they differ, and how it shows."""
+    """An effect that may be hidden.
+
+    Attributes
+    ----------
+    name : name in ``flightid effects``.
+    shows : its signature in words.
+    values : range of each value, SI, from which it is drawn.
+    elsewhere : values that differ in the second record.
+    """
 
     name: str
     shows: str
@@ -35,7 +41,7 @@ class Suspect:
     elsewhere: Mapping[str, float] = field(default_factory=dict)
 
 
-# By the words of the lab. Those without values are never drawn: they are there to be ruled out.
+# By the words of the lab. Effects without values are never drawn; they are to be ruled out.
 SUSPECTS: Mapping[str, Suspect] = {
     NOTHING: Suspect("", "white residuals of the size of the noise, in all channels"),
     "the elevator acts later than recorded": Suspect(
@@ -106,9 +112,7 @@ class Flown:
 
 
 def drawn(seed: int) -> tuple[str, dict[str, float]]:
-    """What is hidden under a seed, in the words of the lab, and its values, SI. The truth: to be
-    called when all else is said.
-    """
+    """Return the hidden effect of a seed in the words of the lab, and its values, SI."""
     rng = np.random.default_rng([seed, 5])
     hidden = [words for words, suspect in SUSPECTS.items() if suspect.values or words == NOTHING]
     words = FIRST if seed == FIRST_SEED else hidden[int(rng.integers(len(hidden)))]
@@ -135,7 +139,7 @@ def changes(seed: int) -> tuple[str, tuple[str, ...]]:
 
 @lru_cache(16)
 def flown(seed: int) -> Flown:
-    """The two flights of a seed."""
+    """Return the two flights of a seed."""
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
 
@@ -147,7 +151,7 @@ def flown(seed: int) -> Flown:
 
 @lru_cache(16)
 def fitted(seed: int) -> flightid.Identification:
-    """The rigid model alone on the first record."""
+    """Return the fit of the rigid model to the first record."""
     import flightid
 
     given = flown(seed)
@@ -160,16 +164,11 @@ def fitted(seed: int) -> flightid.Identification:
 
 
 def residuals(seed: int) -> dict[str, np.ndarray]:
-    """What the rigid model leaves of each output ``(N,)``, SI."""
+    """Return the residuals of the rigid model by output, ``(N,)``, SI."""
     inner = fitted(seed).details.found
-    z, valid = inner.record.output_array(inner.estimate.output_names)
-    return dict(
-        zip(
-            inner.estimate.output_names,
-            np.where(valid, z - inner.estimate.fitted[0], 0.0),
-            strict=True,
-        )
-    )
+    names = inner.estimate.output_names
+    z, valid = inner.record.output_array(names)
+    return dict(zip(names, np.where(valid, z - inner.estimate.fitted[0], 0.0), strict=True))
 
 
 @lru_cache(16)
@@ -187,12 +186,12 @@ def diagnosed(seed: int) -> flightid.Diagnosis:
 
 
 def names_of_loop(seed: int) -> tuple[str, ...]:
-    """The effects that the loop claims."""
+    """Return the effects that the diagnosis claims."""
     return tuple(effect.name for effect in diagnosed(seed).effects)
 
 
 def found_by_loop(seed: int) -> bool:
-    """Return whether the loop claims exactly the hidden effect, or nothing if there is none."""
+    """Return whether exactly the hidden effect is claimed, or nothing if there is none."""
     words, _ = drawn(seed)
     name = SUSPECTS[words].name
     return names_of_loop(seed) == ((name,) if name else ())

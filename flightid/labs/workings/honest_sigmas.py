@@ -1,6 +1,4 @@
-"""Lab 6: many runs of one flight, and whether the sigmas that an estimator reports are those with
-which it scatters.
-"""
+"""Lab 6: many runs of one flight: scatter of the estimates against their reported sigmas."""
 
 from __future__ import annotations
 
@@ -31,15 +29,17 @@ def changes(
     told: float = 0.0,
     method: str = "extended Kalman filter",
 ) -> tuple[str, ...]:
-    """Return changes of the scenario.
+    """Return the changes of the scenario.
 
-    Assumed over true sensor noise, true and assumed process noise on pitch rate ((deg/s)^2/s), and
-    the estimator.
+    Parameters
+    ----------
+    believed : assumed over true standard deviation of the sensor noise.
+    acting, told : true and assumed process noise of pitch rate, (deg/s)^2/s.
+    method : a key of ``METHODS``.
     """
     variance = VARIANCE * believed**2
-    of_filter = {"ekf": f'{{q = "{told:g} (deg/s)^2/s"}}' if told else "{}"}.get(
-        METHODS[method], "{}"
-    )
+    is_filter = METHODS[method] == "ekf"
+    assumed = f'{{q = "{told:g} (deg/s)^2/s"}}' if told and is_filter else "{}"
     return (
         "flight.rate=50 Hz",
         "flight.step=0.01 s",
@@ -48,22 +48,22 @@ def changes(
         else "flight.process_noise={}",
         f"estimate.method={METHODS[method]}",
         f'estimate.noise_variance={{alpha = "{variance:g} deg^2", q = "{variance:g} (deg/s)^2"}}',
-        f"estimate.process_noise={of_filter}",
+        f"estimate.process_noise={assumed}",
     )
 
 
-def campaign(asked: tuple[str, ...], runs: int = 50) -> CampaignRuns:
-    """The flight ``runs`` times, from seed 1."""
-    return repeated(SCENARIO, asked, runs, 1)
+def campaign(changed: tuple[str, ...], runs: int = 50) -> CampaignRuns:
+    """Return a campaign of ``runs`` runs from seed 1."""
+    return repeated(SCENARIO, changed, runs, 1)
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
-    """One of these flights, for its residual."""
-    return tried(SCENARIO, asked, seed)
+def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
+    """Return the study of one flight, for its residual."""
+    return tried(SCENARIO, changed, seed)
 
 
 def errors(found: CampaignRuns) -> dict[str, np.ndarray]:
-    """Errors of each parameter in its reported sigmas, ``(N,)``."""
+    """Return the errors of each parameter in reported sigmas, ``(N,)``."""
     return {
         name: (found.values[i] - spread.reference) / found.std[i]
         for i, (name, spread) in enumerate(zip(found.names, found.spreads, strict=True))
@@ -72,8 +72,9 @@ def errors(found: CampaignRuns) -> dict[str, np.ndarray]:
 
 @cache
 def bound() -> Mapping[str, float]:
-    """Cramer-Rao bound of each derivative from the sensors' noise alone, by differences of whole
-    noise-free flights: no estimator takes part.
+    """Return the Cramer-Rao bound of each derivative for the sensor noise.
+
+    It is computed by differences of noise-free flights, without an estimator.
     """
     from scenarios.studies.campaign_statistics import cramer_rao
     from scenarios.studies.catalogue import load_scenario
@@ -86,7 +87,7 @@ def bound() -> Mapping[str, float]:
     flight, time = scenario.flight, sample_times(scenario.flight.rate, scenario.flight.duration)
     by_input = maneuvers_by_input(flight.maneuvers, {"elevator"}, "key flight")
 
-    def again(model: Model) -> Record:
+    def simulated(model: Model) -> Record:
         record, _ = fly(
             model.with_noise(Noise()),
             by_input,
@@ -98,7 +99,7 @@ def bound() -> Mapping[str, float]:
         return record
 
     return cramer_rao(
-        true_model(flight), again, flight.noise_std, tuple(scenario.estimations[0].start), {}
+        true_model(flight), simulated, flight.noise_std, tuple(scenario.estimations[0].start), {}
     )
 
 
@@ -109,18 +110,16 @@ def numbers(
     method: str = "extended Kalman filter",
     runs: int = 50,
 ) -> dict[str, float]:
-    """What the key expects of a campaign: shares in per cent, scatter over reported sigma and sizes
-    of single derivatives.
-    """
+    """Return the numbers of the key from a campaign; coverage in percent."""
     found = campaign(changes(believed, acting, told, method), runs)
-    of = {spread.name: spread for spread in found.spreads}
+    spreads = {spread.name: spread for spread in found.spreads}
     return {
         "within 2 sigma": 100.0 * found.pooled.within_two,
         "scatter over sigma": found.pooled.scatter,
-        "scatter over sigma of Cm_de": of["Cm_de"].scatter / of["Cm_de"].reported,
-        "scatter of CL_q": of["CL_q"].scatter,
-        "sigma of CL_q": of["CL_q"].reported,
-        "sigma of Cm_alpha": of["Cm_alpha"].reported,
-        "sigma over bound of Cm_alpha": of["Cm_alpha"].reported / bound()["Cm_alpha"],
-        "Cm_de within 2 sigma": 100.0 * of["Cm_de"].within_two,
+        "scatter over sigma of Cm_de": spreads["Cm_de"].scatter / spreads["Cm_de"].reported,
+        "scatter of CL_q": spreads["CL_q"].scatter,
+        "sigma of CL_q": spreads["CL_q"].reported,
+        "sigma of Cm_alpha": spreads["Cm_alpha"].reported,
+        "sigma over bound of Cm_alpha": spreads["Cm_alpha"].reported / bound()["Cm_alpha"],
+        "Cm_de within 2 sigma": 100.0 * spreads["Cm_de"].within_two,
     }

@@ -1,6 +1,4 @@
-"""Lab 2: the short period of a bomber from a 3-2-1-1 of its elevator, and what the maneuver must
-excite.
-"""
+"""Lab 2: the short period of a bomber from a 3-2-1-1, and the excitation that it needs."""
 
 from __future__ import annotations
 
@@ -16,8 +14,8 @@ if TYPE_CHECKING:
 
 SCENARIO = "rigid"
 OUTPUTS = {"alpha and q": '["alpha", "q"]', "alpha alone": '["alpha"]', "q alone": '["q"]'}
-# omega T at which sin(omega T / 2)^2 / omega, the size of a doublet's spectrum, is largest: tan(x)
-# = 2 x at x = omega T / 2
+# omega T at the maximum of a doublet's spectrum, sin(omega T / 2)^2 / omega: tan(x) = 2 x at
+# x = omega T / 2.
 PEAK_OF_DOUBLET = 2.3311
 
 
@@ -28,8 +26,9 @@ def changes(
     rate: int = 100,
     outputs: str = "alpha and q",
 ) -> tuple[str, ...]:
-    """Changes of the scenario: kind of maneuver, its amplitude (deg) and unit (s), samples a
-    second, outputs that the estimator sees.
+    """Return the changes of the scenario.
+
+    They are kind of maneuver, amplitude (deg), unit (s), samples per second, and outputs used.
     """
     return (
         "flight.duration=12 s",
@@ -41,13 +40,13 @@ def changes(
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
-    """One flight, estimated."""
-    return tried(SCENARIO, asked, seed)
+def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
+    """Return the study with these changes."""
+    return tried(SCENARIO, changed, seed)
 
 
 def largest_alpha(found: StudyResult) -> float:
-    """Largest angle of attack of the flight, without noise, deg from trim."""
+    """Return the largest angle of attack from trim without noise, deg."""
     return float(np.degrees(np.max(np.abs(found.truth.outputs["alpha"]))))
 
 
@@ -59,9 +58,7 @@ def numbers(
     outputs: str = "alpha and q",
     seed: int = 1,
 ) -> dict[str, float]:
-    """What the key expects: sigmas in per cent of the true value, errors in sigmas, the short
-    period's frequency and damping with sigmas.
-    """
+    """Return the numbers of the key: sigmas, errors in sigmas, frequency and damping."""
     found = study(changes(kind, amplitude, unit, rate, outputs), seed)
     rows = {row.name: row for row in found.main.rows}
     frequency, damping = (
@@ -84,8 +81,9 @@ def numbers(
 
 
 def longest_unit(limit: float, amplitude: float = 6.0) -> float:
-    """The longest unit, in steps of 0.1 s from 0.1 to 1.2, whose 3-2-1-1 keeps alpha within
-    ``limit`` (deg); seen on the flights themselves.
+    """Return the longest unit (s) whose 3-2-1-1 keeps alpha within ``limit`` (deg).
+
+    Units from 0.1 to 1.2 s are simulated, in steps of 0.1 s.
     """
     units = [0.1 * step for step in range(1, 13)]
     kept = [
@@ -97,10 +95,10 @@ def longest_unit(limit: float, amplitude: float = 6.0) -> float:
 
 
 def tuned_doublet(frequency: float) -> float:
-    """Unit (s) of the doublet whose spectrum peaks at a frequency (rad/s)."""
+    """Return the unit (s) of the doublet whose spectrum peaks at a frequency (rad/s)."""
     return PEAK_OF_DOUBLET / frequency
 
 
 def sigma_ratio(first: tuple[str, ...], second: tuple[str, ...], name: str = "Cm_alpha") -> float:
-    """Sigma of a parameter under the second changes over that under the first."""
+    """Return the sigma of a parameter with the second changes over that with the first."""
     return row_of(study(second).main, name).std / row_of(study(first).main, name).std

@@ -1,6 +1,4 @@
-"""Lab 8: a sweep of a small aircraft's roll loop, its response and its margins, with and without
-the excitation.
-"""
+"""Lab 8: a sweep of a small aircraft's roll loop: response, margins, and the direct estimate."""
 
 from __future__ import annotations
 
@@ -25,8 +23,10 @@ ENOUGH = 45.0  # deg, of MIL-F-9490D
 def changes(
     gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0
 ) -> tuple[str, ...]:
-    """Changes of the scenario: gain of the law, delay (ms), amplitude of the sweep (of a full
-    command), gyro noise (deg/s).
+    """Return the changes of the scenario.
+
+    They are gain of the law, delay (ms), amplitude of the sweep (of a full command), and gyro noise
+    (deg/s).
     """
     return (
         f"loop.proportional={gain:g}",
@@ -37,23 +37,23 @@ def changes(
 
 
 @lru_cache(KEPT)
-def study(asked: tuple[str, ...]) -> SweepStudy:
-    """The flights and their estimates. Errors as ``run_sweep``."""
+def study(changed: tuple[str, ...]) -> SweepStudy:
+    """Return the flights and their estimates. Errors as ``run_sweep``."""
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.sweeps import run_sweep, sweep_scenario_of
 
-    return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), SEED)
+    return run_sweep(sweep_scenario_of(*load_document(SCENARIO, changed)), SEED)
 
 
 @lru_cache(KEPT)
-def without_excitation(asked: tuple[str, ...]) -> ResponseEstimates:
+def without_excitation(changed: tuple[str, ...]) -> ResponseEstimates:
     """Return the broken-loop response by the direct estimate, which does not use the sweep."""
     from scenarios.files.writing import write_record
     from scenarios.preparation.plan import Request
     from scenarios.responses.analysis import ResponseOptions, responses_of
     from scenarios.responses.reading import Names
 
-    found = study(asked)
+    found = study(changed)
     with TemporaryDirectory(prefix="flightid-") as folder:
         paths = tuple(
             write_record(Path(folder), record, f"flight{n}", simulated=True)[0]
@@ -70,28 +70,30 @@ def without_excitation(asked: tuple[str, ...]) -> ResponseEstimates:
 def numbers(
     gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0
 ) -> dict[str, float]:
-    """What the key expects: margins, true and estimated, the model's numbers, the distance without
-    the excitation; zero for what the usable band does not show."""
-    asked = changes(gain, delay, amplitude, gyro)
-    found = study(asked)
+    """Return the numbers of the key: true and estimated margins, model, and direct estimate.
+
+    Numbers that the usable band does not show are zero.
+    """
+    changed = changes(gain, delay, amplitude, gyro)
+    found = study(changed)
     rows = {row.name: row for row in found.rows}
-    known = {name: row.estimate for name, row in rows.items()}
-    loop = without_excitation(asked).loop
+    estimates = {name: row.estimate for name, row in rows.items()}
+    loop = without_excitation(changed).loop
     direct = loop.margins.distance if loop is not None else None
     return {
         "phase margin": rows["phase_margin"].estimate,
         "true phase margin": rows["phase_margin"].true or 0.0,
         "sigma of it": rows["phase_margin"].std,
-        "gain increase": known.get("gain_increase", 0.0),
+        "gain increase": estimates.get("gain_increase", 0.0),
         "1/T_roll": rows["inv_T_roll"].estimate,
         "delay, ms": 1000.0 * rows["delay"].estimate,
-        "distance": known.get("distance", 0.0),
+        "distance": estimates.get("distance", 0.0),
         "distance, direct": direct.size.value if direct is not None else 0.0,
     }
 
 
 def longest_delay() -> float:
-    """The longest delay of the slider, ms, with which the true phase margin is enough."""
+    """Return the longest delay of the slider (ms) with a sufficient true phase margin."""
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.sweeps import sweep_scenario_of, true_margins
 

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from scenarios.studies.published import Row
     from scenarios.studies.study import MethodResult, StudyResult
 
-KEPT = 64  # studies that are remembered: some hundred kB each
+KEPT = 64  # studies in the cache, some hundred kB each
 PREFIX = "flightid-"  # prefix of temporary folders
-ALONE = "methods=[]"  # a change of a scenario: its main method alone
+ALONE = "methods=[]"  # change of a scenario that leaves its main method alone
 
 
 class Scratch:
-    """A folder that lives as long as this object, or the process."""
+    """A temporary folder, which is removed with this object or at the end of the process."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
@@ -33,9 +33,7 @@ class Scratch:
 
 @lru_cache(KEPT)
 def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> StudyResult:
-    """A scenario of estimators flown and estimated with changes as ``--set`` makes them. Errors as
-    ``run_scenario``.
-    """
+    """Return the study of a scenario with changes as by ``--set``. Errors as ``run_scenario``."""
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.study import run_scenario
 
@@ -46,9 +44,7 @@ def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> 
 def repeated(
     name: str, changes: tuple[str, ...], runs: int, seed: int | None = None
 ) -> CampaignRuns:
-    """The same flight measured ``runs`` times and estimated by the main method. Errors as
-    ``fly_campaign``.
-    """
+    """Return a campaign of the main method with ``runs`` runs. Errors as ``fly_campaign``."""
     from scenarios.studies.campaign import fly_campaign
     from scenarios.studies.catalogue import load_scenario
 
@@ -57,30 +53,26 @@ def repeated(
 
 def command(verb: str, name: str, changes: Sequence[str] = (), *options: str) -> str:
     """Return the equivalent command line for a shell, each ``--set`` on its own line."""
-    return " \\\n  ".join(
-        [
-            shlex.join(["flightid", verb, name, *options]),
-            *(f"--set {shlex.quote(change)}" for change in changes),
-        ]
-    )
+    settings = (f"--set {shlex.quote(change)}" for change in changes)
+    return " \\\n  ".join([shlex.join(["flightid", verb, name, *options]), *settings])
 
 
 def row_of(method: MethodResult, name: str) -> Row:
-    """One parameter's row of a method."""
+    """Return a parameter's row of a method."""
     return next(row for row in method.rows if row.name == name)
 
 
 def residuals(found: StudyResult) -> dict[str, np.ndarray]:
-    """What the main method leaves of each output ``(N,)``: of a filter its innovations."""
+    """Return the residuals of the main method by output, ``(N,)``; innovations of a filter."""
     estimate = found.main.result.estimate
     z, _ = found.record.output_array(estimate.output_names)
     return dict(zip(estimate.output_names, z - estimate.fitted[0], strict=True))
 
 
 def sigmas_off(row: Row) -> float:
-    """Estimate minus reference, in reported standard deviations."""
-    assert row.reference is not None
-    return (row.estimate - row.reference) / row.std
+    """Return the error of an estimate, in reported standard deviations."""
+    assert row.sigmas is not None
+    return row.sigmas
 
 
 def close(value: float | None, to: float, within: float) -> bool:

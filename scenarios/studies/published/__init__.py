@@ -1,10 +1,9 @@
-"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form
-them. One row of a study's comparison: a parameter's true, estimated and published value.
+"""Published values of parameters, and the rows of a study's comparison.
 
-One TOML file a paper, table by table, each number with its unit and place; `__init__.py` reads one
-column of one table, and the remark under `[remarks]` that every table which shows it repeats. It
-may import `files` and `studies.declaration`. To add a paper, write a file with its tables and name
-it in a scenario under `published`; a test compares the file with the scenario's parameters.
+Each paper has one TOML file with its tables; each number has its unit and its place in the paper. A
+remark under `[remarks]` is repeated wherever its column is shown. Published values are compared
+with estimates and never used to form them. To add a paper, write its file and name it in a scenario
+under `published`; a test compares the file with the scenario's parameters.
 """
 
 from __future__ import annotations
@@ -21,7 +20,9 @@ from sim.errors import DeclarationError
 
 
 def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[str, Start]:
-    """Values and standard deviations of a published column, in the units given by parameter.
+    """Return values and standard deviations of a published column.
+
+    ``units``: unit of the result by parameter; 1 for others.
 
     Raises
     ------
@@ -30,39 +31,33 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
     from scenarios.files.units import to_si
 
     place = f"published {choice.file}, table {choice.table}"
-    table = _document(choice.file).get(choice.table)
-    if not isinstance(table, dict) or not isinstance(table.get(choice.column), dict):
-        columns = (
-            ", ".join(key for key, value in table.items() if isinstance(value, dict))
-            if isinstance(table, dict)
-            else "no such table"
-        )
+    found = _document(choice.file).get(choice.table)
+    table: dict[str, Any] = found if isinstance(found, dict) else {}
+    columns = {key: value for key, value in table.items() if isinstance(value, dict)}
+    if choice.column not in columns:
+        known = ", ".join(columns) if table else "no such table"
         raise DeclarationError(
-            f"there is no column {choice.column!r}", where=place, remedy=f"it has {columns}"
+            f"there is no column {choice.column!r}", where=place, remedy=f"it has {known}"
         )
-    out = {}
-    for name, row in table[choice.column].items():
-        factor = (
-            float(to_si(1.0, table["unit"], units.get(name, "1"), place, DeclarationError))
-            if "unit" in table
-            else 1.0
-        )
-        out[name] = Start(row["value"] * factor, row["std"] * factor)
-    return out
+    published = {}
+    for name, row in columns[choice.column].items():
+        factor = 1.0
+        if "unit" in table:
+            unit = units.get(name, "1")
+            factor = float(to_si(1.0, table["unit"], unit, place, DeclarationError))
+        published[name] = Start(row["value"] * factor, row["std"] * factor)
+    return published
 
 
 def published_remark(choice: PublishedChoice | None) -> str:
-    """Return a remark on a published column; empty if there is none, or no column.
+    """Return the remark on a published column; empty if there is none, or no column.
 
     Raises DeclarationError if there is no such file.
     """
-    return (
-        ""
-        if choice is None
-        else str(
-            _document(choice.file).get("remarks", {}).get(choice.table, {}).get(choice.column, "")
-        )
-    )
+    if choice is None:
+        return ""
+    remarks = _document(choice.file).get("remarks", {})
+    return str(remarks.get(choice.table, {}).get(choice.column, ""))
 
 
 def _document(file: str) -> dict[str, Any]:
@@ -78,11 +73,12 @@ def _document(file: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Row:
-    """One parameter of one method: what is true, what was estimated, what a paper found; all in
-    ``unit``.
+    """Estimated, true and published value of one parameter, all in ``unit``.
 
-    ``condensed`` is the coefficient by static condensation of the elastic modes that the model
-    lacks: what it should find.
+    Attributes
+    ----------
+    condensed : value that the model should find: the coefficient with the elastic modes that the
+        model lacks statically condensed.
     """
 
     name: str
@@ -95,36 +91,30 @@ class Row:
 
     @property
     def reference(self) -> float | None:
-        """Reference value of the estimate: the condensed value if there is one, else the true
-        one.
-        """
+        """Value that the estimate should have: the condensed value if known, else the true one."""
         return self.true if self.condensed is None else self.condensed
 
     @property
     def sigmas(self) -> float | None:
-        """Error in the estimator's own standard deviations."""
+        """Error in reported standard deviations."""
         return None if self.reference is None else (self.estimate - self.reference) / self.std
 
     @property
     def percent(self) -> float | None:
         """Error in percent of the reference; None if that is zero."""
-        return (
-            None
-            if not self.reference
-            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
-        )
+        if not self.reference:
+            return None
+        return 100.0 * (self.estimate - self.reference) / abs(self.reference)
 
     @property
     def published_sigmas(self) -> float | None:
-        """Error of the published value against the same reference, in the publication's own
-        sigmas.
-        """
+        """Error of the published value against the reference, in published sigmas."""
         if self.published is None or self.reference is None:
             return None
         return (self.published.value - self.reference) / self.published.std
 
 
 def rows_of(estimate: Estimate) -> tuple[Row, ...]:
-    """Return the rows of an estimate of which nothing else is known, in its order."""
-    found = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
-    return tuple(Row(name, unit, float(value), float(std)) for name, unit, value, std in found)
+    """Return the rows of an estimate, without true and published values."""
+    numbers = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    return tuple(Row(name, unit, float(value), float(std)) for name, unit, value, std in numbers)

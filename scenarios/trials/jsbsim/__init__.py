@@ -1,12 +1,10 @@
-"""Flights by JSBSim, a simulator that is not the project's: truths that share no equation with the
-models here.
+"""Flights by JSBSim, an independent simulator that shares no equation with `sim`.
 
-Truths that share no equation with `sim`: six degrees of freedom, the aircraft's own tables, engines
-and actuators. JSBSim is an extra (`pip install 'flightid[jsbsim]'`).
+JSBSim has six degrees of freedom, and tables, engines and actuators of each aircraft. It is an
+extra (`pip install 'flightid[jsbsim]'`).
 
-Of `sim` it may import records, errors and maneuvers, never `vehicles`, `effects`, `declaration`,
-`propagation` or `truth`; `import-linter` checks it. `tests/independent` has flights by JSBSim of
-its own and stays apart: an examiner that imports nothing of the house. To add an aircraft's usual
-condition, add its line to `CONDITIONS`; to add a fault, a key in `declaration.py`, `schema.py` and
-`declaration.py`.
+Of `sim` this package may import records, errors and maneuvers, never `vehicles`, `effects`,
+`declaration`, `propagation` or `truth`; `import-linter` checks it. `tests/independent` has its own
+flights by JSBSim and imports nothing from here. To add an aircraft's usual condition, add a line to
+`CONDITIONS`; to add a fault, a key in `declaration.py` and in the schema of `flight.py`.
 """

@@ -1,7 +1,7 @@
-"""Declaration of a flight by JSBSim: aircraft, condition, maneuvers, and faults put into it.
+"""Declaration of a flight by JSBSim: aircraft, condition, maneuvers, and added faults.
 
-A surface's fault lies between its record and the surface: the aircraft did what it did, and the
-record is what would have led to it.
+A fault of a surface lies between its record and the surface. It is added to the record, so that the
+recorded input is the one that leads to the flown motion through the fault.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MODELS: Mapping[str, tuple[str, ...]] = {
     "lateral": ("lateral",),
     "both": ("rigid", "longitudinal", "lateral"),
 }
-# s
+# Usual duration by axis, s.
 DURATIONS: Mapping[str, float] = {
     "rigid": 25.0,
     "longitudinal": 60.0,
@@ -64,23 +64,24 @@ SURFACES = ("elevator", "aileron", "rudder")
 
 @dataclass(frozen=True)
 class JsbsimFlight:
-    """A flight to be flown by JSBSim.
+    """A flight by JSBSim.
 
     Attributes
     ----------
-    aircraft : its name in the JSBSim package.
+    aircraft : name in the JSBSim package.
     altitude, airspeed : m above sea level, true m/s.
     axis : a key of ``CONTROLS``.
     maneuver : one of ``MANEUVERS``.
-    size : of the maneuver, 1 is what suits the aircraft.
+    size : factor on the amplitudes that suit the aircraft.
     duration : s.
     rate : samples a second.
-    noise : factor on ``noise_std``, which is by output, SI.
+    noise : factor on ``noise_std``.
+    noise_std : measurement noise by output, SI.
     rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7.
-    wrong : largest share by which starting values are off.
-    late : by channel, s: an output is shown so late; a surface answers so long after its record.
-    backlash : by surface, rad: half the play between the record and the surface.
-    vane_ahead : m, of both vanes, ahead of the centre of gravity.
+    wrong : largest relative error of the starting values.
+    late : delay by channel, s: of a sensor, or of a surface after its record.
+    backlash : half the play between record and surface, by surface, rad.
+    vane_ahead : distance of both vanes ahead of the centre of gravity, m.
     """
 
     name: str
@@ -115,8 +116,7 @@ def _at(feet: float, knots: float) -> tuple[float, float]:
     return feet * FOOT, knots * KNOT
 
 
-# Altitude (m) and true airspeed (m/s) of level flight that stays level, in the middle of each
-# envelope.
+# Altitude (m) and true airspeed (m/s) of steady level flight, in the middle of each envelope.
 CONDITIONS: Mapping[str, tuple[float, float]] = {
     "c172x": _at(5000, 105),
     "c172p": _at(5000, 105),
@@ -137,19 +137,19 @@ _PUSHBACK = tuple(
     f"/sim/model/pushback/{name}"
     for name in ("position-norm", "kp", "ki", "kd", "force", "target-speed-fps")
 )
-# Properties of another program that an aircraft's files read and that must exist.
+# Properties of other programs that an aircraft's files read, and which must exist.
 NEEDS: Mapping[str, tuple[str, ...]] = {
     "fokker100": ("/gear/gear/wow", *_PUSHBACK),
     "f104": ("systems/radar/range",),
 }
-# Travel (rad) of a surface that is given in parts of it only; 20 degrees where nothing is known.
+# Travel (rad) of surfaces whose deflection is given as a share of it; 20 degrees if unknown.
 TRAVEL: Mapping[tuple[str, str], float] = {("T38", "elevator"): 0.297}
 USUAL_TRAVEL = math.radians(20.0)
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The property that the air loads read, and what it is to be multiplied with to be radians."""
+    """The property of a surface that the aerodynamics read, and its factor to radians."""
 
     property: str
     scale: float
@@ -168,7 +168,7 @@ def package_folder() -> Path:
 
 
 def refuse_unknown_aircraft(name: str, where: str) -> None:
-    """DeclarationError where the package has no such aircraft."""
+    """Raise DeclarationError if the package has no such aircraft."""
     names = sorted(
         path.name
         for path in (package_folder() / "aircraft").iterdir()
@@ -181,19 +181,20 @@ def refuse_unknown_aircraft(name: str, where: str) -> None:
 
 
 def surfaces_of(name: str) -> dict[str, Surface]:
-    """Return, for each surface, the property that the air loads of an aircraft read most often; one
-    that they never read is left out.
+    """Return the surfaces that the aerodynamics of an aircraft read.
+
+    Of several properties of a surface, the one that is read most often is taken.
     """
-    counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
+    counted = Counter(_read_properties(package_folder() / "aircraft" / name / f"{name}.xml"))
     surfaces = {}
     for surface in SURFACES:
-        mine = [
+        candidates = [
             (count, prop)
             for prop, count in counted.items()
             if surface in prop and "mag-" not in prop and "cmd" not in prop
         ]
-        if mine:
-            prop = max(mine)[1]
+        if candidates:
+            prop = max(candidates)[1]
             surfaces[surface] = Surface(prop, _scale(name, surface, prop))
     return surfaces
 
@@ -204,8 +205,8 @@ def _scale(name: str, surface: str, prop: str) -> float:
     return math.radians(1.0) if prop.endswith("-deg") else 1.0
 
 
-def _read_by_loads(path: Path) -> Iterator[str]:
-    """Yield every property that an aircraft's aerodynamics read, as often as they do."""
+def _read_properties(path: Path) -> Iterator[str]:
+    """Yield every property that an aircraft's aerodynamics read, as often as they read it."""
     for section in ElementTree.parse(path).getroot().iter("aerodynamics"):
         other = section.get("file")
         if other:
@@ -218,23 +219,20 @@ def _read_by_loads(path: Path) -> Iterator[str]:
 # ---- Faults of sensors and surfaces
 
 Signals = Mapping[str, np.ndarray]
-STILL_DEFLECTION = 1e-9  # rad of one frame, below which a surface stands
+STILL_DEFLECTION = 1e-9  # rad per frame, below which a surface does not move
 
 
 def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
-    """Return the signals as the recorder is given them: vanes ahead, then late sensors, then
-    surfaces that answer late or with play.
-    """
+    """Return the signals with the declared faults: vanes, play, then delays."""
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:
-        # A point ahead of the centre of gravity moves up in pitching up and to the right in yawing
-        # right.
+        # A point ahead of the centre of gravity moves up with q, and to the right with r.
         shown["alpha"] = shown["alpha"] - flight.vane_ahead * shown["q"] / shown["airspeed"]
         shown["beta"] = shown["beta"] + flight.vane_ahead * shown["r"] / shown["airspeed"]
     for name, half in flight.backlash.items():
         shown[name] = ahead_of_play(shown[name], half)
     for name, delay in flight.late.items():
-        # What a surface does late was recorded early.
+        # A surface that responds late was recorded early.
         shown[name] = np.interp(
             time + delay if name in SURFACES else time - delay, time, shown[name]
         )
@@ -242,10 +240,10 @@ def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
 
 
 def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
-    """Return a drive that moves a surface just so through a play of ``half`` to either side.
+    """Return the drive that moves a surface as given through a play of ``half`` to either side.
 
-    While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses
-    the play at its own pace, here evenly from one motion to the next. It begins in the middle.
+    While the surface moves, the drive is ``half`` ahead of it. While the surface does not move, the
+    drive crosses the play at constant speed. It starts in the middle of the play.
     """
     moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL_DEFLECTION, np.diff(surface), 0.0))
     at = np.flatnonzero(moving)
@@ -258,27 +256,27 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
 
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
-    """Return the added effects under their names in the library of effects, if it has them."""
-    result: dict[str, dict[str, float]] = {}
+    """Return the added faults and turbulence by their names in the library of effects."""
+    effects: dict[str, dict[str, float]] = {}
     for name, delay in flight.late.items():
-        result[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
+        effects[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
     for name, half in flight.backlash.items():
-        result[f"input-backlash:{name}"] = {"half_width": half}
+        effects[f"input-backlash:{name}"] = {"half_width": half}
     if flight.vane_ahead:
-        result["vane-offset"] = {"arm": flight.vane_ahead}
+        effects["vane-offset"] = {"arm": flight.vane_ahead}
     if flight.rough_air:
-        result["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
-    return result
+        effects["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
+    return effects
 
 
 # ---- Commands of a flight
 
-HAND_TRAVEL_TIME = 0.15  # s that a hand takes from one level to the next
-QUIET_START_TIME = 2.0  # s before anything moves
+HAND_TRAVEL_TIME = 0.15  # s that a pilot's hand takes from one level to the next
+QUIET_START_TIME = 2.0  # s before the first maneuver
 HIGHEST_FREQUENCY_RATIO = 2.2  # of a multisine, over the frequency of the mode
 RMS_TO_PEAK = 0.5  # rms of a multisine over its peak
 THROTTLE_HOLD_TIME = 5.0  # s that a throttle is held
-# When a control first moves and when again, in parts of the record.
+# Times of the first and of the second maneuver of a control, as shares of the record.
 SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rigid": {"elevator": (0.0, 0.55)},
     "longitudinal": {"elevator": (0.0, 0.72), "throttle": (0.3, 0.52)},
@@ -290,28 +288,31 @@ SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 def commands(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return, by control, the command added to its trim at each frame: rad, for the throttle parts
-    of full travel.
+    """Return the command of each control at each frame, from trim.
 
-    ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it
-    excites, s.
+    Commands are in rad, that of the throttle in parts of its travel.
+
+    Parameters
+    ----------
+    sizes : peak by control.
+    units : unit of a 3-2-1-1 that suits the mode that the control excites, s.
     """
-    moves = _multisines(flight, sizes, units) if flight.maneuver == "multisine" else {}
+    maneuvers = _multisines(flight, sizes, units) if flight.maneuver == "multisine" else {}
     for control in CONTROLS[flight.axis]:
-        if control not in moves:
-            moves[control] = _steps(flight, control, sizes[control], units[control])
-    return {control: by_hand(move(time), time) for control, move in moves.items()}
+        if control not in maneuvers:
+            maneuvers[control] = _steps(flight, control, sizes[control], units[control])
+    return {control: by_hand(maneuver(time), time) for control, maneuver in maneuvers.items()}
 
 
 def by_hand(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The mean of a command over the last ``HAND_TRAVEL_TIME`` seconds: steps become ramps."""
+    """Return a command with ramps for steps: its mean over the last ``HAND_TRAVEL_TIME``."""
     width = max(1, round(HAND_TRAVEL_TIME / float(time[1] - time[0])))
-    whole = np.concatenate([np.zeros(width), np.cumsum(values)])
-    return np.asarray((whole[width:] - whole[:-width]) / width)
+    total = np.concatenate([np.zeros(width), np.cumsum(values)])
+    return np.asarray((total[width:] - total[:-width]) / width)
 
 
 def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[str, np.ndarray]:
-    """Return one control alone: its 3-2-1-1 soon after the start."""
+    """Return a 3-2-1-1 of one control, soon after the start."""
     return {control: by_hand(three_two_one_one(size, unit, 0.5)(time), time)}
 
 
@@ -321,7 +322,7 @@ def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Mane
         for share in SLOTS[flight.axis][control]
     )
     if control == "throttle":
-        # In proportion where the record is short.
+        # Shorter in a short record.
         held = min(THROTTLE_HOLD_TIME, 0.1 * flight.duration)
         return Sum((doublet(size, held, first), doublet(-0.7 * size, 0.6 * held, again)))
     if flight.maneuver == "doublet":
@@ -332,22 +333,17 @@ def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Mane
 def _multisines(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]
 ) -> dict[str, Maneuver]:
-    """Mutually orthogonal multisines on the surfaces, up to somewhat above the fastest mode (unit =
-    1.6/frequency).
-    """
-    moved = [control for control in CONTROLS[flight.axis] if control != "throttle"]
+    """Return orthogonal multisines of the surfaces, up to somewhat above the fastest mode."""
+    surfaces = [control for control in CONTROLS[flight.axis] if control != "throttle"]
     period = flight.duration - QUIET_START_TIME - 1.0
-    highest = max(
-        3 * len(moved),
-        round(
-            period
-            * HIGHEST_FREQUENCY_RATIO
-            * 1.6
-            / min(units[control] for control in moved)
-            / (2.0 * np.pi)
-        ),
+    # The unit is 1.6 over the frequency of the mode.
+    frequency = 1.6 / min(units[surface] for surface in surfaces)
+    harmonic = round(period * HIGHEST_FREQUENCY_RATIO * frequency / (2.0 * np.pi))
+    multisines = orthogonal_multisines(
+        [RMS_TO_PEAK * sizes[surface] for surface in surfaces],
+        period,
+        2,
+        max(3 * len(surfaces), harmonic),
+        QUIET_START_TIME,
     )
-    made = orthogonal_multisines(
-        [RMS_TO_PEAK * sizes[control] for control in moved], period, 2, highest, QUIET_START_TIME
-    )
-    return dict(zip(moved, made, strict=True))
+    return dict(zip(surfaces, multisines, strict=True))

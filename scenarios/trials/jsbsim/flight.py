@@ -1,12 +1,12 @@
-"""A flight by JSBSim from its declaration to its record, vehicle files and truth.
+"""A flight by JSBSim: its record, vehicle files and truth.
 
-The schema of flights by JSBSim (pydantic), and the way from a checked file to a JsbsimFlight.
+Also the schema of its declaration (pydantic), and conversion of a checked file to a JsbsimFlight.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from scenarios.files.declarations import checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.sources import versions
 from scenarios.files.writing import write_json, write_record, write_text
-from scenarios.studies.schema import Quantity, positive, si
+from scenarios.studies.schema import Quantity, positive, positive_si, si
 from scenarios.trials.jsbsim.declaration import (
     CONDITIONS,
     CONTROLS,
@@ -54,17 +54,17 @@ REHEARSAL_TIME = 12.0  # s
 MOST_REHEARSALS = 4
 AMPLITUDE_TOLERANCE = 0.15  # share within which an amplitude is accepted
 FIRST_DEFLECTION = math.radians(1.0)  # rad, first deflection that is tried
-LARGEST_DEFLECTION = math.radians(20.0)  # rad, largest deflection
-THROTTLE_STEP = 0.12  # of the throttle's travel
-SMALL_MANEUVER_SHARE = 0.1  # share of the maneuver that is flown for slopes about trim
+LARGEST_DEFLECTION = math.radians(20.0)  # rad
+THROTTLE_STEP = 0.12  # share of the throttle's travel
+SMALL_MANEUVER_SHARE = 0.1  # size of the maneuver that gives the derivatives about trim
 LEAST_TRAVEL_SHARE = 0.7  # share of the commanded deflection that a surface must reach
-UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-# factor of the pilot's gains: the wings are kept level while the elevator moves
+UNITS = (0.25, 1.5)  # s, shortest and longest unit of a 3-2-1-1
+# Factors on the pilot's gains: the wings are held level while the elevator moves, and return slowly
+# while rudder or aileron move.
 PITCH_PILOT_FACTOR = 1.0
-ROLL_PILOT_FACTOR = 0.3  # the same in rolling: the wings return slowly
-# How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough
-# for models about trim (twice as far, the speed that is lost in banks of 20 degrees and the square
-# of the drag stand out of the noise).
+ROLL_PILOT_FACTOR = 0.3
+# Largest excursions from trim by control: twenty times the sensor noise. With twice as much, loss
+# of speed in banks and the square of the drag are visible in models about trim.
 PEAKS: Mapping[str, Mapping[str, float]] = {
     "elevator": {"alpha": math.radians(2.0), "q": math.radians(8.0)},
     "rudder": {"beta": math.radians(2.5), "p": math.radians(8.0)},
@@ -74,10 +74,13 @@ PEAKS: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class JsbsimTruth:
-    """What is true of a flight: by model constants, slopes about trim, and the nearest straight
-    lines over the maneuver as it was flown.
+    """True values of a flight, by model.
 
-    ``sizes`` : peak of each surface, rad, and of the throttle, parts of its travel.
+    Attributes
+    ----------
+    constants : constants of the vehicle file, SI.
+    about_trim, in_maneuver : derivatives about trim, and best linear fits over the maneuver.
+    sizes : peak of each surface, rad, and of the throttle, parts of its travel.
     """
 
     constants: Mapping[str, Mapping[str, float]]
@@ -106,9 +109,10 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     }
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
     wanted = {control: flight.size * size for control, size in sizes.items()}
-    leveller = ROLL_PILOT_FACTOR if "aileron" in wanted else PITCH_PILOT_FACTOR
     simulated = fly(
-        replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller
+        replace(calm, rough_air=flight.rough_air),
+        commands(flight, wanted, units, time),
+        _levelling(wanted),
     )
     small = _small_motion(calm, flight, sizes, units, time)
     models = MODELS[flight.axis]
@@ -121,11 +125,16 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     return _recorded(flight, simulated, frames, np.random.default_rng(seed)), truth
 
 
+def _levelling(controls: Collection[str]) -> float:
+    """Return the factor on the pilot's gains while these controls move."""
+    return ROLL_PILOT_FACTOR if "aileron" in controls else PITCH_PILOT_FACTOR
+
+
 def _refuse_missing_surface(flight: JsbsimFlight) -> None:
-    there = surfaces_of(flight.aircraft)
+    available = surfaces_of(flight.aircraft)
     for key, faults in (("late", flight.late), ("backlash", flight.backlash)):
         for name in faults:
-            if name in SURFACES and name not in there:
+            if name in SURFACES and name not in available:
                 what = f"{flight.aircraft} has no {name} that its air loads read"
                 raise DeclarationError(
                     what, where=f"key {key}.{name}", remedy="leave it out, or give another aircraft"
@@ -133,8 +142,9 @@ def _refuse_missing_surface(flight: JsbsimFlight) -> None:
 
 
 def units_of(calm: Condition) -> dict[str, float]:
-    """Step of a 3-2-1-1 (s) by control: 1.6 over the frequency of the excited mode, from a small
-    motion.
+    """Return the unit of a 3-2-1-1 by control, s: 1.6 over the frequency of the excited mode.
+
+    The frequencies are measured in small motions.
     """
     time = calm.step * np.arange(round(REHEARSAL_TIME / calm.step))
     pitching = fly(calm, rehearsal("elevator", FIRST_DEFLECTION, 0.5, time), PITCH_PILOT_FACTOR)
@@ -150,8 +160,9 @@ def units_of(calm: Condition) -> dict[str, float]:
 
 
 def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
-    """Square root of stiffness over inertia, rad/s: slope of a moment by the first of the
-    signals.
+    """Return the square root of stiffness over inertia, rad/s.
+
+    The stiffness is the slope of ``moment`` over the first of the signals ``by``.
     """
     matrix = np.stack(
         [
@@ -190,9 +201,7 @@ def _small_motion(
     units: Mapping[str, float],
     time: np.ndarray,
 ) -> JsbsimSignals:
-    """Return the 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a
-    linkage swallows it.
-    """
+    """Return a 3-2-1-1 of a tenth of the size, in calm air; larger if play absorbs it."""
     share = SMALL_MANEUVER_SHARE
     while True:
         wanted = commands(
@@ -201,17 +210,15 @@ def _small_motion(
             units,
             time,
         )
-        # a propeller's torque would be as large as the motion
+        # With moving throttle, the torque of a propeller would be as large as the motion.
         wanted.setdefault("throttle", np.zeros(len(time)))
-        simulated = fly(
-            calm, wanted, ROLL_PILOT_FACTOR if "aileron" in wanted else PITCH_PILOT_FACTOR
-        )
-        done = [
+        simulated = fly(calm, wanted, _levelling(wanted))
+        travel_shares = [
             np.ptp(simulated[name]) / np.ptp(values)
             for name, values in wanted.items()
             if name in simulated.signals
         ]
-        if min(done) > LEAST_TRAVEL_SHARE or share >= 1.0:
+        if min(travel_shares) > LEAST_TRAVEL_SHARE or share >= 1.0:
             return simulated
         share = min(1.0, 2.0 * share)
 
@@ -219,7 +226,7 @@ def _small_motion(
 def _recorded(
     flight: JsbsimFlight, simulated: JsbsimSignals, frames: int, rng: np.random.Generator
 ) -> Record:
-    """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
+    """Return the record: one sample per ``frames``, white noise on outputs, none on inputs."""
     signals = dict(simulated.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
     shown = spoiled(signals, flight)
@@ -241,15 +248,20 @@ def _recorded(
 
 # ---- The files of a flight by JSBSim
 
-STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting values
-LEAST_LOAD_SHARE = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
+STARTS_APART = 1_000_003  # makes the seeds of starting values differ from those of sensors
+LEAST_LOAD_SHARE = 1e-3  # share of a load's spread; derivatives with a smaller effect are left out
 
 
 def write_jsbsim(
     flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str
 ) -> tuple[dict[str, Path], Path]:
-    """``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``;
-    vehicle files by model, and the truth's path.
+    """Write the files of a flight into a folder.
+
+    They are ``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``.
+
+    Returns
+    -------
+    The vehicle files by model, and the path of the truth.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_record(folder, record, stem, simulated=True)
@@ -267,8 +279,9 @@ def write_jsbsim(
 def vehicle_text(
     flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
 ) -> str:
-    """Return a vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``;
-    those that move nothing left out.
+    """Return a vehicle file: constants of JSBSim, and derivatives wrong by up to ``wrong``.
+
+    Derivatives without a notable effect are left out.
     """
     lines = [
         f'name = "{flight.aircraft}"',
@@ -283,26 +296,26 @@ def vehicle_text(
 
 
 def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[str, Any]:
-    """JSON content: derivatives about trim and over the maneuver by model, inserted errors, and
-    settings of the flight.
-    """
-    made = {
+    """Return the content of the truth file: derivatives by model, added faults, settings."""
+    settings = {
         key: value
         for key, value in asdict(flight).items()
         if key not in ("name", "title", "about", "seed")
     }
     return {
         "schema": "flightid/truth/1",
-        "parameters": {model: dict(result.values) for model, result in truth.about_trim.items()},
-        "in_maneuver": {model: dict(result.values) for model, result in truth.in_maneuver.items()},
-        "variance_left": {model: result.left for model, result in truth.in_maneuver.items()},
+        "parameters": {model: dict(slopes.values) for model, slopes in truth.about_trim.items()},
+        "in_maneuver": {model: dict(slopes.values) for model, slopes in truth.in_maneuver.items()},
+        "variance_left": {model: slopes.left for model, slopes in truth.in_maneuver.items()},
         "hidden": named(flight),
-        "flight": made,
+        "flight": settings,
         "controls": dict(truth.sizes),
         "seed": seed,
         "versions": versions(),
     }
 
+
+# ---- Schema of a flight by JSBSim
 
 SHORTEST = 8.0  # s
 FASTEST = 400.0  # Hz
@@ -357,9 +370,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
             where=f"{where}, key duration",
             remedy=f"give {SHORTEST:g} s or more",
         )
-    rate = positive(
-        si(content.rate, "1/s", f"{where}, key rate", {"hz": "1/s"}), f"{where}, key rate"
-    )
+    rate = positive_si(content.rate, "1/s", f"{where}, key rate", {"hz": "1/s"})
     if rate > FASTEST:
         raise DeclarationError(
             f"{rate:g} samples a second",
@@ -380,44 +391,34 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
         duration,
         rate,
         content.noise,
-        _by_channel(content.noise_std, tuple(OUTPUTS), OUTPUTS, where, "noise_std"),
+        _by_channel(content.noise_std, OUTPUTS, where, "noise_std"),
         content.rough_air,
         content.wrong,
-        _by_channel(
-            content.late,
-            (*SURFACES, *OUTPUTS),
-            dict.fromkeys((*SURFACES, *OUTPUTS), "s"),
-            where,
-            "late",
-        ),
-        _by_channel(content.backlash, SURFACES, dict.fromkeys(SURFACES, "rad"), where, "backlash"),
+        _by_channel(content.late, dict.fromkeys((*SURFACES, *OUTPUTS), "s"), where, "late"),
+        _by_channel(content.backlash, dict.fromkeys(SURFACES, "rad"), where, "backlash"),
         si(content.vane_ahead, "m", f"{where}, key vane_ahead"),
         content.seed,
     )
 
 
 def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
-    """Altitude and airspeed as given, else those of the aircraft."""
-    own = CONDITIONS.get(str(content.aircraft))
-    result = []
-    for place, (key, unit, value) in enumerate(
-        (("altitude", "m", content.altitude), ("airspeed", "m/s", content.airspeed))
-    ):
-        if value is None and own is None:
-            what = f"no usual {key} is known of {content.aircraft}"
+    """Return altitude (m) and airspeed (m/s) as given, else the usual ones of the aircraft."""
+    usual = CONDITIONS.get(str(content.aircraft), (None, None))
+
+    def given(key: str, unit: str, value: Quantity | None, usual_value: float | None) -> float:
+        if value is not None:
+            return si(value, unit, f"{where}, key {key}")
+        if usual_value is None:
             raise DeclarationError(
-                what,
+                f"no usual {key} is known of {content.aircraft}",
                 where=f"{where}, key {key}",
                 remedy=f"give it, or an aircraft of {', '.join(CONDITIONS)}",
             )
-        result.append(
-            si(value, unit, f"{where}, key {key}")
-            if value is not None
-            else own[place]
-            if own
-            else 0.0
-        )
-    return result[0], positive(result[1], f"{where}, key airspeed")
+        return usual_value
+
+    altitude = given("altitude", "m", content.altitude, usual[0])
+    airspeed = given("airspeed", "m/s", content.airspeed, usual[1])
+    return altitude, positive(airspeed, f"{where}, key airspeed")
 
 
 def _one_of(name: str, allowed: tuple[str, ...], what: str, where: str) -> None:
@@ -430,22 +431,17 @@ def _one_of(name: str, allowed: tuple[str, ...], what: str, where: str) -> None:
 
 
 def _by_channel(
-    given: Mapping[str, Quantity],
-    allowed: tuple[str, ...],
-    units: Mapping[str, str],
-    where: str,
-    key: str,
+    given: Mapping[str, Quantity], units: Mapping[str, str], where: str, key: str
 ) -> dict[str, float]:
+    """Return positive quantities by channel in the ``units`` of the allowed channels."""
     for name in given:
-        if name not in allowed:
+        if name not in units:
             raise DeclarationError(
                 f"there is no channel {name!r} here",
                 where=f"{where}, key {key}",
-                remedy=closest(name, allowed),
+                remedy=closest(name, tuple(units)),
             )
     return {
-        name: positive(
-            si(value, units[name], f"{where}, key {key}.{name}"), f"{where}, key {key}.{name}"
-        )
+        name: positive_si(value, units[name], f"{where}, key {key}.{name}")
         for name, value in given.items()
     }

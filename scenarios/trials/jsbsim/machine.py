@@ -1,8 +1,8 @@
-"""JSBSim itself: load, trim, fly; and true derivatives of the forces that it made.
+"""JSBSim itself: load, trim, fly; and true derivatives by regression of its forces and moments.
 
-In a small motion they are the derivatives about trim; over the maneuver itself, the straight lines
-that lie nearest to what the aircraft did. Terms in alpha_dot and beta_dot fall to the others, as in
-any fit of models that have none.
+In a small motion they are the derivatives about trim, over the maneuver itself the best linear
+fits. Terms in alpha_dot and beta_dot go to the other derivatives, as in any fit of models without
+such terms.
 """
 
 from __future__ import annotations
@@ -34,35 +34,34 @@ from sim.errors import DeclarationError
 SLUG = 14.59390293720636  # kg
 POUND = SLUG * FOOT  # N in a pound force
 INERTIA = SLUG * FOOT**2  # kg m2 in a slug ft2
-LEAST_FRAME_RATE = 400.0  # Hz at least
-# JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
-# step late
+LEAST_FRAME_RATE = 400.0  # Hz
+# JSBSim's integrator of second order; its default for rotation, Euler, has the rates half a step
+# late.
 ADAMS_BASHFORTH = 3
 MILSPEC_TURBULENCE = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
 WIND_AT_20_FT = 25.0  # ft/s
 MOST_ENGINES = 4
 STARTING_THROTTLE = 0.6
 MIXTURE = 0.87
-AT_REST = 0.02  # ft/s2 and rad/s2
+AT_REST = 0.02  # ft/s2 and rad/s2, largest acceleration in trim
 MOST_BANK = math.radians(75.0)  # rad, largest bank angle of a flight
 MOST_PITCH = math.radians(60.0)  # rad, largest pitch angle of a flight
-# The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
+# Gains of the pilot who levels the wings, and his largest aileron.
 BANK_GAIN = 0.15  # rad of aileron per rad of bank
 ROLL_GAIN = 0.1  # rad of aileron per rad/s of roll rate
 MOST_AILERON = 0.12  # rad
-# The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad
-# and per rad/s, throttle per m/s.
+# Gains of the pilot who holds attitude and speed while rudder and aileron move.
 PITCH_GAIN = 0.3  # rad of elevator per rad of pitch
 PITCHING_GAIN = 0.15  # rad of elevator per rad/s of pitch rate
 SPEED_GAIN = 0.1  # throttle per m/s of airspeed
-# 1/s: how fast the pilot takes up what play or a damper keeps of a surface
+# 1/s: integral gain by which the pilot overcomes play and dampers of a surface
 PILOT_INTEGRAL_RATE = 4.0
-PROBE_COMMAND_SHARE = 0.2  # share of the full command that finds a surface's travel
+PROBE_COMMAND_SHARE = 0.2  # share of the full command by which a surface's travel is measured
 PROBE_TIME = 0.5  # s that the command lasts
-LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
+LEAST_TRAVEL = 0.02  # rad: a smaller travel at full command counts as none
 
-# What is read after each step, with its SI factor. The total body forces hold neither weight nor
-# anything of the sensors.
+# Properties that are read after each step, with their SI factors. The total body forces contain
+# neither weight nor sensor effects.
 READ: Mapping[str, tuple[str, float]] = {
     "airspeed": ("velocities/vt-fps", FOOT),
     "alpha": ("aero/alpha-rad", 1.0),
@@ -81,8 +80,9 @@ READ: Mapping[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class Body:
-    """Geometry and inertia as JSBSim has them, SI; ``cross_inertia`` is the integral of x z dm: the
-    property has the other sign.
+    """Geometry and inertia of an aircraft, SI.
+
+    ``cross_inertia`` is the integral of x z dm; JSBSim's property has the opposite sign.
     """
 
     mass: float
@@ -97,9 +97,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class JsbsimSignals:
-    """Signals at every frame by name: those of ``READ``, the surfaces (rad), ``time``; the last
-    dimension is time.
-    """
+    """Signals ``(F,)`` at every frame by name: those of ``READ``, the surfaces (rad), ``time``."""
 
     signals: Mapping[str, np.ndarray]
     body: Body
@@ -110,8 +108,13 @@ class JsbsimSignals:
 
 @dataclass(frozen=True)
 class Condition:
-    """An aircraft in level flight: altitude (m), true airspeed (m/s), step of a frame (s), and the
-    air: class of exceedance and its seed.
+    """An aircraft in level flight.
+
+    Attributes
+    ----------
+    altitude, airspeed : m above sea level, true m/s.
+    step : length of a frame, s.
+    rough_air, air_seed : class of exceedance of the turbulence, and its seed.
     """
 
     aircraft: str
@@ -122,26 +125,24 @@ class Condition:
     air_seed: int = 1
 
 
-def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float) -> JsbsimSignals:
-    """Fly from trim; every autopilot off, fuel frozen, and a pilot who puts the surfaces where they
-    are wanted.
+def fly(condition: Condition, wanted: Mapping[str, np.ndarray], levelling: float) -> JsbsimSignals:
+    """Fly from trim, without autopilot and with constant fuel; a pilot moves the surfaces.
 
     Parameters
     ----------
-    wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel;
-        one value a frame.
-    leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
+    wanted : deflection of each surface from trim, rad, and of the throttle, in parts of its travel;
+        one value per frame.
+    levelling : factor on the gains by which the pilot levels the wings; 0 for none.
 
     Raises
     ------
-    DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes
-        astray.
+    DeclarationError : JSBSim is not installed, the aircraft does not trim here, or it departs.
     """
     surfaces = surfaces_of(condition.aircraft)
     machine = trimmed(condition)
-    hands = _hands(condition, surfaces)
+    commanded = _commanded_surfaces(condition, surfaces)
     for name in wanted:
-        if name not in (*hands, "throttle"):
+        if name not in (*commanded, "throttle"):
             what = (
                 f"{condition.aircraft} has no {name} that its command moves and its air loads read"
             )
@@ -154,41 +155,36 @@ def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float)
         *(surface.property for surface in surfaces.values()),
         *(name for name, _ in READ.values()),
     ]
-    seen = np.empty((len(names), len(next(iter(wanted.values())))))
-    pilot = _Pilot(machine, hands, condition.step, leveller)
-    for k in range(seen.shape[1]):
+    rows = np.empty((len(names), len(next(iter(wanted.values())))))
+    pilot = _Pilot(machine, commanded, condition.step, levelling)
+    for k in range(rows.shape[1]):
         pilot.steer({name: float(values[k]) for name, values in wanted.items()})
         machine.run()
-        seen[:, k] = [machine[name] for name in names]
+        rows[:, k] = [machine[name] for name in names]
     factors = [
         *(surface.scale for surface in surfaces.values()),
         *(factor for _, factor in READ.values()),
     ]
-    signals = dict(zip((*surfaces, *READ), seen * np.array(factors)[:, None], strict=True))
+    signals = dict(zip((*surfaces, *READ), rows * np.array(factors)[:, None], strict=True))
     signals["psi"] = np.unwrap(signals["psi"]) - 2.0 * math.pi * round(
         float(signals["psi"][0]) / (2.0 * math.pi)
     )
-    _refuse_astray(condition, signals)
-    return JsbsimSignals(
-        {"time": condition.step * np.arange(seen.shape[1]), **signals}, _body(machine)
-    )
+    _refuse_departure(condition, signals)
+    time = condition.step * np.arange(rows.shape[1])
+    return JsbsimSignals({"time": time, **signals}, _body(machine))
 
 
 @dataclass(frozen=True)
-class Hand:
-    """A surface in the pilot's hand: its property with its scale to radians, and the radians that
-    full command is worth.
-    """
+class CommandedSurface:
+    """A surface that its command moves, and its deflection at full command, rad."""
 
     surface: Surface
-    reach: float
+    travel: float
 
 
 @functools.cache
-def _reaches(condition: Condition) -> Mapping[str, float]:
-    """Return, by surface, the deflection in rad at full command, measured with a small step of each
-    from trim.
-    """
+def _travels(condition: Condition) -> Mapping[str, float]:
+    """Return the deflection at full command by surface, rad, from small steps out of trim."""
     machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
     neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
     for name in surfaces:
@@ -203,69 +199,65 @@ def _reaches(condition: Condition) -> Mapping[str, float]:
     return {
         name: change / PROBE_COMMAND_SHARE
         for name, change in moved.items()
-        if abs(change) > LEAST_REACH * PROBE_COMMAND_SHARE
+        if abs(change) > LEAST_TRAVEL * PROBE_COMMAND_SHARE
     }
 
 
-def _hands(condition: Condition, surfaces: Mapping[str, Surface]) -> dict[str, Hand]:
-    reaches = _reaches(replace(condition, rough_air=0, air_seed=0))
-    return {name: Hand(surfaces[name], reach) for name, reach in reaches.items()}
+def _commanded_surfaces(
+    condition: Condition, surfaces: Mapping[str, Surface]
+) -> dict[str, CommandedSurface]:
+    travels = _travels(replace(condition, rough_air=0, air_seed=0))
+    return {name: CommandedSurface(surfaces[name], travel) for name, travel in travels.items()}
 
 
 class _Pilot:
-    """Commands by which surfaces go where they are wanted, through play, dampers and unequal
-    travel: in proportion, and until nothing is left.
-    """
+    """Proportional-integral control of the surfaces, through play and dampers."""
 
     def __init__(
-        self, machine: Any, hands: Mapping[str, Hand], step: float, leveller: float
+        self, machine: Any, commanded: Mapping[str, CommandedSurface], step: float, levelling: float
     ) -> None:
-        self._machine, self._hands, self._share, self._leveller = (
-            machine,
-            hands,
-            PILOT_INTEGRAL_RATE * step,
-            leveller,
-        )
-        self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
-        self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
+        self._machine, self._commanded = machine, commanded
+        self._integral_gain, self._levelling = PILOT_INTEGRAL_RATE * step, levelling
+        self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*commanded, "throttle")}
+        self._neutral = {name: machine[c.surface.property] for name, c in commanded.items()}
         self._attitude, self._speed = machine["attitude/theta-rad"], machine["velocities/vt-fps"]
 
     def steer(self, wanted: Mapping[str, float]) -> None:
         """Set the commands of the next frame."""
         machine = self._machine
-        for name, hand in self._hands.items():
+        for name, commanded in self._commanded.items():
+            surface, travel = commanded.surface, commanded.travel
             change = wanted.get(name, 0.0)
             if name == "elevator" and name not in wanted:
-                raised = machine["attitude/theta-rad"] - self._attitude
-                change = math.copysign(1.0, hand.reach) * (
-                    PITCH_GAIN * raised + PITCHING_GAIN * machine["velocities/q-rad_sec"]
+                pitch = machine["attitude/theta-rad"] - self._attitude
+                change = math.copysign(1.0, travel) * (
+                    PITCH_GAIN * pitch + PITCHING_GAIN * machine["velocities/q-rad_sec"]
                 )
             if name == "aileron":
                 roll = (
                     BANK_GAIN * machine["attitude/phi-rad"]
                     + ROLL_GAIN * machine["velocities/p-rad_sec"]
                 )
-                change -= math.copysign(self._leveller, hand.reach) * min(
+                change -= math.copysign(self._levelling, travel) * min(
                     MOST_AILERON, max(-MOST_AILERON, roll)
                 )
-            left = change - hand.surface.scale * (
-                machine[hand.surface.property] - self._neutral[name]
-            )
-            self._at[name] += self._share * left / hand.reach
-            machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
+            error = change - surface.scale * (machine[surface.property] - self._neutral[name])
+            self._at[name] += self._integral_gain * error / travel
+            machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / travel
         if "throttle" in wanted or "elevator" not in wanted:
-            pushed = wanted.get(
+            throttle = wanted.get(
                 "throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"])
             )
             for engine in range(MOST_ENGINES):
                 machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(
-                    1.0, max(0.0, self._at["throttle"] + pushed)
+                    1.0, max(0.0, self._at["throttle"] + throttle)
                 )
 
 
 def trimmed(condition: Condition) -> Any:
-    """Return the simulator with the aircraft in level unaccelerated flight, gear up, engines
-    running; DeclarationError where it is not.
+    """Return the simulator with the aircraft trimmed in level flight, gear up, engines running.
+
+    Raises DeclarationError if the aircraft does not trim.
     """
     folder = package_folder()
     os.environ.setdefault("JSBSIM_DEBUG", "0")
@@ -295,9 +287,7 @@ def trimmed(condition: Condition) -> Any:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older
-    versions.
-    """
+    """Suppress the output of JSBSim, which newer versions write by Python and older ones by C."""
     saved = [os.dup(number) for number in (1, 2)]
     with (
         open(os.devnull, "w", encoding="utf-8") as nowhere,
@@ -309,7 +299,7 @@ def _silence() -> Iterator[None]:
         try:
             yield
         finally:
-            ctypes.CDLL(None).fflush(None)  # what still waits in the buffers of C
+            ctypes.CDLL(None).fflush(None)  # the buffers of C
             for number, old in zip((1, 2), saved, strict=True):
                 os.dup2(old, number)
                 os.close(old)
@@ -350,7 +340,7 @@ def _no_trim(condition: Condition, why: str) -> DeclarationError:
     )
 
 
-def _refuse_astray(condition: Condition, signals: Mapping[str, np.ndarray]) -> None:
+def _refuse_departure(condition: Condition, signals: Mapping[str, np.ndarray]) -> None:
     finite = all(np.all(np.isfinite(values)) for values in signals.values())
     if (
         not finite
@@ -388,8 +378,13 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives of one model by name; ``weight``: what each moves its load by, over the load's
-    spread; ``left``: the largest share of a load's variance that straight lines leave.
+    """Derivatives of one model by name.
+
+    Attributes
+    ----------
+    values : the derivatives.
+    weight : contribution of each to the spread of its load, over that spread.
+    left : largest share of a load's variance that the linear fit does not explain.
     """
 
     values: Mapping[str, float]
@@ -397,21 +392,19 @@ class Slopes:
     left: float
 
     def without(self, *symbols: str) -> Slopes:
-        """Return the same but for derivatives by these symbols."""
-        return Slopes(
-            {
-                name: value
-                for name, value in self.values.items()
-                if name.partition("_")[2] not in symbols
-            },
-            self.weight,
-            self.left,
-        )
+        """Return the slopes without the derivatives with respect to these symbols."""
+        values = {
+            name: value
+            for name, value in self.values.items()
+            if name.partition("_")[2] not in symbols
+        }
+        return replace(self, values=values)
 
 
 def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
-    """Return the derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
-    another flight from the same trim.
+    """Return the derivatives of a model: rigid, longitudinal or lateral.
+
+    ``signals``: flight that gives the trim. ``motion``: flight that is fitted; None: the same.
     """
     return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
         signals, motion or signals
@@ -419,75 +412,73 @@ def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None =
 
 
 def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
-    """Return the constants of a model's vehicle file other than its derivatives, SI: body, air and
-    trim as they are at the start of a flight.
-    """
+    """Return the constants of a model's vehicle file, SI: body, and air and trim at the start."""
     body = signals.body
-    result = {
+    constants = {
         "mass": body.mass,
         "wing_area": body.wing_area,
         "air_density": float(signals["air_density"][0]),
     }
     speed = float(signals["airspeed"][0])
     if model == "lateral":
-        result |= {
+        return {
+            **constants,
             "span": body.span,
             "roll_inertia": body.roll_inertia,
             "yaw_inertia": body.yaw_inertia,
             "cross_inertia": body.cross_inertia,
-        }
-        return {
-            **result,
             "airspeed": speed,
             "trim_alpha": float(signals["alpha"][0]),
             "trim_theta": float(signals["theta"][0]),
         }
-    result |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
+    constants |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
     if model == "rigid":
-        return {**result, "airspeed": speed}
-    return {**result, "reference_airspeed": speed, "thrust_arm": thrust_arm(signals)}
+        return {**constants, "airspeed": speed}
+    return {**constants, "reference_airspeed": speed, "thrust_arm": thrust_arm(signals)}
 
 
 def thrust_arm(signals: JsbsimSignals) -> float:
-    """Moment of the engines over their thrust in trim, m, nose up positive; 0 if there is no
-    thrust.
-    """
+    """Return moment over thrust of the engines in trim, m, nose up positive; 0 without thrust."""
     thrust = float(signals["thrust"][0])
     return float(signals["thrust_moment"][0]) / thrust if thrust else 0.0
 
 
 def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Lift force across the path with engines; the dependence on speed is fitted and left out."""
+    """Return the derivatives of lift, engines included, and pitching moment.
+
+    The dependence on speed is fitted and left out.
+    """
     speed, body = float(trim["airspeed"][0]), signals.body
     columns = {
         "alpha": signals["alpha"],
         "q": signals["q"] * body.chord / (2.0 * speed),
-        **_moved(signals, {"de": "elevator"}),
+        **_deflections(signals, {"de": "elevator"}),
         "V": signals["airspeed"] / speed,
     }
     lift = -signals["force_z"] * np.cos(signals["alpha"]) + signals["force_x"] * np.sin(
         signals["alpha"]
     )
     area = 0.5 * float(trim["air_density"][0]) * speed**2 * body.wing_area
-    return _straight(
+    return _linear_fit(
         {"CL": (lift / area, columns), "Cm": (signals["moment_m"] / (area * body.chord), columns)}
     ).without("0", "V")
 
 
 def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Return the coefficients of the whole longitudinal motion at the current speed and density,
-    without thrust and its moment.
+    """Return the derivatives of the longitudinal coefficients, without thrust and its moment.
+
+    The coefficients refer to the current speed and density.
     """
     speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
     slow = {"V": signals["airspeed"] / speed, "alpha": alpha}
     columns = {
         **slow,
         "q": signals["q"] * body.chord / (2.0 * speed),
-        **_moved(signals, {"de": "elevator"}),
+        **_deflections(signals, {"de": "elevator"}),
     }
     x, z, area = signals["force_x"] - signals["thrust"], signals["force_z"], _pressure_area(signals)
     moment = signals["moment_m"] - thrust_arm(trim) * signals["thrust"]
-    return _straight(
+    return _linear_fit(
         {
             "CD": ((-x * np.cos(alpha) - z * np.sin(alpha)) / area, slow),
             "CL": ((x * np.sin(alpha) - z * np.cos(alpha)) / area, columns),
@@ -502,14 +493,14 @@ def _lateral(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
         "beta": signals["beta"],
         "p": signals["p"] * half,
         "r": signals["r"] * half,
-        **_moved(signals, {"da": "aileron", "dr": "rudder"}),
+        **_deflections(signals, {"da": "aileron", "dr": "rudder"}),
     }
     loads = {
         "CY": signals["force_y"],
         "Cl": signals["moment_l"] / signals.body.span,
         "Cn": signals["moment_n"] / signals.body.span,
     }
-    return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without(
+    return _linear_fit({letter: (load / area, columns) for letter, load in loads.items()}).without(
         "0"
     )
 
@@ -520,15 +511,15 @@ def _pressure_area(signals: JsbsimSignals) -> np.ndarray:
     )
 
 
-def _moved(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """Return the surfaces that the loads of this aircraft read, under the names of derivatives."""
+def _deflections(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Return the deflections of the aircraft's surfaces under the symbols of derivatives."""
     return {
         symbol: signals[surface] for symbol, surface in names.items() if surface in signals.signals
     }
 
 
-def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:
-    """Least squares of every load on a constant and its columns, each scaled to its own spread."""
+def _linear_fit(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:
+    """Return the least-squares fit of every load by a constant and its columns, each scaled."""
     values: dict[str, float] = {}
     weight: dict[str, float] = {}
     left = 0.0

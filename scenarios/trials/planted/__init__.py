@@ -1,5 +1,4 @@
-"""Scenarios with hidden effects: simulated here, diagnosed from files alone, scored with the
-truth.
+"""Scenarios with hidden effects: simulated, diagnosed from files alone, compared with the truth.
 
 A new one is a file in `scenarios/catalog` with ``kind = "trace"``.
 """

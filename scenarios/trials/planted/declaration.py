@@ -1,6 +1,6 @@
-"""Declaration of a tracing scenario, its hidden terms by name, and the terms that only a truth has.
+"""Declaration of a tracing scenario, its hidden terms, and terms that are not in the library.
 
-The terms of a truth are written like the effects of `sim/effects`, but the loop never tries them.
+The terms here are written like the effects of `sim/effects`, but the tracing loop never tries them.
 To add one that a scenario hides, write an effect named `own:NAME` and put it into ``TERMS``. Terms
 that no scenario hides are in `exam/hidden_terms`.
 """
@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AlphaControlProduct:
-    """moment += ``moment`` alpha elevator, lift += ``lift`` alpha elevator, 1/rad2 both: an
-    elevator that loses power in the wing's wake.
+    """Elevator that loses effectiveness in the wing's wake.
+
+    moment += ``moment`` alpha elevator, lift += ``lift`` alpha elevator, both in 1/rad2.
     """
 
     name: ClassVar[str] = "own:alpha-control-product"
@@ -58,15 +59,12 @@ class AlphaControlProduct:
         return ()
 
 
-PRODUCT = AlphaControlProduct()
-
-
 @dataclass(frozen=True)
 class DragBucket:
-    """drag += ``depth`` x^2 / (1 + x^2), x = (alpha - ``middle``)/``width``.
+    """Drag bucket: low drag within a narrow range of the angle of attack, gust included.
 
-    Zero in the middle of the bucket (rad), ``depth`` (1) far outside of its ``width`` (rad); the
-    gust included.
+    drag += ``depth`` x^2 / (1 + x^2), x = (alpha - ``middle``)/``width``; ``depth`` has unit 1,
+    ``middle`` and ``width`` rad.
     """
 
     name: ClassVar[str] = "own:drag-bucket"
@@ -94,13 +92,11 @@ class DragBucket:
         return ()
 
 
-BUCKET = DragBucket()
-
-
 @dataclass(frozen=True)
 class HalfSineGust:
-    """w = ``peak`` sin(pi (t - start)/duration) between ``start`` and ``start + duration`` (s), m/s
-    up; it begins and ends with a kink.
+    """Single gust of half a sine, which begins and ends with a kink.
+
+    w = ``peak`` sin(pi (t - start)/duration), m/s up, from ``start`` to ``start + duration`` (s).
     """
 
     name: ClassVar[str] = "own:half-sine-gust"
@@ -129,13 +125,11 @@ class HalfSineGust:
         return ()
 
 
-HALF_SINE = HalfSineGust()
-
-
 @dataclass(frozen=True)
 class PeriodicMoment:
-    """moment += ``size`` sin(``frequency`` t), frequency in rad/s: sloshing fuel, or a vortex that
-    is shed at its own rhythm.
+    """Periodic pitching moment, as of sloshing fuel or vortex shedding.
+
+    moment += ``size`` sin(``frequency`` t), frequency in rad/s.
     """
 
     name: ClassVar[str] = "own:periodic-moment"
@@ -161,13 +155,11 @@ class PeriodicMoment:
         return ()
 
 
-PERIODIC = PeriodicMoment()
-
-
 @dataclass(frozen=True)
 class TanhMoment:
-    """moment += ``loss`` (alpha - ``width`` tanh(alpha/width)): the slope of Cm grows by ``loss``
-    (1/rad) beyond ``width`` (rad).
+    """Pitching moment whose slope grows by ``loss`` (1/rad) beyond ``width`` (rad).
+
+    moment += ``loss`` (alpha - ``width`` tanh(alpha/width)).
     """
 
     name: ClassVar[str] = "own:tanh-moment"
@@ -187,8 +179,7 @@ class TanhMoment:
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        # tanh by the exponential: it has to broadcast and survive a complex step like every
-        # equation of the simulation.
+        # tanh by the exponential, which broadcasts and allows complex steps.
         grown = exp(2.0 * s.alpha_air / p.width)
         return {"moment": p.loss * (s.alpha_air - p.width * (grown - 1.0) / (grown + 1.0))}
 
@@ -196,10 +187,13 @@ class TanhMoment:
         return ()
 
 
-TANH = TanhMoment()
-
-
-TERMS: tuple[Effect, ...] = (PRODUCT, BUCKET, HALF_SINE, PERIODIC, TANH)
+TERMS: tuple[Effect, ...] = (
+    AlphaControlProduct(),
+    DragBucket(),
+    HalfSineGust(),
+    PeriodicMoment(),
+    TanhMoment(),
+)
 
 
 # ---- What a tracing scenario declares
@@ -211,9 +205,11 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 class HiddenTerm:
     """A term of the truth that the declared model lacks.
 
-    ``name`` is that of a library effect or, with ``own:``, of a term of ``TERMS``. ``values`` are
-    its local parameters (SI); ``elsewhere`` are the values that differ in the other two records,
-    such as the time of an event.
+    Attributes
+    ----------
+    name : name of a library effect or, with ``own:``, of a term of ``TERMS``.
+    values : its parameters by local name, SI.
+    elsewhere : values that differ in the other two records, such as the time of an event.
     """
 
     name: str
@@ -231,20 +227,21 @@ class RecordPlan:
 
 @dataclass(frozen=True)
 class TraceFlight:
-    """The truth recipe of both records.
+    """How the records of a tracing scenario are simulated.
 
     Attributes
     ----------
     vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a
-        user's model file, whose model with its true values is ``own``.
-    modes : elastic modes that act.
-    rate : 1/s; of a closed loop its telemetry's.
+        user's model file.
+    own : the user's model with its true values.
+    modes : number of elastic modes.
+    rate : samples a second; in a closed loop that of the telemetry.
     step : integration step, s.
-    noise_std : by output; of a closed loop its telemetry's.
-    train, validate : the two records.
-    hidden : what acts beyond the vehicle.
-    test : a third record, which takes no part in fitting or in choosing; None flies the maneuvers
-        of ``validate`` once more.
+    noise_std : measurement noise by output; in a closed loop that of the telemetry.
+    train, validate : the fitted and the predicted record.
+    hidden : terms that act in addition to the vehicle.
+    test : a third record, not used for fitting or model selection; None: with the maneuvers of
+        ``validate``.
     """
 
     vehicle: str
@@ -280,14 +277,15 @@ class TraceScenario:
 
     Attributes
     ----------
-    name, title, about : for people.
+    name, title, about : name, one line and a paragraph on the study.
     distance : how the truth differs from the model, and whether the library has this effect.
-    flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
+    flight : how the records are simulated.
+    model : declared model, a name or a user's model file.
     wrong : relative error of the vehicle file's starting values, with alternating sign.
-    start : values that are given instead.
-    expect : what should be found.
-    seed : used unless another is requested.
-    effort : of the search, normal or thorough.
+    start : starting values that replace these.
+    expect : expected diagnosis.
+    seed : the default seed.
+    effort : effort of the search, normal or thorough.
     """
 
     name: str
@@ -311,7 +309,7 @@ BREAKOUT = "input-deadband"
 
 
 def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
-    """Return additional terms of the truth by name: ``TERMS`` of this file or of a package."""
+    """Return terms that are not in the library by name: ``TERMS``, or those of a package."""
     if package_name is None:
         return {term.name: term for term in TERMS}
     package = importlib.import_module(package_name)
@@ -332,18 +330,15 @@ def true_vehicle(flight: TraceFlight) -> Model:
 
 
 def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, str]:
-    """Local parameters of a hidden term with their units; ``vehicle`` is the name of a built-in
-    one, or a user's own model.
+    """Return the units of a hidden term's parameters by local name.
+
+    ``vehicle``: name of a built-in vehicle, or a user's model.
 
     Raises
     ------
     DeclarationError : there is no such term for this vehicle.
     """
-    if isinstance(vehicle, Model):
-        return {
-            item.name: item.unit for item in find_term(name, vehicle.equations, where).parameters
-        }
-    if vehicle.startswith(CLOSED_LOOP):
+    if isinstance(vehicle, str) and vehicle.startswith(CLOSED_LOOP):
         if name != BREAKOUT:
             raise DeclarationError(
                 f"{name!r} in a closed loop",
@@ -351,22 +346,25 @@ def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, st
                 remedy=f"use {BREAKOUT}, the break-out of its stick",
             )
         return {"half_width": "in"}
-    from sim.vehicles.factory import model_of
-    from sim.vehicles.library import read_parameter_set
+    if isinstance(vehicle, str):
+        from sim.vehicles.factory import model_of
+        from sim.vehicles.library import read_parameter_set
 
-    effect = find_term(name, model_of(read_parameter_set(vehicle)).equations, where)
+        vehicle = model_of(read_parameter_set(vehicle))
+    effect = find_term(name, vehicle.equations, where)
     return {item.name: item.unit for item in effect.parameters}
 
 
 def find_term(
     name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None
 ) -> Effect:
-    """Return a hidden term that acts on these equations, the truth's own from ``terms`` (None:
-    ``own_terms()``).
+    """Return a hidden term that acts on these equations.
+
+    ``terms``: terms that are not in the library; None: ``own_terms()``.
 
     Raises
     ------
-    DeclarationError : there is none.
+    DeclarationError : there is no such term.
     """
     from sim.effects.library import applies, find_effect
     from sim.errors import ModelError
@@ -403,7 +401,7 @@ def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: boo
 
 
 def with_breakout(x29: X29, hidden: tuple[HiddenTerm, ...]) -> X29:
-    """The closed loop with the break-out that is declared, in; none without a hidden term."""
+    """Return the closed loop with the hidden break-out of its stick; without it, with none."""
     width = next((term.values["half_width"] for term in hidden if term.name == BREAKOUT), 0.0)
     return replace(x29, stick=replace(x29.stick, dead_band=width))
 
@@ -421,30 +419,27 @@ class Grade(Enum):
 
 
 def grade(expect: Expectation, tracing: Tracing) -> Grade:
-    """Compare verdict and names with the expectation; a stated alternative counts as ambiguous."""
+    """Compare verdict and effects with the expectation; a named alternative counts as ambiguous."""
     verdict = tracing.diagnosis.verdict.value
     claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     names = tuple(sorted(claim.name for claim in claims))
-    if verdict in expect.verdicts and (
-        names in expect.effects or (not names and not expect.effects)
-    ):
-        return Grade.RIGHT
-    if verdict in expect.verdicts and not names and verdict == "unexplained":
+    without_effects = not names and (not expect.effects or verdict == "unexplained")
+    if verdict in expect.verdicts and (names in expect.effects or without_effects):
         return Grade.RIGHT
     if verdict == "ambiguous" and names in expect.effects:
         return Grade.AMBIGUOUS
     if verdict != "unexplained" and any(
-        _stands_beside(claims, accepted) for accepted in expect.effects
+        _right_with_alternative(claims, accepted) for accepted in expect.effects
     ):
         return Grade.AMBIGUOUS
     return Grade.UNDECIDED if verdict == "unexplained" and not names else Grade.WRONG
 
 
-def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
+def _right_with_alternative(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
     """Return whether the claims are correct after replacing one by one of its alternatives."""
     names = [claim.name for claim in claims]
-    for place, claim in enumerate(claims):
-        for other in claim.alternatives:
-            if tuple(sorted([*names[:place], other, *names[place + 1 :]])) == accepted:
-                return True
-    return False
+    return any(
+        tuple(sorted([*names[:place], other, *names[place + 1 :]])) == accepted
+        for place, claim in enumerate(claims)
+        for other in claim.alternatives
+    )

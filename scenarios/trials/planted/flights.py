@@ -1,6 +1,7 @@
 """Records, vehicle file and truth of a tracing scenario.
 
-The schema of tracing scenarios (pydantic), and the way from a checked file to a TraceScenario.
+Also the schema of tracing scenarios (pydantic), and conversion of a checked file to a
+TraceScenario.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from scenarios.studies.schema import (
     ManeuverTable,
     Quantity,
     model_name,
-    positive,
+    positive_si,
     si,
     standard_deviations,
 )
@@ -69,7 +70,6 @@ CONSTANTS = {
     "flexible": tuple(RIGID_CONSTANTS),
 }
 FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
-LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +98,13 @@ class SimulatedTrace:
 
 
 def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
-    """Simulate the records of a scenario with independent noise; the same seed, the same bytes.
+    """Simulate the records of a scenario; the same seed gives the same bytes.
+
+    Their noise is independent.
 
     Raises
     ------
-    DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not
-        there.
+    DeclarationError : a maneuver or a hidden term lacks a number, or moves an unknown input.
     """
     first, second, third = np.random.default_rng(seed).spawn(3)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP):
@@ -112,43 +113,38 @@ def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
     train, noise_free = _fly(flight, flight.train, first, "train", validation=False)
     validate, _ = _fly(flight, flight.validate, second, "validate", validation=True)
     test, _ = _fly(flight, flight.test_plan, third, "test", validation=True)
-    hidden = {term.name: dict(term.values) for term in flight.hidden}
-    text = started_file(scenario, vehicle)
     return SimulatedTrace(
         train,
         validate,
         _derivatives(scenario, vehicle),
-        hidden,
+        {term.name: dict(term.values) for term in flight.hidden},
         dict(flight.noise_std),
         flight.step,
-        text,
+        started_file(scenario, vehicle),
         test,
         noise_free,
     )
 
 
 def started_file(scenario: TraceScenario, vehicle: Model) -> str:
-    """Return the text of the vehicle file that the loop is given: true constants, and starting
-    values that are off.
-    """
+    """Return the vehicle file for the tracing loop: true constants, wrong starting values."""
     if scenario.flight.own is not None:
         return _own_text(scenario, vehicle)
-    return _vehicle_text(scenario, _values(vehicle), _derivatives(scenario, vehicle))
+    values = {item.name: item.value for item in vehicle.parameters}
+    return _vehicle_text(scenario, values, _derivatives(scenario, vehicle))
 
 
 def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
-    """True values of the parameters that the declared model estimates."""
-    declared = _declared(scenario, vehicle.parameters.names)
+    """Return the true values of the parameters that the declared model estimates.
+
+    A rigid model has only those without an elastic mode.
+    """
+    all_modes = scenario.model == "flexible" or scenario.flight.own is not None
     return {
-        item.name: item.value for item in vehicle.parameters if item.free and item.name in declared
+        item.name: item.value
+        for item in vehicle.parameters
+        if item.free and (all_modes or not _mode_of(item.name))
     }
-
-
-def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
-    """Return the parameters that the declared model has: a rigid one those without a mode."""
-    if scenario.model == "flexible" or scenario.flight.own is not None:
-        return set(names)
-    return {name for name in names if not _mode_of(name)}
 
 
 def _fly(
@@ -188,7 +184,7 @@ def simulated_with_truth(
 
 
 def with_outputs(record: Record, rows: Sequence[np.ndarray]) -> Record:
-    """Return a record with other values ``(N,)`` of each output, all of them there."""
+    """Return a record with other values ``(N,)`` of each output, none of them missing."""
     outputs = zip(record.outputs, rows, strict=True)
     return replace(
         record,
@@ -230,8 +226,9 @@ def loop_of(scenario: TraceScenario) -> X29:
 
 
 def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
-    """Return the equivalent system of the linear loop, with the airframe's own L_q: no loop changes
-    the lift equation.
+    """Return the equivalent system of the linear loop, with L_q of the airframe.
+
+    The control law does not change the lift equation.
     """
     from sim.closed_loop.linear import equivalent_system
 
@@ -242,27 +239,20 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
 def _closed_loop(
     scenario: TraceScenario, generators: Sequence[np.random.Generator]
 ) -> SimulatedTrace:
+    """Simulate the records of a closed loop."""
+    from scenarios.x29.declaration import equivalent_values, loop_constants, telemetry_noise
+
     flight, loop = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
     simulated = [
         fly_loop(scenario, plan, f"key flight.{name}", rng)
         for (name, plan), rng in zip(plans.items(), generators, strict=True)
     ]
-    equivalent = equivalent_of(scenario)
-    values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
-    constants = {
-        "airspeed": loop.airframe.airspeed,
-        "gravity": loop.airframe.gravity,
-        "vane_arm": loop.telemetry.vane_arm,
-    }
-    noise = {
-        "alpha": loop.telemetry.alpha_noise,
-        "q": loop.telemetry.q_noise,
-        "nz": loop.telemetry.nz_noise,
-    }
+    values = equivalent_values(equivalent_of(scenario))
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     (train, noise_free), (validate, _), (test, _) = simulated
-    text = _vehicle_text(scenario, constants, values)
+    text = _vehicle_text(scenario, loop_constants(loop), values)
+    noise = telemetry_noise(loop)
     return SimulatedTrace(
         train, validate, values, hidden, noise, loop.frame, text, test, noise_free
     )
@@ -274,7 +264,7 @@ def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
 
 
 def _class_of(vehicle: str) -> str:
-    """Class of MIL-F-8785C of a vehicle that flies: a fighter's in the closed loop."""
+    """Return the aircraft class of a vehicle in MIL-F-8785C: IV, fighter, in a closed loop."""
     if vehicle.startswith(CLOSED_LOOP):
         return "IV"
     return read_parameter_set(vehicle).aircraft_class if vehicle in vehicle_names() else ""
@@ -283,8 +273,9 @@ def _class_of(vehicle: str) -> str:
 def _vehicle_text(
     scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]
 ) -> str:
-    """Vehicle file with derivatives wrong by ``wrong``, of alternate sign; ``start`` replaces
-    values by name.
+    """Return a vehicle file with derivatives wrong by ``wrong``, with alternating sign.
+
+    The scenario's ``start`` replaces values by name.
     """
     _refuse_unknown_starts(scenario, derivatives)
     started = {
@@ -319,7 +310,7 @@ def _vehicle_text(
 
 
 def _own_text(scenario: TraceScenario, model: Model) -> str:
-    """Vehicle file of a user model: its constants, and its parameters wrong by ``wrong``."""
+    """Return the vehicle file of a user model: its constants, and wrong parameters."""
     free = {item.name: item for item in model.parameters if item.free}
     _refuse_unknown_starts(scenario, free)
     started = {
@@ -332,16 +323,8 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
         f"name = {json.dumps(model.name)}",
         *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),
     ]
-    return (
-        "\n".join(
-            [
-                *lines,
-                "[derivatives]",
-                *(f"{_key(name)} = {value!r}" for name, value in started.items()),
-            ]
-        )
-        + "\n"
-    )
+    lines += ["[derivatives]", *(f"{_key(name)} = {value!r}" for name, value in started.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _key(name: str) -> str:
@@ -350,18 +333,15 @@ def _key(name: str) -> str:
 
 
 def off(item: Parameter, share: float) -> float:
-    """Return a starting value that is off by a share of the true one, to the other side or to
-    halfway where bounds are nearer.
+    """Return a starting value that is wrong by a share of the true one.
+
+    If that is out of bounds, it is wrong to the other side, or half-way to a bound.
     """
     low, high = item.bounds
     for value in (item.value * (1.0 + share), item.value * (1.0 - share)):
         if low <= value <= high:
             return value
     return 0.5 * (item.value + (low if item.value * share < 0.0 else high))
-
-
-def _values(model: Model) -> dict[str, float]:
-    return {item.name: item.value for item in model.parameters}
 
 
 def _refuse_unknown_starts(scenario: TraceScenario, allowed: Collection[str]) -> None:
@@ -382,8 +362,9 @@ def _mode_of(name: str) -> int:
 
 
 def write_simulated(simulated_flight: SimulatedTrace, folder: Path) -> tuple[Path, Path, Path]:
-    """Training record, validation record and vehicle file in a folder: all that the loop is
-    given.
+    """Write training record, validation record and vehicle file; return their paths.
+
+    The tracing loop knows nothing else of the flight.
     """
     from scenarios.files.writing import write_record
 
@@ -394,13 +375,9 @@ def write_simulated(simulated_flight: SimulatedTrace, folder: Path) -> tuple[Pat
     return train, validate, vehicle
 
 
+# ---- Schema of tracing scenarios
+
 Name = Annotated[str, Field(min_length=1)]
-DISTANCES = (
-    "nothing missing",
-    "effect missing",
-    "effect of another form missing",
-    "nothing in the library fits",
-)
 
 
 class _Strict(BaseModel):
@@ -506,8 +483,8 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
             _record(flight.validate_, f"{place}.validate", model),
             hidden,
             standard_deviations(flight.noise_std, flight.noise_variance, place, model),
-            positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate"),
-            positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
+            positive_si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}),
+            positive_si(flight.step, "s", f"{place}.step"),
             flight.modes,
             own,
             None if flight.test is None else _record(flight.test, f"{place}.test", model),
@@ -525,10 +502,8 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
 
 
 def _record(record: _PlannedRecord, where: str, model: str | Model) -> RecordPlan:
-    plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where, model)
-    return RecordPlan(
-        positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans
-    )
+    duration = positive_si(record.duration, "s", f"{where}.duration")
+    return RecordPlan(duration, maneuver_plans(record.maneuvers, where, model))
 
 
 def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
@@ -555,8 +530,9 @@ def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
 def elastic_modes(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
-    short period.
+    """Return undamped frequency (rad/s) and damping ratio of the elastic modes at rest.
+
+    They are the oscillations without the slowest one, the short period.
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
@@ -579,8 +555,9 @@ def true_modes(vehicle: Model) -> dict[str, float]:
 
 
 def modes_of_truth(scenario: TraceScenario) -> dict[str, float]:
-    """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
-    if it has no rest at zero.
+    """Return frequencies and damping ratios of the true aircraft by its own equations.
+
+    Empty for models whose states are not zero in trim.
     """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):

@@ -20,7 +20,7 @@ from scenarios.identification.model_checks import PULSES_BETWEEN_DOUBLETS, Motio
 from scenarios.preparation.declared_model import RESOLVED_STEP_SHARE, root_sizes, step_of
 from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
 from scenarios.studies.estimating import FIT_STEP
-from scenarios.studies.schema import positive, si
+from scenarios.studies.schema import positive_si, si
 from scenarios.trials.planted.declaration import find_term
 from scenarios.trials.planted.flights import off
 from sim.declaration.compile import compile_model
@@ -41,19 +41,17 @@ SWEEP_END_RATIO = 2.0  # highest such frequency
 def maneuver_words(
     words: Sequence[str], model: Model, motion: Motion, pulse: float
 ) -> tuple[tuple[dict[str, Any], ...], float]:
-    """Return the maneuvers as a scenario's file has them, in the inputs' units, and the time at
-    which the last one ends, s.
+    """Return the maneuvers in the form of a scenario file, and the time when the last one ends, s.
 
-    Each word is ``INPUT=KIND``, then ``,KEY=VALUE`` for what is not as the example of ``flightid
-    models`` would have it: the amplitude that this takes, units of ``pulse`` (s), and one maneuver
-    after the other.
+    Each word is ``INPUT=KIND``, followed by ``,KEY=VALUE`` for entries that differ from the
+    defaults. Those are the amplitudes of the example of ``flightid models``, units of ``pulse``
+    (s), and one maneuver after the other.
 
     Raises
     ------
-    DeclarationError : an input, a kind or a key that there is not, a wrong value or unit: the word
-        is named.
+    DeclarationError : an unknown input, kind or key, a wrong value or unit; the word is named.
     """
-    out, end = [], 0.0
+    maneuvers, end = [], 0.0
     for place, word in enumerate(words):
         where = f"--input {word}"
         name, kind, given = _parts(word, where)
@@ -68,7 +66,7 @@ def maneuver_words(
             )
         needed = KINDS[kind][0]
         numbers = {
-            **_usual(needed, motion.amplitudes[name], pulse, place, len(words)),
+            **_default_numbers(needed, motion.amplitudes[name], pulse, place, len(words)),
             **_numbers(given, unit_in(model, name), where),
         }
         try:
@@ -79,43 +77,43 @@ def maneuver_words(
             "duration", LENGTHS.get(kind, PULSES_BETWEEN_DOUBLETS) * numbers.get("unit", pulse)
         )
         end = max(end, numbers["start"] + length)
-        out.append({"input": name, "kind": kind, **numbers})
-    return tuple(out), end
+        maneuvers.append({"input": name, "kind": kind, **numbers})
+    return tuple(maneuvers), end
 
 
 def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
-    """Return the standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
-    ``maneuver_words``.
+    """Return the standard deviations by output from words ``OUTPUT=SIZE``.
+
+    Raises DeclarationError as ``maneuver_words``.
     """
-    outputs, out = [signal.name for signal in model.equations.outputs], {}
+    outputs, std = [signal.name for signal in model.equations.outputs], {}
     for word in words:
         where = f"--noise {word}"
-        name, equals, text = word.partition("=")
+        name, equals, text = (part.strip() for part in word.partition("="))
         if not equals:
             raise DeclarationError(
                 "this is not OUTPUT=SIZE",
                 where=where,
                 remedy=f"write for example --noise {outputs[0]}=0.1",
             )
-        if name.strip() not in outputs:
+        if name not in outputs:
             raise DeclarationError(
-                f"there is no output {name.strip()!r}",
-                where=where,
-                remedy=closest(name.strip(), outputs),
+                f"there is no output {name!r}", where=where, remedy=closest(name, outputs)
             )
-        out[name.strip()] = positive(si(_value(text), unit_in(model, name.strip()), where), where)
-    return out
+        std[name] = positive_si(_value(text), unit_in(model, name), where)
+    return std
 
 
 def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
-    """Hidden effects in the form of a scenario file, from ``EFFECT.PARAMETER=VALUE`` or ``EFFECT``
-    (typical values).
+    """Return hidden effects in the form of a scenario file.
+
+    Words are ``EFFECT.PARAMETER=VALUE``, or ``EFFECT`` for typical values.
 
     Raises
     ------
-    DeclarationError : no such effect on this model, no such parameter, a wrong value or unit.
+    DeclarationError : an unknown effect or parameter, a wrong value or unit.
     """
-    result: dict[str, dict[str, float]] = {}
+    hidden: dict[str, dict[str, float]] = {}
     for word in words:
         where = f"--hide {word}"
         full, equals, text = word.partition("=")
@@ -131,24 +129,24 @@ def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
                 f"there is no effect {name!r} on {model.name}", where=where, remedy=remedy
             )
         items = {item.name: item for item in find_term(name, model.equations, where).parameters}
-        values = result.setdefault(name, {each.name: each.value for each in items.values()})
+        values = hidden.setdefault(name, {item.name: item.value for item in items.values()})
         if equals:
             if key not in items:
                 raise DeclarationError(
                     f"{name} has no {key!r}", where=where, remedy=closest(key, items)
                 )
             values[key] = si(_value(text), items[key].unit, where)
-    return [{"name": name, "values": values} for name, values in result.items()]
+    return [{"name": name, "values": values} for name, values in hidden.items()]
 
 
 def _parts(word: str, where: str) -> tuple[str, str, dict[str, Any]]:
-    """Input, kind, and the keys after them."""
+    """Return input, kind, and the values by key of a word."""
     pieces = _split(word)
     name, equals, kind = (text.strip() for text in pieces[0].partition("="))
     given = {}
     for piece in pieces[1:]:
-        key, sign, text = (each.strip() for each in piece.partition("="))
-        if not sign:
+        key, separator, text = (part.strip() for part in piece.partition("="))
+        if not separator:
             raise DeclarationError(
                 f"{piece.strip()!r} is not KEY=VALUE",
                 where=where,
@@ -165,7 +163,7 @@ def _parts(word: str, where: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _split(word: str) -> list[str]:
-    """Pieces between commas, those inside of brackets left together."""
+    """Return the parts of a word between commas; commas within brackets do not separate."""
     pieces, depth = [""], 0
     for letter in word:
         depth += (letter == "[") - (letter == "]")
@@ -184,14 +182,14 @@ def _value(text: str) -> Any:
         return text.strip()
 
 
-def _usual(
+def _default_numbers(
     needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
 ) -> dict[str, Any]:
-    """Return default properties of a maneuver, by the model's roots.
+    """Return the default numbers of maneuver ``place`` of ``count``; ``pulse``: half a doublet, s.
 
     Inputs move one after the other; multisines have separate harmonics.
     """
-    usual = {
+    defaults = {
         "amplitude": amplitude,
         "unit": pulse,
         "duration": LONG_MANEUVER_LENGTH * pulse,
@@ -200,7 +198,7 @@ def _usual(
         "harmonics": [*range(1 + place, 1 + max(HARMONICS, 2 * count), count)],
     }
     return {
-        **{key: usual[key] for key in needed},
+        **{key: defaults[key] for key in needed},
         "start": (1.0 + PULSES_BETWEEN_DOUBLETS * place) * pulse,
     }
 
@@ -211,7 +209,7 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key, value in given.items():
         if key == "harmonics":
-            if not isinstance(value, list) or not all(isinstance(each, int) for each in value):
+            if not isinstance(value, list) or not all(isinstance(entry, int) for entry in value):
                 raise DeclarationError(
                     f"harmonics={value!r} is no list", where=where, remedy="write harmonics=[1,3,5]"
                 )
@@ -231,26 +229,26 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
     return out
 
 
-# ---- A flight of a user's own model as a command line asks it
+# ---- A flight of a user model from options of the command line
 
 NOISE_SHARE = 0.01  # noise over the largest response to doublets
 SAMPLES_PER_HALF_DOUBLET = 20.0
-# steps of the truth between two samples, and halves of the step that resolves the quickest root
+# Steps of the truth between two samples, and in a step that resolves the fastest root.
 TRUTH_STEPS_PER_SAMPLE = 5.0
 SETTLING_TIME = 6.0  # half doublets after the last maneuver
 PREDICTED_RECORD_SHARE = 0.8  # amplitude and length of the predicted record's maneuvers
-STARTING_ERROR_SHARE = 0.3  # share by which starts are off, as in tracing scenarios
-FILTER_PASSES = 5  # passes of a filter, since one pass depends on a start so far off
+STARTING_ERROR_SHARE = 0.3  # relative error of starting values, as in tracing scenarios
+FILTER_PASSES = 5  # passes of a filter, since one pass depends on starting values so far off
 FILTER_PRIOR_FACTOR = 20.0
-# of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
-# megabytes
+# Integration steps of the truth. More take minutes and some hundred megabytes.
 MOST_STEPS = 2e6
 
 
 @dataclass(frozen=True)
 class OwnFlight:
-    """Options of a command: model file, file of true values, and texts as typed; None and empty use
-    the model's.
+    """Options of a command: model file, file of true values, and texts as typed.
+
+    None and empty use defaults that suit the model.
     """
 
     model: str
@@ -264,7 +262,7 @@ class OwnFlight:
 
 @dataclass(frozen=True, eq=False)
 class _Planned:
-    """The model at its true values, and the flight of it."""
+    """A model with its true values, and its flight."""
 
     model: Model
     values: Mapping[str, float]
@@ -276,33 +274,29 @@ class _Planned:
 
 
 def trace_document(request: OwnFlight) -> dict[str, Any]:
-    """Scenario with two records, the second with maneuvers a fifth smaller and shorter, and hidden
-    effects in both.
+    """Return the document of a scenario with two records and hidden effects in both.
+
+    The maneuvers of the second record are a fifth smaller and shorter.
 
     Raises
     ------
-    DeclarationError : anything wrong in the files or in the texts.
+    DeclarationError : an error in the files or in the texts.
     """
     plan = _planned(request)
     hidden = hidden_of(request.hidden, plan.model)
-    second = [
-        {
-            **each,
-            **{key: PREDICTED_RECORD_SHARE * each[key] for key in ("amplitude",) if key in each},
-        }
-        for each in plan.maneuvers
-    ]
-    for each in second:
-        if "unit" in each:
-            each["unit"] = (
-                max(1.0, round(PREDICTED_RECORD_SHARE * each["unit"] * plan.rate)) / plan.rate
-            )
+    second = [dict(maneuver) for maneuver in plan.maneuvers]
+    for maneuver in second:
+        if "amplitude" in maneuver:
+            maneuver["amplitude"] *= PREDICTED_RECORD_SHARE
+        if "unit" in maneuver:
+            samples = max(1.0, round(PREDICTED_RECORD_SHARE * maneuver["unit"] * plan.rate))
+            maneuver["unit"] = samples / plan.rate
     return {
         **_head(plan.model),
         "kind": "trace",
         "distance": "effect missing" if hidden else "nothing missing",
         "flight": {
-            **_common(request, plan),
+            **_flight_content(request, plan),
             "train": {"duration": plan.duration, "maneuvers": list(plan.maneuvers)},
             "validate": {"duration": plan.duration, "maneuvers": second},
         },
@@ -310,15 +304,15 @@ def trace_document(request: OwnFlight) -> dict[str, Any]:
         "estimate": {"model": request.model, "wrong": STARTING_ERROR_SHARE},
         "expect": {
             "verdicts": ["traced", "ambiguous"] if hidden else ["consistent"],
-            "effects": [[each["name"] for each in hidden]] * bool(hidden),
+            "effects": [[effect["name"] for effect in hidden]] if hidden else [],
         },
     }
 
 
 def study_document(request: OwnFlight) -> dict[str, Any]:
-    """Scenario with one record, estimated by output error from wrong starts.
+    """Return the document of a scenario with one record, estimated from wrong starting values.
 
-    Raises as ``trace_document``.
+    Raises DeclarationError as ``trace_document``.
     """
     plan = _planned(request)
     wrong = {
@@ -330,7 +324,7 @@ def study_document(request: OwnFlight) -> dict[str, Any]:
         **_head(plan.model),
         "distance": "same equations, finer step",
         "flight": {
-            **_common(request, plan),
+            **_flight_content(request, plan),
             "duration": plan.duration,
             "maneuvers": list(plan.maneuvers),
         },
@@ -357,7 +351,7 @@ def _head(model: Model) -> dict[str, Any]:
     }
 
 
-def _common(request: OwnFlight, plan: _Planned) -> dict[str, Any]:
+def _flight_content(request: OwnFlight, plan: _Planned) -> dict[str, Any]:
     return {
         "vehicle": request.model,
         "values": dict(plan.values),
@@ -398,13 +392,13 @@ def _planned(request: OwnFlight) -> _Planned:
         motion.end if motion.ran_away and not request.inputs else math.inf,
     )
     duration = request.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
-    if maneuvers and min(each["start"] for each in maneuvers) >= duration:
+    if maneuvers and min(maneuver["start"] for maneuver in maneuvers) >= duration:
         raise DeclarationError(
             f"no maneuver begins within {duration:g} s",
             where="--duration",
             remedy="give a longer one, or --input with a start",
         )
-    noise = {**_usual_noise(model, motion), **noise_of(request.noise, model)}
+    noise = {**_default_noise(model, motion), **noise_of(request.noise, model)}
     if not noise:
         raise DeclarationError(
             "no output moves",
@@ -425,7 +419,8 @@ def _planned(request: OwnFlight) -> _Planned:
     return _Planned(model, values, maneuvers, noise, duration, rate, step)
 
 
-def _usual_noise(model: Model, motion: Motion) -> dict[str, float]:
+def _default_noise(model: Model, motion: Motion) -> dict[str, float]:
+    """Return noise of ``NOISE_SHARE`` of the largest response to doublets, by output."""
     outputs = (signal.name for signal in model.equations.outputs)
     return {
         name: float(f"{NOISE_SHARE * size:.2g}")
@@ -435,18 +430,15 @@ def _usual_noise(model: Model, motion: Motion) -> dict[str, float]:
 
 
 def _true_step(model: Model, rate: float) -> float:
-    """Integration step of the truth, s: finer than a fit's, which resolves the quickest root or
-    takes a hundredth of a second.
-    """
+    """Return the integration step of the truth, s: a fraction of the step of a fit."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
-    quick = RESOLVED_STEP_SHARE / float(max(sizes)) if len(sizes) else math.inf
-    return (
-        min(1.0 / rate, max(quick, step_of(model, 1.0 / rate, FIT_STEP))) / TRUTH_STEPS_PER_SAMPLE
-    )
+    resolved = RESOLVED_STEP_SHARE / float(max(sizes)) if len(sizes) else math.inf
+    longest = max(resolved, step_of(model, 1.0 / rate, FIT_STEP))
+    return min(1.0 / rate, longest) / TRUTH_STEPS_PER_SAMPLE
 
 
 def _round_up(value: float) -> float:
-    """Return the next of 1, 2, 5, 10, 20 ... that is not below."""
+    """Return the smallest of 1, 2, 5, 10, 20 ... that is not below the value."""
     decade = 10.0 ** math.floor(math.log10(value))
     return next(
         float(f"{decade * digit:.1g}")

@@ -43,7 +43,7 @@ from scenarios.report.quantities import quantity_text, shown_in
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.studies.comparison import distance_text
-from scenarios.trials.planted.declaration import Grade, hidden_units
+from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_simulated
 from scenarios.trials.planted.study import TRUE, Scored, TraceStudy
 
@@ -56,9 +56,7 @@ THIRD_TITLE = (
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """Text: a summary, before and after as in `flightid diagnose`, then the comparison with the
-    truth.
-    """
+    """Return the printed text: summary, diagnosis as in `flightid diagnose`, true values."""
     scenario = study.scenario
     blocks = [
         summary_lines(trace_summary(study, details), width),
@@ -82,7 +80,7 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
     text = diagnosis_summary(study.tracing, details)
     named = f"{study.scenario.name}: {study.scenario.title}; {text.study}"
     return replace(
-        text, study=named, outcome=f"{text.outcome}; the diagnosis is {_verdict(study.grade)}"
+        text, study=named, outcome=f"{text.outcome}; the diagnosis is {study.grade.value}"
     )
 
 
@@ -90,7 +88,7 @@ def scored_sentence(study: TraceStudy) -> str:
     """Return the sentence on the hidden effect, the expectation and the grade of the diagnosis."""
     return (
         f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
-        f"{_verdict(study.grade)}"
+        f"{study.grade.value}"
     )
 
 
@@ -148,7 +146,7 @@ def against_truth(study: TraceStudy) -> Table:
 
 
 def _of_declared(row: Scored) -> Scored:
-    """Estimate of the declared model, compared with its reference value."""
+    """Return the row with the estimate of the declared model and its reference value."""
     if row.before is None or row.comparable_before is None:
         return row
     return replace(row, after=row.before, comparable=row.comparable_before, open=False)
@@ -165,7 +163,7 @@ def table_title(study: TraceStudy) -> str:
 
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
-    """Source of the reference values, and why they differ from the true ones."""
+    """Return the source of the reference values, and why they differ from the true ones."""
     sentences = [
         f"comparable: the value that the fitted model should find, from {study.basis}",
         *study.reasons,
@@ -179,9 +177,7 @@ def comparable_sentences(study: TraceStudy) -> list[str]:
 
 
 def third_table(study: TraceStudy) -> Table:
-    """Return the errors on the record that took no part, without the column of effects where none
-    was added.
-    """
+    """Return the prediction errors on the third record; without effects, those before alone."""
     d, units = study.tracing.diagnosis, channel_units(study.tracing.model)
     names = list(study.test.before.rmse)
     shown = {name: shown_in(units.get(name, ""), name) for name in names}
@@ -189,7 +185,7 @@ def third_table(study: TraceStudy) -> Table:
     def cells(levels: Mapping[str, float]) -> list[Cell]:
         return [level_cell(shown[name].factor * levels.get(name, math.nan)) for name in names]
 
-    whole = table(
+    full = table(
         THIRD_TITLE,
         (Column("channel", printed="error"), names),
         (Column("before", BY_ROW), cells(study.test.before.rmse)),
@@ -197,7 +193,7 @@ def third_table(study: TraceStudy) -> Table:
         (Column("sensor noise", BY_ROW), cells(study.simulated.noise_std)),
         units=[shown[name].unit for name in names],
     )
-    return shown_table(d, whole)
+    return shown_table(d, full)
 
 
 def _exact(value: float | None, factor: float) -> Cell:
@@ -211,12 +207,13 @@ def _value(quantity: Quantity | None, factor: float) -> Cell:
 
 
 def _comparable(row: Scored, factor: float) -> Cell:
-    """Return the comparable value; in brackets where this flight leaves the parameter open."""
+    """Return the reference value; in brackets if this flight does not determine the parameter."""
     value = factor * row.comparable
     return Number(value, shown=f"({value:.5g})" if row.open else f"{value:.5g}")
 
 
 def _hidden(study: TraceStudy) -> str:
+    """Return the hidden terms with their values in words."""
     flight, terms = study.scenario.flight, []
     for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
@@ -225,12 +222,8 @@ def _hidden(study: TraceStudy) -> str:
             for key, value in values.items()
         )
         terms.append(f"{name} ({values_text})")
-    if study.scenario.flight.modes and study.scenario.model == "rigid":
-        terms.insert(
-            0,
-            f"{study.scenario.flight.modes} elastic "
-            f"mode{'s' if study.scenario.flight.modes > 1 else ''}",
-        )
+    if flight.modes and study.scenario.model == "rigid":
+        terms.insert(0, f"{flight.modes} elastic mode{'s' * (flight.modes > 1)}")
     return f"hidden was {' and '.join(terms)}" if terms else "nothing was hidden"
 
 
@@ -240,15 +233,11 @@ def _expected(study: TraceStudy) -> str:
     return " or ".join(expect.verdicts) + (f", {sets}" if sets else "")
 
 
-def _verdict(grade: Grade) -> str:
-    return grade.value
-
-
 # ---- Comparison with the truth on the page of a diagnosis
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """Return the page of the diagnosis with the scenario's title; the truth follows the figures."""
+    """Return the page of a diagnosis with the scenario's title and the true values."""
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -260,19 +249,17 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         third_table(study),
         Prose(f"Flight and model: {distance_text(scenario.distance)}.", "note"),
     )
-    again = reproduction(
-        ("flightid", "run", scenario.name, "--seed", str(study.seed)),
-        f"Seed {study.seed}.",
-        page.reproduction.inputs,
-    )
-    kind = f"Study {scenario.name}: {page.kind}"
     return replace(
         page,
         title=capital(scenario.title),
-        kind=kind,
+        kind=f"Study {scenario.name}: {page.kind}",
         summary=(*page.summary, scored),
         sections=(*page.sections[:1], *truth, *page.sections[1:]),
-        reproduction=again,
+        reproduction=reproduction(
+            ("flightid", "run", scenario.name, "--seed", str(study.seed)),
+            f"Seed {study.seed}.",
+            page.reproduction.inputs,
+        ),
     )
 
 
@@ -282,19 +269,18 @@ MAIN = "comparison.json"
 
 
 def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the
-    folder.
+    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last).
+
+    Returns the folder.
     """
-    dressed = partial(scored_page, study)
-    given = partial(_write_records, study)
     return write_trial(
         study.tracing,
-        given,
+        partial(_write_records, study),
         truth_content(study),
         trace_comparison(study),
         folder,
         figures=figures,
-        dressed=dressed,
+        dressed=partial(scored_page, study),
     )
 
 
@@ -308,8 +294,18 @@ def write_trial(
     figures: Formats,
     dressed: Callable[[Page], Page],
 ) -> Path:
-    """Write the diagnosis with what ``dressed`` adds to its page, what was ``given`` to the loop
-    (records and vehicle file), the truth and ``comparison.json`` (last); returns the folder."""
+    """Write a diagnosis, the files it used, the truth and ``comparison.json`` (last).
+
+    Parameters
+    ----------
+    given : writes records and vehicle file into a folder.
+    truth, comparison : content of ``truth.json`` and ``comparison.json``.
+    dressed : returns the page of the diagnosis with additions.
+
+    Returns
+    -------
+    The folder.
+    """
     write_diagnosis(tracing, folder, figures=figures, dressed=dressed)
     with study_folder(folder, MAIN) as scratch:
         given(scratch)
@@ -319,16 +315,14 @@ def write_trial(
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """Write all three records, the vehicle file, and the prediction of the third record,
-    ``before_CHANNEL`` and ``after_CHANNEL``.
-    """
+    """Write all three records, the vehicle file, and the prediction of the third record."""
     write_simulated(study.simulated, folder)
     write_record(folder, study.simulated.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
-    """Return the derivatives, hidden terms, noise and distance."""
+    """Return the content of ``truth.json``: derivatives, hidden terms, noise and distance."""
     simulated = study.simulated
     return {
         "schema": "flightid/truth/1",
@@ -351,20 +345,8 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
     """Return the content of ``comparison.json``; the declared model is under ``methods``."""
     d = study.tracing.diagnosis
-    derived = {
-        when: {
-            name: {"estimate": bounded(q.value), "std": positive(q.std), "unit": q.unit}
-            for name, q in some.items()
-        }
-        for when, some in (("before", d.derived_before), ("after", d.derived_after))
-    }
-    for when, some in (("before", d.before), ("after", d.after)):
-        if "delay" in some:
-            derived[when]["delay"] = {
-                "estimate": bounded(some["delay"].value),
-                "std": positive(some["delay"].std),
-                "unit": "s",
-            }
+    derived = {"before": _derived(d.derived_before, d.before)}
+    derived["after"] = _derived(d.derived_after, d.after)
     for row in study.modes:
         of_mode = derived["after"].setdefault(
             row.name,
@@ -409,24 +391,32 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
     }
 
 
+def _derived(
+    derived: Mapping[str, Quantity], parameters: Mapping[str, Quantity]
+) -> dict[str, dict[str, Any]]:
+    """Return derived quantities, and the delay if it is a parameter."""
+    delay = {"delay": replace(parameters["delay"], unit="s")} if "delay" in parameters else {}
+    return {
+        name: {"estimate": bounded(q.value), "std": positive(q.std), "unit": q.unit}
+        for name, q in {**derived, **delay}.items()
+    }
+
+
 def _third(study: TraceStudy) -> dict[str, Any]:
-    """Return the errors before and after on the record that took no part in fitting or in choosing
-    effects, in the channels' units.
-    """
-    result, units = study.test, channel_units(study.tracing.model)
+    """Return the prediction errors on the third record, in the units of the channels."""
+    test, units = study.test, channel_units(study.tracing.model)
+    channels = test.predictions[0].channels
     return {
         "record": "test.csv",
         "used_in_fit": False,
         "used_to_choose": False,
-        "unit": {name: units.get(name, "") for name in result.predictions[0].channels},
-        "before": {"rmse": dict(result.before.rmse)},
-        "after": {"rmse": {name: bounded(value) for name, value in result.after.rmse.items()}},
+        "unit": {name: units.get(name, "") for name in channels},
+        "before": {"rmse": dict(test.before.rmse)},
+        "after": {"rmse": {name: bounded(value) for name, value in test.after.rmse.items()}},
         "noise_std": {
-            name: value
-            for name, value in study.simulated.noise_std.items()
-            if name in result.predictions[0].channels
+            name: value for name, value in study.simulated.noise_std.items() if name in channels
         },
-        "finite": result.finite,
+        "finite": test.finite,
     }
 
 

@@ -1,10 +1,10 @@
 """Run a tracing scenario: simulate, diagnose, compare with the truth that a fit can find.
 
 Estimates of a simplified model scatter about its pseudo-true value, the minimum of the expected
-cost (White, Econometrica 50, 1982). It is found here by a fit of the same model,
-with the same priors, to two copies of the noise-free training record. One copy has a draw of sensor
-noise added, the other has the same draw subtracted: the sum of squares of both is twice that of the
-noise-free record plus twice the noise, so that every output keeps its weight.
+cost (White, Econometrica 50, 1982). It is found by a fit of the same model with the same priors to
+two copies of the noise-free training record. One copy has a draw of sensor noise added, the other
+has it subtracted: the sum of squares of both is twice that of the noise-free record plus twice the
+noise, so that every output keeps its weight.
 """
 
 from __future__ import annotations
@@ -63,12 +63,13 @@ from sim.vehicles.flexibility import condense
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 NOISE_FREE_SETTINGS = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
-# prior of undetermined parameters, in sigmas of the estimate
+# Prior of undetermined parameters, in sigmas of the estimate.
 OPEN_PRIOR_SIGMAS = 100.0
-# sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
+# A parameter with a larger sigma, in sigmas of the estimate, is not determined by the noise-free
+# flight.
 UNDETERMINED_SIGMAS = 3.0
 TURBULENCE = "gust-turbulence"
-NOTABLE_SIGMAS = 1.0  # sigma of the estimate, from which a difference is told
+NOTABLE_SIGMAS = 1.0  # a larger difference, in sigmas of the estimate, is reported
 NUMERICAL_SIGMAS = 0.1  # error of integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
 
@@ -83,7 +84,7 @@ class Comparable:
     derived : frequencies and damping ratios of the fitted model at these values, by name.
     open : parameters that this flight does not determine. Their reference is the condensed value
         of a derivative, or the best fitting value nearest to the estimate.
-    basis : where the values come from, in a sentence.
+    basis : source of the values, in words.
     """
 
     values: Mapping[str, float]
@@ -104,9 +105,8 @@ class DeclaredTruth:
     Attributes
     ----------
     values : true values by parameter, SI; those of an effect by its full name.
-    condensed : derivatives of the rigid aircraft that a flexible one shows when its structure
-        follows at once.
-    modes : elastic modes that act.
+    condensed : derivatives of the rigid aircraft with the elastic modes statically condensed.
+    modes : number of elastic modes of the true aircraft.
     """
 
     values: Mapping[str, float]
@@ -115,7 +115,7 @@ class DeclaredTruth:
 
 
 def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth) -> Comparable:
-    """Reference values for the model with the found effects."""
+    """Return the reference values for the model with the found effects."""
     d = tracing.diagnosis
     assert d.trained_after is not None
     return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
@@ -151,35 +151,33 @@ def _comparable(
     std = dict(zip(estimate.names, math.sqrt(2.0) * estimate.std, strict=True))
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
     # Parameters of single records are averaged over the copies, whose noise is opposite.
-    own = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
-    values |= dict(zip(layout.local, own[: len(layout.local)].tolist(), strict=True))
-    true = truth.values
+    local = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
+    values |= dict(zip(layout.local, local[: len(layout.local)].tolist(), strict=True))
     values |= {
-        name: true[name]
-        for name in true
-        if name in values and _same(values[name], true[name], estimates.get(name))
+        name: true
+        for name, true in truth.values.items()
+        if name in values
+        and name in estimates
+        and abs(values[name] - true) <= NUMERICAL_SIGMAS * estimates[name].std
     }
-    left = tuple(
+    undetermined = tuple(
         name
         for name in std
         if name in estimates and std[name] > UNDETERMINED_SIGMAS * estimates[name].std
     )
-    values |= {name: truth.condensed[name] for name in left if name in truth.condensed}
+    values |= {name: truth.condensed[name] for name in undetermined if name in truth.condensed}
     derived = modes_of(layout.system, estimate, slow_states(trained), truth.modes)
     return Comparable(
-        values, {name: value for name, (value, _) in derived.items()}, left, NOISE_FREE
+        values, {name: value for name, (value, _) in derived.items()}, undetermined, NOISE_FREE
     )
-
-
-def _same(value: float, true: float, estimate: Quantity | None) -> bool:
-    return estimate is not None and abs(value - true) <= NUMERICAL_SIGMAS * estimate.std
 
 
 def noise_free_fit(
     model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: SimulatedTrace
 ) -> Fit | None:
-    """Return the fit of a model to both copies of the noise-free training record, from the
-    estimates; None without a minimum.
+    """Return the fit of a model to both copies of the noise-free training record.
+
+    It starts from the estimates. None if it finds no minimum.
     """
     rng = np.random.default_rng(NOISE_SEED)
     clean = simulated.noise_free
@@ -214,10 +212,13 @@ def refit(
     prior = declared_priors(model, trained.effects, layout)
     if prior is not None:
         prior = replace(prior, information=len(records) * prior.information)
-    return fit_as_declared(replace(layout, prior=_tied(layout, prior, fixed or {})), guesses, None)
+    prior = _with_weak_prior(layout, prior, fixed or {})
+    return fit_as_declared(replace(layout, prior=prior), guesses, None)
 
 
-def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]) -> Prior | None:
+def _with_weak_prior(
+    layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]
+) -> Prior | None:
     """Return a prior with a weak one about ``fixed`` added for the shared parameters."""
     at = [i for i, name in enumerate(layout.shared) if name in fixed]
     if not at:
@@ -234,9 +235,9 @@ def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity])
     slope[prior.positions] += prior.information @ prior.mean
     information[at, at] += weights
     slope[at] += weights * means
-    every = np.array(sorted({*prior.positions.tolist(), *at}))
-    both = information[np.ix_(every, every)]
-    return Prior(every, np.linalg.solve(both, slope[every]), both)
+    positions = np.array(sorted({*prior.positions.tolist(), *at}))
+    joint = information[np.ix_(positions, positions)]
+    return Prior(positions, np.linalg.solve(joint, slope[positions]), joint)
 
 
 def reasons_for(
@@ -246,7 +247,7 @@ def reasons_for(
     truth: DeclaredTruth,
     comparable: Comparable,
 ) -> tuple[str, ...]:
-    """Why comparable values differ from the true ones, in sentences with numbers."""
+    """Return sentences on why reference values differ from the true ones."""
     d = tracing.diagnosis
     out = []
     open_derivatives = [
@@ -255,8 +256,8 @@ def reasons_for(
     if open_derivatives:
         out.append(
             f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads "
-            "the elastic mode takes; "
-            "compared with the value by static condensation, the share of the mode at rest included"
+            "the elastic mode takes; compared with the value by static condensation, the share of "
+            "the mode at rest included"
         )
     others = [name for name in comparable.open if name not in open_derivatives]
     if others:
@@ -271,8 +272,9 @@ def reasons_for(
 
 
 def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
-    """Return the number of scale lengths of hidden turbulence in a record: of independent gusts
-    that its level is estimated from.
+    """Return a sentence on the number of scale lengths of hidden turbulence in the record.
+
+    It is about the number of independent gusts from which the level is estimated.
     """
     length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
@@ -281,8 +283,8 @@ def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
     count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
     return [
         f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} "
-        "scale lengths, whose own level and "
-        "length differ from them, and standard deviations shrink with the estimate"
+        "scale lengths, whose own level and length differ from them, and standard deviations "
+        "shrink with the estimate"
     ]
 
 
@@ -293,56 +295,59 @@ def _of_the_gearing(
     truth: DeclaredTruth,
     comparable: Comparable,
 ) -> list[str]:
-    """Part of each difference that the stick gearing causes, from a second noise-free fit with
-    linear gearing.
+    """Return sentences on the part of each difference that the stick gearing causes.
+
+    It is found by a second noise-free fit with linear gearing.
     """
     curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
     _, straight = fly_loop(
         scenario, scenario.flight.train, "key flight.train", np.random.default_rng(0), curvature=0.0
     )
     assert d.trained_after is not None
-    other = _comparable(
+    linear = _comparable(
         tracing.model,
         d.trained_after,
         quantities_of(d),
         replace(simulated, noise_free=straight),
         truth,
     )
-    estimates, geared, rest = quantities_of(d), [], []
+    estimates, by_gearing, by_order = quantities_of(d), [], []
     for name, true in truth.values.items():
         if name not in comparable.values or name not in estimates:
             continue
-        if abs(comparable.values[name] - other.values[name]) > NOTABLE_SIGMAS * estimates[name].std:
-            geared.append(
-                f"{name} {other.values[name]:.4g} with a straight gearing, "
+        notable = NOTABLE_SIGMAS * estimates[name].std
+        if abs(comparable.values[name] - linear.values[name]) > notable:
+            by_gearing.append(
+                f"{name} {linear.values[name]:.4g} with a straight gearing, "
                 f"{comparable.values[name]:.4g} as flown"
             )
-        if abs(other.values[name] - true) > NOTABLE_SIGMAS * estimates[name].std:
-            rest.append(
-                f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this "
+        if abs(linear.values[name] - true) > notable:
+            by_order.append(
+                f"{name} {true:.4g} by the frequency response, {linear.values[name]:.4g} in this "
                 "flight"
             )
     out = []
-    if geared:
+    if by_gearing:
         out.append(
             f"the stick's gearing steepens by {100.0 * curvature:.3g} % an inch, and one gain is "
-            f"fitted: {'; '.join(geared)}"
+            f"fitted: {'; '.join(by_gearing)}"
         )
-    if rest:
+    if by_order:
         reason = (
             "the model has a lower order than the loop, and the flight weighs frequencies unlike "
             "the fit to the frequency response"
         )
         out.append(
             f"{reason} (the recorded stick is held, which takes half a frame from the delay): "
-            f"{'; '.join(rest)}"
+            f"{'; '.join(by_order)}"
         )
     return out
 
 
 def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
-    """Return the frequencies and damping ratios of the elastic modes of the fitted model, all
-    couplings in; empty without any.
+    """Return frequencies and damping ratios of the elastic modes of the fitted model.
+
+    They include all couplings. Empty without elastic modes.
     """
     trained = tracing.diagnosis.trained_after
     if not modes or trained is None:
@@ -351,31 +356,31 @@ def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
     fit = None if has_process_noise(system) else refit(tracing.model, trained, tracing.records)
     if fit is None:
         return {}
-    result = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
+    found = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
     return {
         name: Quantity(value, max(std, 1e-300), "rad/s" if name.endswith("frequency") else "1")
-        for name, (value, std) in result.items()
+        for name, (value, std) in found.items()
         if name.startswith("elastic_mode")
     }
 
 
 def slow_states(trained: Trained) -> set[str]:
-    """Return states of slow motion that any record may have."""
-    slow = (
-        effect
+    """Return the names of the states of nuisance dynamics, such as the phugoid."""
+    return {
+        state.name
         for effect in trained.effects
         if effect.traits.background and isinstance(effect, DynamicsEffect)
-    )
-    return {state.name for effect in slow for state in effect.states}
+        for state in effect.states
+    }
 
 
 def modes_of(
     system: System, estimate: Estimate, fixed_states: Collection[str] = (), modes: int = 0
 ) -> dict[str, tuple[float, float]]:
-    """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
+    """Return frequencies and damping ratios of an estimated model and their sigmas, by name.
 
-    Those of ``modal_estimate``; where the aircraft has elastic ``modes`` also those of further
-    oscillations of the model with all couplings, ``elastic_mode_1_frequency`` (rad/s),
+    They are those of ``modal_estimate``. If the aircraft has elastic ``modes``, those of the
+    further oscillations with all couplings are added: ``elastic_mode_1_frequency`` (rad/s),
     ``elastic_mode_1_damping`` and so on.
     """
     result = modal_estimate(system, estimate, fixed_states)
@@ -391,21 +396,21 @@ def modes_of(
     return result | {name: (float(value), float(std)) for name, value, std in rows}
 
 
-# ---- Runs a tracing scenario
+# ---- Run a tracing scenario
 
 
 @dataclass(frozen=True)
 class Scored:
-    """A derivative, parameter of an effect or modal quantity: true, reference, before and after.
+    """Estimates of a derivative, parameter of an effect or modal quantity, with true values.
 
     Attributes
     ----------
-    true : None if the truth has no such number.
-    comparable : the value that the fitted model should find.
-    before : None if there is none.
-    condensed : of a rigid model's derivative on a flexible aircraft, else None.
-    open : the flight leaves this parameter open, with or without noise.
-    comparable_before : as ``comparable``, of ``before``.
+    true : true value; None if the truth has no such number.
+    comparable : reference value: the value that the fitted model should find.
+    before, after : estimate of the declared model, None if it has none; with the effects.
+    condensed : condensed value of a rigid derivative of a flexible aircraft, else None.
+    open : whether the flight does not determine this parameter, with or without noise.
+    comparable_before : reference value of ``before``.
     """
 
     name: str
@@ -420,12 +425,10 @@ class Scored:
 
     @property
     def sigmas(self) -> float:
-        """Error after against the comparable value, in its reported standard deviations."""
-        return (
-            (self.after.value - self.comparable) / self.after.std
-            if self.after.std > 0
-            else math.nan
-        )
+        """Error of ``after`` against the reference value, in reported standard deviations."""
+        if not self.after.std > 0:
+            return math.nan
+        return (self.after.value - self.comparable) / self.after.std
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,26 +461,26 @@ def run_trace(
     seed: int | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> TraceStudy:
-    """Fly, trace on the files alone, score.
+    """Simulate the records, diagnose their files, compare with the truth.
 
     Raises
     ------
-    FlightidError : the scenario declares something that cannot be flown.
+    FlightidError : the declared flight is impossible.
     """
     chosen = scenario.seed if seed is None else seed
     progress("flying", 0.0)
     simulated = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         train, validate, written = write_simulated(simulated, Path(folder))
-        # What is printed names the file of the study, not this passing one.
+        # Messages name the file of the study, not the temporary one.
         vehicle = replace(read_toml_source(written), path=Path(written.name))
         tracing = diagnose_files(
             Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort),
             progress,
         )
-        # Nor the notes on files that the user has not given.
-        kept = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
-        tracing = replace(tracing, notes=kept)
+        # Notes on temporary files mean nothing to the user.
+        notes = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
+        tracing = replace(tracing, notes=notes)
     progress("comparing with the truth", 0.98)
     return scored(scenario, chosen, simulated, tracing)
 
@@ -488,7 +491,7 @@ def scored(
     """Return a diagnosis compared with the truth, and the third record predicted by it."""
     truth, d = truth_of(scenario, simulated), tracing.diagnosis
     assert d.trained_before is not None
-    result = comparable_to(tracing, simulated, truth)
+    after = comparable_to(tracing, simulated, truth)
     before = _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
     return TraceStudy(
         scenario,
@@ -496,17 +499,17 @@ def scored(
         simulated,
         tracing,
         grade(scenario.expect, tracing),
-        _derivatives(simulated, tracing, truth, result, before),
-        _effects(tracing, truth, result),
-        _modes(scenario, tracing, truth, result),
-        result.basis,
-        reasons_for(scenario, tracing, simulated, truth, result),
+        _derivatives(simulated, tracing, truth, after, before),
+        _effects(tracing, truth, after),
+        _modes(scenario, tracing, truth, after),
+        after.basis,
+        reasons_for(scenario, tracing, simulated, truth, after),
         predicted_test(simulated, tracing),
     )
 
 
 def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTruth:
-    """Return the values that are known by declaration."""
+    """Return the true values that the scenario declares."""
     hidden = {
         f"{name}.{local}": value
         for name, values in simulated.hidden.items()
@@ -520,8 +523,9 @@ def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTrut
 
 
 def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
-    """Return the third record predicted by the declared model and with the effects found, as
-    `flightid predict` does.
+    """Return the third record predicted by the declared model, and with the effects found.
+
+    The prediction is that of `flightid predict`.
     """
     d, inputs = tracing.diagnosis, {channel.name for channel in simulated.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
@@ -581,18 +585,12 @@ def _modes(
     scenario: TraceScenario, tracing: Tracing, truth: DeclaredTruth, comparable: Comparable
 ) -> tuple[Scored, ...]:
     """Return frequencies and damping ratios; elastic modes with all couplings."""
-    d, flight = tracing.diagnosis, scenario.flight
+    d, true = tracing.diagnosis, modes_of_truth(scenario)
     after = {**d.derived_after, **estimated_modes(tracing, truth.modes)}
-    true = modes_of_truth(scenario)
+    references = {**true, **comparable.derived}
+    before = d.derived_before
     return tuple(
-        Scored(
-            name,
-            q.unit,
-            true.get(name),
-            comparable.derived.get(name, true.get(name, 0.0)),
-            d.derived_before.get(name),
-            q,
-        )
+        Scored(name, q.unit, true.get(name), references[name], before.get(name), q)
         for name, q in after.items()
-        if name in comparable.derived or (name in true and flight.own is None)
+        if name in comparable.derived or (name in true and scenario.flight.own is None)
     )

@@ -311,7 +311,7 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(
     def broken(*_: object) -> None:
         raise RuntimeError("in the middle")
 
-    monkeypatch.setattr("scenarios.studies.folder.write_history", broken)
+    monkeypatch.setattr("scenarios.studies.folder.history_csv", broken)
     call = flightid("run", scenario, "--no-figures", "--seed", 2, "--out", out)
     assert (
         call.code == 1

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_astray
+from scenarios.trials.jsbsim.machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_departure
 from sim.errors import DeclarationError
 
 CONDITION = Condition("A320", 6000.0, 200.0, 0.0025)
@@ -19,7 +19,7 @@ def astray(phi: float, theta: float) -> bool:
         name: np.radians([0.0, value, 0.0]) for name, value in (("phi", phi), ("theta", theta))
     }
     try:
-        _refuse_astray(CONDITION, signals)
+        _refuse_departure(CONDITION, signals)
     except DeclarationError as error:
         assert str(error).startswith("key size: A320 goes astray")
         return True
@@ -37,7 +37,7 @@ def test_a_flight_goes_astray_beyond_75_degrees_of_bank_and_60_of_pitch(sign: fl
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_flight_whose_numbers_end_goes_astray(bad: float) -> None:
     with pytest.raises(DeclarationError, match="goes astray"):
-        _refuse_astray(
+        _refuse_departure(
             CONDITION, {"phi": np.zeros(3), "theta": np.zeros(3), "q": np.array([0.0, bad, 0.0])}
         )
 
