@@ -101,7 +101,7 @@ def follow(record: Record) -> float:
         contextlib.redirect_stdout(nowhere),
     ):
         path, _ = write_record(folder, record)
-        watch, begun = _prepared(str(path), None, None, None), 0.0
+        watch, begun = _prepared(str(path), None, None, None, False, None, ()), 0.0
         show = Show(watch)
         with growing_file(path, until_end=True) as read, History(Path(folder)) as history:
             for came in lines_of(read, None, "stream"):
