@@ -29,6 +29,7 @@ from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
+    NAMED_EFFECT_Z,
     is_steady,
     quiet_vuong,
     required_z,
@@ -46,6 +47,9 @@ WITH_ROUGH_AIR_REASON = (
     "effect may replace"
 )
 CATCH_ALL_REASON = "the model also needs a term that stands for a cause outside the library"
+LOCAL_REASON = (
+    "its gain comes from a few places of the records: Vuong's z is {:.1f}, required is at least {}"
+)
 LARGE_ERROR_REASON = (
     "the model with all effects found still has an error of {:.1f} times the sensor noise"
 )
@@ -413,7 +417,29 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
-    return Decision(verdict, best.fitted, root, tuple(named), (), searches)
+    return Decision(verdict, best.fitted, root, tuple(named), _local_hints(search, best), searches)
+
+
+def _local_hints(search: Search, best: WeighedSet) -> tuple[Named, ...]:
+    """Return the effect, if any, that makes the accepted set most probable but whose evidence is
+    local in time.
+    """
+    larger = [
+        one
+        for key, one in search.visited.items()
+        if best.names < key and len(key) == len(best.names) + 1 and one.weight > best.weight
+    ]
+    one = max(larger, key=lambda one: one.weight, default=None)
+    if one is None:
+        return ()
+    (effect,) = [each for each in one.fitted.effects if each.name not in best.names]
+    interval = search.context.interval
+    z = vuong(one, best, interval)
+    guard = effect.name in search.problem.guards
+    if guard or not (0.0 < z < NAMED_EFFECT_Z and is_physical_effect(effect, one, interval)):
+        return ()
+    reason = LOCAL_REASON.format(z, NAMED_EFFECT_Z)
+    return (Named(effect.name, 0.0, {}, reason=reason, within=one.fitted),)
 
 
 def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:

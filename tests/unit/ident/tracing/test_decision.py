@@ -380,6 +380,24 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("z", "hinted"), [(2.0, True), (5.0, False), (-1.0, False)])
+def test_a_probable_effect_with_local_evidence_is_a_hint(
+    monkeypatch: pytest.MonkeyPatch, z: float, hinted: bool
+) -> None:
+    """Beside a discrepancy: the set with it is likelier, and Vuong's test does not support it."""
+    scale = effect("sensor-scale:q")
+    hidden = {"sensor-delay:alpha.delay": 0.08, "sensor-scale:q.scale": 1.15}
+    search = search_white_noise(offered([planted([effect(LATE), scale], hidden, seed=2)]))
+    monkeypatch.setattr(decision, "vuong", lambda *_: z)
+    late = search.set_without(search.visited[frozenset({LATE, "sensor-scale:q"})], "sensor-scale:q")
+    assert late is not None
+    hints = decision._local_hints(search, late)
+    assert [each.name for each in hints] == (["sensor-scale:q"] if hinted else [])
+    if hinted:
+        assert "2.0" in hints[0].reason and "3.5" in hints[0].reason
+        assert hints[0].within is search.visited[frozenset({LATE, "sensor-scale:q"})].fitted
+
+
 def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
     """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
     shown = effect("sensor-deadband:q")
