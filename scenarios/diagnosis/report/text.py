@@ -221,10 +221,7 @@ def verdict_advice(tracing: Tracing) -> list[str]:
         for names, maneuver in separating_maneuvers(
             claim.name, claim.alternatives, wording_of(tracing)
         ):
-            lines.append(
-                f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: "
-                f"{maneuver}"
-            )
+            lines.append(f"to tell {claim.name} from {' and '.join(names)}: {maneuver}")
     return [*lines, *deciding_lines(tracing)]
 
 

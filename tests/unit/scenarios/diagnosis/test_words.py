@@ -312,7 +312,7 @@ def test_a_long_search_prints_few_candidates_of_each_round() -> None:
 
 def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:
     assert [line.partition(":")[0] for line in verdict_advice(tracing_of(Verdict.AMBIGUOUS))] == [
-        "input-delay or actuator-lag"
+        "to tell input-delay from actuator-lag"
     ]
     text = "\n".join(verdict_advice(tracing_of(Verdict.PARTIAL)))
     assert "airspeed" in text and "sweep" in text
