@@ -189,14 +189,14 @@ def _for_simulation(
         for effect in best.effects
         if effect.name in claimed or not isinstance(effect, NoiseEffect)
     )
-    refitted = None
-    if len(kept) < len(best.effects) and judgement.verdict is not Verdict.UNEXPLAINED:
-        refitted = problem.fit(kept, best)
-    if refitted is None:
-        trained = replace(best.trained, effects=kept)
-        return ForSimulation(trained, best.fit, judgement.out.frozen)
-    frozen = held_out(refitted, held.records, held.masks, informed=False) if held.records else None
-    return ForSimulation(refitted.trained, refitted.fit, None if frozen is None else frozen.frozen)
+    usual = ForSimulation(replace(best.trained, effects=kept), best.fit, judgement.out.frozen)
+    if len(kept) == len(best.effects) or judgement.verdict is Verdict.UNEXPLAINED:
+        return usual
+    refitted = problem.fit(kept, best)
+    if refitted is None or not held.records:
+        return usual if refitted is None else ForSimulation(refitted.trained, refitted.fit, None)
+    frozen = held_out(refitted, held.records, held.masks, informed=False).frozen
+    return usual if frozen is None else ForSimulation(refitted.trained, refitted.fit, frozen)
 
 
 @dataclass(eq=False)
