@@ -497,13 +497,20 @@ class InputReading:
 
 
 def has_fitted_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Return whether inputs are held and an effect has a time as parameter.
+    """Return whether inputs are held and an effect of the fitted model has a time as parameter.
 
     Held inputs shift such a time by half a sampling interval.
     """
     if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
-    return any(name in TIMES for effect in diagnosis.effects for name in effect.parameters)
+    trained = diagnosis.trained_after
+    # A hint may belong to another set than the fitted one.
+    return any(
+        name in TIMES
+        for claim in diagnosis.effects
+        if trained is None or claim.name in {effect.name for effect in trained.effects}
+        for name in claim.parameters
+    )
 
 
 @dataclass(frozen=True)

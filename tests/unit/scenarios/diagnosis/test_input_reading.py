@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from ident.tracing.diagnosis import Claim, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Quantity, Trained, Verdict
+from ident.whole_record.layout import FitSettings
 from scenarios.diagnosis.opening import (
     Refit,
     has_fitted_times,
@@ -15,6 +16,7 @@ from scenarios.diagnosis.opening import (
     with_sigmas_of_both,
 )
 from scenarios.preparation.plan import BY_HAND
+from sim.effects.sensor_path.sensor_mounting import VaneOffset
 from sim.record import Hold
 from tests.diagnoses import measured_record, tracing_of
 
@@ -33,6 +35,10 @@ def test_times_found_with_held_inputs_ask_for_a_second_reading() -> None:
     assert not has_fitted_times(found, [replace(record, hold=Hold.LINEAR)])
     vane = Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})
     assert not has_fitted_times(replace(found, effects=(vane,)), [record])
+    hint = replace(late, claimed=False)
+    boom = Trained((VaneOffset(),), ("alpha",), {}, ({},), FitSettings())
+    other = replace(found, effects=(vane, hint), trained_after=boom)
+    assert not has_fitted_times(other, [record]), "the hint belongs to another set"
 
 
 def test_where_both_readings_serve_what_differs_is_told_and_sigmas_hold_both() -> None:
