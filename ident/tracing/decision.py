@@ -29,7 +29,6 @@ from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
-    NAMED_EFFECT_Z,
     is_steady,
     quiet_vuong,
     required_z,
@@ -435,10 +434,10 @@ def _local_hints(search: Search, best: WeighedSet) -> tuple[Named, ...]:
     (effect,) = [each for each in one.fitted.effects if each.name not in best.names]
     interval = search.context.interval
     z = vuong(one, best, interval)
-    guard = effect.name in search.problem.guards
-    if guard or not (0.0 < z < NAMED_EFFECT_Z and is_physical_effect(effect, one, interval)):
+    guard, least = effect.name in search.problem.guards, required_z(search, effect.name)
+    if guard or not (0.0 < z < least and is_physical_effect(effect, one, interval)):
         return ()
-    reason = LOCAL_REASON.format(z, NAMED_EFFECT_Z)
+    reason = LOCAL_REASON.format(z, least)
     return (Named(effect.name, 0.0, {}, reason=reason, within=one.fitted),)
 
 
