@@ -221,6 +221,11 @@ def _connected(address: str) -> Iterator[Client]:
                 client = Client(
                     address, timeout=CONNECTION_TIMEOUT, set_as_default=False, name="flightid"
                 )
+        except MemoryError:
+            # The first bytes of another protocol are read as the length of a message.
+            raise FlightidError(
+                "what answers there is no Dask scheduler", where=address, remedy=START
+            ) from None
         except Exception as error:
             raise FlightidError(
                 f"no Dask scheduler answers ({_short(error)})", where=address, remedy=START

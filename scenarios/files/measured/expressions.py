@@ -295,7 +295,10 @@ def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: s
     return np.array(np.broadcast_to(np.asarray(values, dtype=float), (length,)))
 
 
-_REMEDY = f"use column names, numbers, + - * / **, and {', '.join(sorted(FUNCTIONS))}"
+_REMEDY = (
+    "use column names (between backquotes where they hold blanks), numbers, + - * / **, and "
+    f"{', '.join(sorted(FUNCTIONS))}"
+)
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,

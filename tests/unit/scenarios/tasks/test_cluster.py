@@ -135,6 +135,19 @@ def test_nothing_answers_and_nothing_is_left_behind(
                 dataclasses.replace(ASKED, cluster=address, folder=tmp_path / "study" / "runs"),
             )
     assert not list(tmp_path.iterdir())
+
+    def of_http(address: str) -> str:
+        raise MemoryError("Unable to allocate 3.07 EiB")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(on_cluster, "_kind", of_http)
+        with pytest.raises(FlightidError, match=r"^http://there: what answers there is no Dask"):
+            run_study(
+                Toy(),
+                dataclasses.replace(
+                    ASKED, cluster="http://there", folder=tmp_path / "study" / "runs"
+                ),
+            )
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
         FlightidError,
