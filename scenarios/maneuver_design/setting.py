@@ -33,7 +33,7 @@ from scenarios.preparation.declared_model import (
     model_of_file,
     outputs_with_bias,
     root_sizes,
-    step_for,
+    sub_step,
 )
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -380,7 +380,7 @@ def setting_of(request: DesignRequest) -> Setting:
     setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, request.flown)
     return replace(
         setting,
-        step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
+        step=sub_step(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
     )
 
 
