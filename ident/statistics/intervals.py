@@ -60,9 +60,8 @@ def inverse_information(
         return np.zeros((0, 0)), True
     sigma_products, values, vectors = _spectrum(information, size)
     least = floor * (float(values[-1]) if values[-1] > 0 else 1.0)
-    return sigma_products * ((vectors / np.maximum(values, least)) @ vectors.T), bool(
-        values[0] > least
-    )
+    covariance = sigma_products * ((vectors / np.maximum(values, least)) @ vectors.T)
+    return covariance, bool(values[0] > least)
 
 
 def determined_and_open(

@@ -34,7 +34,7 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
-from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
+from ident.tracing.held_out import HeldOut, HeldOutData, fit_held_out, predicted_by
 from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
 from ident.tracing.problem import TraceProblem, no_progress
@@ -195,7 +195,9 @@ def _for_simulation(
     if refitted is None:
         trained = replace(best.trained, effects=kept)
         return ForSimulation(trained, best.fit, judgement.out.frozen)
-    frozen = held_out(refitted, held.records, held.masks, informed=False) if held.records else None
+    frozen = (
+        fit_held_out(refitted, held.records, held.masks, informed=False) if held.records else None
+    )
     return ForSimulation(refitted.trained, refitted.fit, None if frozen is None else frozen.frozen)
 
 
