@@ -291,7 +291,7 @@ ODDS_COST = -2.0 * math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS)
 
 
 @dataclass(frozen=True, eq=False)
-class Acting:
+class ActingEffect:
     """An acting effect in its present form, with ``values`` of its own parameters by local name."""
 
     effect: Traceable
@@ -312,8 +312,8 @@ class Contest:
     best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
     """
 
-    true: Acting
-    rival: Acting
+    true: ActingEffect
+    rival: ActingEffect
     gain: float
     shown: float
     left: float
@@ -327,7 +327,7 @@ class Contest:
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
-def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
+def declared_fit(planned: Planned, true: ActingEffect) -> tuple[Planned, FittedModel]:
     """Return the noise-free flight with an effect, and the declared model fitted to it: half the
     sum of squares is the expected gain of the effect.
     """
@@ -338,7 +338,7 @@ def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
 
 
 def contest(
-    planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str, float] | None = None
+    planned: Planned, true: ActingEffect, rival: Traceable, hint: Mapping[str, float] | None = None
 ) -> Contest:
     """Simulate an effect, fit its rival as well as possible, and evaluate the residual.
 
@@ -363,7 +363,12 @@ def contest(
     gain = max(0.0, base.fit.cost - spent)
     shown = detection_probability(gain, own, price(true.effect, counts), ODDS_COST)
     return Contest(
-        true, Acting(_form(best, rival), _values(best, rival)), gain, shown, best.fit.cost, decision
+        true,
+        ActingEffect(_form(best, rival), _values(best, rival)),
+        gain,
+        shown,
+        best.fit.cost,
+        decision,
     )
 
 
@@ -392,7 +397,7 @@ def best_fit(
     return min(fits, key=lambda each: each.fit.cost, default=None)
 
 
-def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
+def linear_squares(planned: Planned, true: ActingEffect, rival: ActingEffect) -> float:
     """Weighted squares that a rival leaves to first order, about the values that it has: quick, for
     comparing maneuvers.
     """
@@ -416,7 +421,7 @@ def _prior_cost(best: FittedModel) -> float:
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
-def _own_cost(measured: Planned, true: Acting) -> float:
+def _own_cost(measured: Planned, true: ActingEffect) -> float:
     """Return the cost of the true effect fitted to its own flight: that of its priors."""
     there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:

@@ -13,7 +13,7 @@ from exam.surrogates.flights.flight import Flight
 from exam.surrogates.study import Moved, SurrogateStudy
 from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.diagnosis.report.wording import DECLARED, nothing_stands
+from scenarios.diagnosis.report.wording import DECLARED, is_unexplained
 from scenarios.report.document import (
     BY_ROW,
     Cell,
@@ -129,7 +129,7 @@ def against_nominal(study: SurrogateStudy) -> Table:
     """The derivatives before and after; of the declared model alone where no effect stands beside
     it.
     """
-    rows, alone = study.derivatives, nothing_stands(study.tracing.diagnosis)
+    rows, alone = study.derivatives, is_unexplained(study.tracing.diagnosis)
 
     def values(quantity: Callable[[Moved], Quantity]) -> list[Cell]:
         return [brief_estimate(quantity(row).value, quantity(row).std) for row in rows]

@@ -277,7 +277,7 @@ def _(close, lab, page):
 
 @app.cell
 def _(answers, mo, page, questions):
-    mo.vstack([mo.md("## Questions"), page.asked(questions, answers)])
+    mo.vstack([mo.md("## Questions"), page.question_list(questions, answers)])
     return
 
 

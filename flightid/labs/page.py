@@ -51,7 +51,8 @@ def beside(controls: Sequence[Any], figure: Any) -> Any:
 def sketch() -> Any:
     """Return the aircraft from the side and from above, with axes, angles, rates and signs."""
     description = "Aircraft from the side and from above with body axes, angles, rates and signs"
-    # As a path: marimo would declare bytes as a PNG, which browsers do not draw.
+    # Given as a path: marimo would label the bytes of this SVG as PNG, and browsers would then not
+    # draw it.
     source = Path(__file__).with_name("axes.svg")
     return mo.image(source, alt=description, style={"width": "100%", "max-width": "720px"})
 
@@ -62,14 +63,14 @@ def computing(what: str = "Computing the flight and its estimates") -> Any:
 
 
 def plain(text: str) -> str:
-    """A sentence of the library as Markdown shows it letter by letter: names such as
-    ``sensor-lag:q`` hold no emoji.
+    """Return a text escaped for Markdown, so that ``:q`` is not read as an emoji and ``*`` and
+    ``_`` not as emphasis.
     """
     return text.replace(":", "&#58;").replace("*", "\\*").replace("_", "\\_")
 
 
 def tests_of(tests: Sequence[Any]) -> str:
-    """Each test of a residual: its channel, its name and whether it passed, as Markdown."""
+    """Return channel, name and result of each test of a residual, as Markdown."""
     names = {"ljung-box": "Ljung-Box", "nis": "NIS"}
     return "; ".join(
         f"{test.channel or 'all'} ({names.get(test.name, test.name)}): "
@@ -79,13 +80,13 @@ def tests_of(tests: Sequence[Any]) -> str:
 
 
 def command_line(line: str, what: str = "The same on the command line") -> Any:
-    """A command that a student may copy."""
+    """Return a command that a student may copy."""
     note = "`methods=[]` leaves out the further methods of the scenario."
     return mo.md(f"{what}:\n\n```sh\n{line}\n```\n\n{note if 'methods=[]' in line else ''}")
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
-    """A table; numbers come as text, rounded as they are meant to be read."""
+    """Return a table; its numbers are given as text, already rounded."""
     lines = [
         " | ".join(headings),
         " | ".join([":--", *["--:"] * (len(headings) - 1)]),
@@ -95,50 +96,53 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
 
 
 def sliders(controls: Any) -> Any:
-    """Controls below each other, each label above its slider."""
+    """Return controls below each other, each label above its slider."""
     return mo.vstack(list(controls.elements.values()), gap=1.0)
 
 
 def number_field(unit: str) -> Any:
-    """A field for a number that begins empty."""
+    """Return a field for a number; it is empty at first."""
     return mo.ui.number(value=None, step=None, label=f"answer, {unit}:", debounce=True)
 
 
 def slider(start: float, stop: float, step: float, value: float, label: str) -> Any:
-    """A slider that shows its value and computes when it is let go."""
+    """Return a slider that shows its value and computes when it is released."""
     return mo.ui.slider(
         start, stop, step=step, value=value, label=label, show_value=True, debounce=True
     )
 
 
 def choice(options: Sequence[str]) -> Any:
-    """A field for one of several answers; none is chosen at first."""
+    """Return a field for one of several answers; none is chosen at first."""
     return mo.ui.radio(options=options, value=None)
 
 
 def fields(questions: Mapping[str, Question]) -> Any:
-    """Return the answers of a lab as one notebook element."""
+    """Return the answer fields of a lab, combined into one notebook element."""
     return mo.ui.dictionary({key: question.field for key, question in questions.items()})
 
 
-def asked(questions: Mapping[str, Question], answers: Any) -> Any:
-    """Questions with their fields, and what is said of each answer that was given."""
+def question_list(questions: Mapping[str, Question], answers: Any) -> Any:
+    """Return the questions with their fields, and the feedback to each answer that was given."""
     blocks = []
     for number, (key, question) in enumerate(questions.items(), start=1):
         blocks.append(mo.md(f"**{number}.** {question.text}"))
         blocks.append(answers.elements[key])
-        blocks.append(_said(question, answers.value[key]))
-    held = sum(_holds(question, answers.value[key]) for key, question in questions.items())
-    return mo.vstack([*blocks, mo.md(f"*{held} of {len(questions)} answers are right.*")], gap=0.75)
+        blocks.append(_feedback(question, answers.value[key]))
+    right_count = sum(
+        _is_right(question, answers.value[key]) for key, question in questions.items()
+    )
+    total = mo.md(f"*{right_count} of {len(questions)} answers are right.*")
+    return mo.vstack([*blocks, total], gap=0.75)
 
 
-def _holds(question: Question, value: Any) -> bool:
+def _is_right(question: Question, value: Any) -> bool:
     return value not in (None, "") and bool(question.right(value))
 
 
-def _said(question: Question, value: Any) -> Any:
+def _feedback(question: Question, value: Any) -> Any:
     if value in (None, ""):
         return mo.md("")
-    if _holds(question, value):
+    if _is_right(question, value):
         return mo.callout(mo.md(f"Yes. {question.reason}"), kind="success")
     return mo.callout(mo.md(f"Not yet. {question.hint}"), kind="warn")

@@ -195,7 +195,7 @@ def _descend(
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(equation_variances(parts)[1].sum()))
     for _ in range(_MOST_HALVINGS):
         trial = np.clip(theta + share * step, low, high)
-        trial_parts = residuals_at(layout, trial, slopes=False)
+        trial_parts = residuals_at(layout, trial, with_jacobian=False)
         if trial_parts is not None and _cost(trial_parts) <= cost + resolved:
             new_parts = residuals_at(layout, trial)
             if new_parts is not None:
@@ -398,11 +398,11 @@ def _narrower(record: Record, state: StateData, share: float) -> StateData:
     """Return the state with slopes over narrower windows: a ``share`` of the half-width, and at
     least two samples.
     """
-    half = (state.slopes.value.shape[1] - 1) // 2
+    half = (state.slope_windows.value_weights.shape[1] - 1) // 2
     narrower = max(2, round(share * half))
     if share == 1.0 or narrower >= half:
         return state
-    return replace(state, slopes=windows(record.time, state.valid, narrower, 1))
+    return replace(state, slope_windows=windows(record.time, state.valid, narrower, 1))
 
 
 def _measured(layout: RegressionLayout, r: int, theta: np.ndarray) -> list[np.ndarray]:
@@ -420,7 +420,7 @@ def _measured(layout: RegressionLayout, r: int, theta: np.ndarray) -> list[np.nd
 def _parameters(layout: RegressionLayout, r: int, theta: np.ndarray) -> np.ndarray:
     """Return all parameters of record ``r``."""
     p = layout.system.parameters.values()
-    p[layout.order] = theta[layout.columns(r)]
+    p[layout.positions] = theta[layout.columns(r)]
     return p
 
 

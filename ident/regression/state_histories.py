@@ -6,7 +6,8 @@ window are computed for its own sample times, so that sampling may be uneven and
 missing. Near the ends of a record the window keeps its width and is not centred on the sample.
 
 A state with a channel of its own name is smoothed from this channel. A state that is the rate of
-another state, as velocity of altitude, is the slope of that state. Nothing is simulated.
+another state, such as velocity, the rate of altitude, is the slope of that state. Nothing is
+simulated.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even intervals
 _SMOOTHING_DEGREE = 2  # degree of the local polynomials that smooth a channel
 _SLOPE_STATE_DEGREE = 3  # degree of the local polynomials whose slope is a state
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)  # candidate half widths, rows
-_LARGEST_HALF_WIDTH_SHARE = 6  # the largest half width is one sixth of the record
+_LEAST_ROWS_PER_HALF_WIDTH = 6  # the largest half width is one sixth of the rows of a record
 _LONGEST_WINDOW = 2.0  # longest duration of a window with gaps, relative to one without gaps
 
 
@@ -41,8 +42,8 @@ class Windows:
     Attributes
     ----------
     first : ``(N,)`` first row of each window.
-    value : ``(N, W)`` weights whose sum of products with the samples is the fit at the row.
-    slope : ``(N, W)`` the same for the slope of the fit, 1/s.
+    value_weights : ``(N, W)`` weights whose sum of products with the samples is the fit at the row.
+    slope_weights : ``(N, W)`` the same for the slope of the fit, 1/s.
     usable : ``(N,)`` False where more than half of the samples of the window are missing, or gaps
         make it more than twice as long as usual. All weights of the window are then zero.
 
@@ -50,13 +51,13 @@ class Windows:
     """
 
     first: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
+    value_weights: np.ndarray
+    slope_weights: np.ndarray
     usable: np.ndarray
 
     def gather(self, rows: np.ndarray) -> np.ndarray:
         """Return the entries of ``rows (N, ...)`` in each window, ``(N, W, ...)``."""
-        return rows[self.first[:, None] + np.arange(self.value.shape[1])]
+        return rows[self.first[:, None] + np.arange(self.value_weights.shape[1])]
 
 
 def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -> Windows:
@@ -69,13 +70,16 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
     if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
-        # The weights depend only on the place of the row in its window. The windows of a short
-        # part of the record have all these places.
+        # The weights depend only on the place of the row in its window. So they are computed for
+        # 2 W rows, which contain the begin, the middle and the end cases, and copied.
         part = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
         row_of_part = np.where(place <= half_width, place, place + width)
         return Windows(
-            first, part.value[row_of_part], part.slope[row_of_part], part.usable[row_of_part]
+            first,
+            part.value_weights[row_of_part],
+            part.slope_weights[row_of_part],
+            part.usable[row_of_part],
         )
     rows = first[:, None] + np.arange(width)
     present = valid[rows]
@@ -101,7 +105,7 @@ def smoothed(
     fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
     return np.where(
         fit.usable,
-        np.sum(fit.value * fit.gather(values), axis=1),
+        np.sum(fit.value_weights * fit.gather(values), axis=1),
         np.interp(time, time[valid], values[valid]),
     )
 
@@ -115,14 +119,14 @@ def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: 
     """
     best, least_mean_square = HALF_WIDTHS[0], np.inf
     for half_width in HALF_WIDTHS:
-        if half_width > max(len(time) // _LARGEST_HALF_WIDTH_SHARE, HALF_WIDTHS[0]):
+        if half_width > max(len(time) // _LEAST_ROWS_PER_HALF_WIDTH, HALF_WIDTHS[0]):
             break
         fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
         rows = np.flatnonzero(fit.usable & valid)
         if rows.size == 0:
             continue
-        own_weight = fit.value[rows, rows - fit.first[rows]]
-        residual = values[rows] - np.sum(fit.value * fit.gather(values), axis=1)[rows]
+        own_weight = fit.value_weights[rows, rows - fit.first[rows]]
+        residual = values[rows] - np.sum(fit.value_weights * fit.gather(values), axis=1)[rows]
         mean_square = float(np.mean((residual / np.maximum(1.0 - own_weight, 1e-6)) ** 2))
         if mean_square < least_mean_square:
             best, least_mean_square = half_width, mean_square
@@ -133,8 +137,8 @@ def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: 
 
 Function = Callable[[Any, Any, Any, Any], Sequence[Any]]
 SLOPE_FACTOR = 2  # the window of a slope is wider by this factor: slopes are noisier than values
-# A rate relation and a reading are tested at generic points of the states; the numbers of the
-# points are arbitrary.
+# That an output reads a state directly, and that a state is another's rate, is tested at two
+# arbitrary points.
 _POINT_SHIFTS = (0.37, 0.71)
 _GENERIC_INPUT = 0.1
 
@@ -148,8 +152,8 @@ class StateData:
     raw : ``(N,)`` measured values, or slopes of another state.
     valid : ``(N,)`` whether a value of ``raw`` is usable.
     smooth : ``(N,)`` smoothed values for the regressors.
-    slopes : windows whose ``slope`` weights, applied to ``raw``, give the left-hand side of the
-        state equation.
+    slope_windows : windows whose ``slope_weights``, applied to ``raw``, give the left-hand side of
+        the state equation.
     bias : position of the bias of the channel among all parameters; None without a bias.
     rate_state : name of the state that is the slope of this one; empty if there is none. The
         equation of this state is then satisfied by construction.
@@ -158,7 +162,7 @@ class StateData:
     raw: np.ndarray
     valid: np.ndarray
     smooth: np.ndarray
-    slopes: Windows
+    slope_windows: Windows
     bias: int | None
     rate_state: str = ""
 
@@ -166,26 +170,26 @@ class StateData:
 def state_data(record: Record, system: System) -> list[StateData]:
     """Return the data of every state of the System, in its order.
 
-    The half width of a window is that of ``half_width_by_cross_validation``, and ``SLOPE_FACTOR``
-    times that for slopes.
+    The half width of a smoothing window is that of ``half_width_by_cross_validation``; windows of
+    slopes are wider by ``SLOPE_FACTOR``.
 
     Raises
     ------
-    ModelError : if the record has neither a state nor a state of which it is the rate.
+    ModelError : if a state is neither recorded nor the rate of a recorded state.
     """
     names = system.state_names
     data: dict[str, StateData] = {}
     half_widths: dict[str, int] = {}
     for name in names:
         if name in record.output_names and name in system.output_names:
-            _require_plain_reading(system, name, record.time)
+            _require_direct_reading(system, name, record.time)
             channel = record[name]
             half = half_width_by_cross_validation(record.time, channel.values, channel.valid)
             bias_name = f"bias_{name}"
             bias = system.parameters.index(bias_name) if bias_name in system.parameters else None
             smooth = smoothed(record.time, channel.values, channel.valid, half)
-            slopes = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
-            data[name] = StateData(channel.values, channel.valid, smooth, slopes, bias)
+            slope_windows = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
+            data[name] = StateData(channel.values, channel.valid, smooth, slope_windows, bias)
             half_widths[name] = half
     relations = rate_relations(system, record.time)
     missing = [name for name in names if name not in data]
@@ -199,7 +203,7 @@ def state_data(record: Record, system: System) -> list[StateData]:
         if not derived:
             state = missing[0]
             raise ModelError(
-                f"state {state} is neither measured nor the rate of a measured state",
+                f"state {state} is neither recorded nor the rate of a recorded state",
                 where=f"equation error, {record.name}",
                 remedy=f"record a channel {state}, or use output-error or a filter",
             )
@@ -257,12 +261,12 @@ def _from_slope(
             where="equation error",
             remedy="use a longer record",
         )
-    slope = np.sum(fit.slope * fit.gather(source.raw), axis=1)
+    slope = np.sum(fit.slope_weights * fit.gather(source.raw), axis=1)
     # The slope of this state is taken over a window of the same width: differences of neighbouring
     # slopes would be mostly noise.
-    slopes = windows(time, fit.usable, half, 1)
+    slope_windows = windows(time, fit.usable, half, 1)
     smooth = np.interp(time, time[fit.usable], slope[fit.usable])
-    state = StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None)
+    state = StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slope_windows, None)
     return state, replace(source, rate_state=name)
 
 
@@ -276,26 +280,26 @@ def _at_all_times(
     return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
 
 
-def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None:
+def _require_direct_reading(system: System, name: str, times: np.ndarray) -> None:
     """Raise ModelError unless output ``name`` is the state itself at all times, plus its bias."""
     n_x, n_u = len(system.states), len(system.inputs)
     states = _generic_point(system.initial.values(), _POINT_SHIFTS[0])
     point = np.concatenate([states, np.full(n_u, _GENERIC_INPUT), system.parameters.values()])
     row = system.output_names.index(name)
 
-    def reading(a: list) -> list:
+    def output(a: list) -> list:
         return [system.h(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])[row]]
 
-    plain_row = np.zeros(len(point))
-    plain_row[system.state_names.index(name)] = 1.0
+    direct_row = np.zeros(len(point))
+    direct_row[system.state_names.index(name)] = 1.0
     if f"bias_{name}" in system.parameters:
-        plain_row[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
+        direct_row[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
     values = _at_all_times(system.h, point, n_x, n_u, times)[row]
     changes = bool(np.any(values != values.flat[0]))
-    jacobian = complex_step_jacobian(reading, point.tolist())[0]
-    if changes or not np.array_equal(jacobian, plain_row):
+    jacobian = complex_step_jacobian(output, point.tolist())[0]
+    if changes or not np.array_equal(jacobian, direct_row):
         raise ModelError(
-            f"output {name} shows more than state {name}",
+            f"output {name} is not state {name} plus a bias",
             where=f"equation error, state {name}",
             remedy="leave out the effect that changes the reading, or use output-error or a filter",
         )
@@ -338,7 +342,7 @@ class RegressionLayout:
     shared : names of the shared parameters.
     local : names of the biases of each record.
     data : measured and smoothed states of each record.
-    order : positions of ``shared`` and ``local`` among all parameters.
+    positions : positions of ``shared`` and ``local`` among all parameters.
     """
 
     system: System
@@ -346,7 +350,7 @@ class RegressionLayout:
     local: tuple[str, ...]
     records: tuple[Record, ...]
     data: tuple[list[StateData], ...]
-    order: list[int] = field(default_factory=list)
+    positions: list[int] = field(default_factory=list)
 
     def columns(self, r: int) -> np.ndarray:
         """Return the positions in theta of the shared unknowns and of those of record ``r``."""
@@ -376,14 +380,14 @@ def regression_layout(records: Sequence[Record], system: System) -> RegressionLa
             where=f"model with {', '.join(system.parameters.names)}",
             remedy="release at least one",
         )
-    order = [system.parameters.index(name) for name in (*shared, *local)]
+    positions = [system.parameters.index(name) for name in (*shared, *local)]
     return RegressionLayout(
         system,
         shared,
         local,
         tuple(records),
         tuple(state_data(record, system) for record in records),
-        order,
+        positions,
     )
 
 
@@ -392,12 +396,12 @@ def residuals_at(
     theta: np.ndarray,
     histories: Sequence[Sequence[np.ndarray]] | None = None,
     *,
-    slopes: bool = True,
+    with_jacobian: bool = True,
 ) -> list[EquationResiduals] | None:
     """Return the residuals of all records; None where they are not finite.
 
     ``histories`` are states of each record, without sensor biases, in place of the smoothed ones.
-    Without ``slopes`` the Jacobians are zero.
+    Without ``with_jacobian`` the Jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
@@ -406,7 +410,7 @@ def residuals_at(
                 r,
                 theta[layout.columns(r)],
                 None if histories is None else histories[r],
-                slopes=slopes,
+                with_jacobian=with_jacobian,
             )
             for r in range(len(layout.records))
         ]
@@ -424,26 +428,29 @@ def _record_residuals(
     theta_r: np.ndarray,
     history: Sequence[np.ndarray] | None = None,
     *,
-    slopes: bool = True,
+    with_jacobian: bool = True,
 ) -> EquationResiduals:
     """Return the residuals of record ``r`` at its unknowns ``theta_r (c,)``, with derivatives by
     complex steps.
     """
     system, record, data = layout.system, layout.records[r], layout.data[r]
-    c = len(theta_r) if slopes else 1
+    c = len(theta_r) if with_jacobian else 1
     p: list[Any] = list(system.parameters.values())
-    for column, index in enumerate(layout.order):
+    for column, index in enumerate(layout.positions):
         p[index] = theta_r[column]
-        if slopes:
+        if with_jacobian:
             p[index] = p[index] + 1j * COMPLEX_STEP * (np.arange(c) == column)
     time = record.time
-    u_begin, u_end = ([_deep(row) for row in stage] for stage in _inputs(record, system, p))
+    u_begin, u_end = ([_as_columns(row) for row in stage] for stage in _inputs(record, system, p))
     x: list[Any]
     if history is None:
-        x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
+        x = [
+            _as_columns(state.smooth) - (0.0 if state.bias is None else p[state.bias])
+            for state in data
+        ]
     else:
         x = [
-            _deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias]))
+            _as_columns(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias]))
             for row, state in zip(history, data, strict=True)
         ]
     n = len(time)
@@ -459,11 +466,11 @@ def _record_residuals(
     residual, valid, jacobian = [], [], []
     for state, increments in zip(data, increments_of_states, strict=True):
         if not state.rate_state:
-            fit = state.slopes
-            slope = np.sum(fit.slope * fit.gather(state.raw), axis=1)
-            mean = _averaged(fit.slope, fit.first, increments)
-            residual.append(slope - mean.real[:, 0])
-            jacobian.append(mean.imag / COMPLEX_STEP)
+            fit = state.slope_windows
+            slope = np.sum(fit.slope_weights * fit.gather(state.raw), axis=1)
+            predicted = _slopes_from_increments(fit.slope_weights, fit.first, increments)
+            residual.append(slope - predicted.real[:, 0])
+            jacobian.append(predicted.imag / COMPLEX_STEP)
             valid.append(fit.usable)
     for i, name in enumerate(system.output_names):
         if name not in system.state_names:
@@ -494,13 +501,15 @@ def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any]
     ]
 
 
-def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
+def _slopes_from_increments(
+    slope_weights: np.ndarray, first: np.ndarray, increments: np.ndarray
+) -> np.ndarray:
     """Return the slopes ``(N, c)`` of a signal with the ``increments (N - 1, c)`` between samples.
-    The window of each sample begins at ``first (N,)`` and has the weights ``slope (N, W)``.
+    The window of each sample begins at ``first (N,)`` and has ``slope_weights (N, W)``.
     """
     from scipy.sparse import csr_array
 
-    kernel = -np.cumsum(slope, axis=1)[:, :-1]
+    kernel = -np.cumsum(slope_weights, axis=1)[:, :-1]
     rows, width = kernel.shape
     columns = (first[:, None] + np.arange(width)).ravel()
     begin = np.arange(rows + 1) * width
@@ -517,7 +526,7 @@ def equation_variances(parts: list[EquationResiduals]) -> tuple[np.ndarray, np.n
     return np.maximum(squares / np.maximum(counts, 1), 1e-60), np.asarray(counts)
 
 
-def _deep(row: Any) -> np.ndarray:
+def _as_columns(row: Any) -> np.ndarray:
     """Return a row ``(N,)`` as ``(N, 1)``; a row ``(N, c)`` is unchanged."""
     row = np.asarray(row)
     return row[:, None] if row.ndim == 1 else row

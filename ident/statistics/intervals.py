@@ -4,9 +4,10 @@ Information of record and prior. In units of the prior standard deviations, the 
 record is F = V diag(s^2) V', with s and V the singular values and right singular vectors of its
 scaled sensitivities. With the prior, the covariance is C = V diag(1 / (1 + s^2)) V'. Along a
 direction with s = 1, record and prior have equal information. The error of the estimate has two
-independent parts, noise and a wrong prior mean: C = C F C + C C. So (C C)_ii / C_ii is the share of
-a posterior variance due to the prior. The sum of s^2 / (1 + s^2) is the effective number of
-parameters that the record determines (MacKay, Neural Computation 4, 1992).
+independent parts, noise and a wrong prior mean: C = C F C + C C (the information of the prior is
+the unit matrix). So (C C)_ii / C_ii is the share of a posterior variance due to the prior. The sum
+of s^2 / (1 + s^2) is the effective number of parameters that the record determines (MacKay, Neural
+Computation 4, 1992).
 
 Profile-likelihood intervals. A sigma follows from the curvature of the likelihood at its maximum.
 Where the log likelihood is no parabola (a quotient, a delay, a lag with little effect), the
@@ -26,16 +27,18 @@ import numpy as np
 
 # ---- Inverse of an information matrix that need not be regular
 
-# a direction is not determined where its eigenvalue of the scaled information is below this share
-# of the largest one, which is rounding
+# Eigenvalues of the scaled information below this share of the largest one are rounding: their
+# directions are undetermined.
 UNDETERMINED = 1e-14
 DIFFERENCED_UNDETERMINED = 1e-9  # the same for sensitivities by finite differences
 LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # a step has no part along a direction below this share
 
 
 def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return the sigma ``(n,)`` of each unknown with all others known. An unknown without any
-    influence gets its ``size`` ``(n,)``, and at least 1.
+    """Return the sigma ``(n,)`` of each unknown with all others known.
+
+    ``size`` ``(n,)`` : order of magnitude of each unknown; its sigma, or 1 if larger, when the data
+    do not depend on it.
     """
     diagonal = np.diag(information)
     return np.where(
@@ -51,13 +54,14 @@ def inverse_information(
     """Return the covariance ``(n, n)`` and whether every direction is determined.
 
     A direction with less than the share ``floor`` of the scaled information gets a finite but very
-    large sigma: ``1 / sqrt(floor)`` in units of `conditional_scale`, where ``size`` is explained.
+    large sigma: ``1 / sqrt(floor)`` in units of `conditional_scale`, which explains ``size``.
     """
     if not len(information):
         return np.zeros((0, 0)), True
-    square, values, vectors = _spectrum(information, size)
+    sigma_products, values, vectors = _spectrum(information, size)
     least = floor * (float(values[-1]) if values[-1] > 0 else 1.0)
-    return square * ((vectors / np.maximum(values, least)) @ vectors.T), bool(values[0] > least)
+    covariance = sigma_products * ((vectors / np.maximum(values, least)) @ vectors.T)
+    return covariance, bool(values[0] > least)
 
 
 def determined_and_open(
@@ -66,17 +70,18 @@ def determined_and_open(
     """Return the two parts of the covariance of `inverse_information`, ``(n, n)`` each: that of the
     determined directions, and that of the others.
 
-    Use the parts in products. The second part is up to ``1 / UNDETERMINED`` times larger, so that
-    rounding would destroy the first one in a product with the sum.
+    Multiply by each part separately and add the results. The second part is up to ``1 /
+    UNDETERMINED`` times larger, so that rounding would destroy the first one in a product with the
+    sum.
     """
     if not len(information):
         return np.zeros((0, 0)), np.zeros((0, 0))
-    square, values, vectors = _spectrum(information, size)
+    sigma_products, values, vectors = _spectrum(information, size)
     least = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
     determined = values > least
     return (
-        square * ((vectors[:, determined] / values[determined]) @ vectors[:, determined].T),
-        square * ((vectors[:, ~determined] / least) @ vectors[:, ~determined].T),
+        sigma_products * ((vectors[:, determined] / values[determined]) @ vectors[:, determined].T),
+        sigma_products * ((vectors[:, ~determined] / least) @ vectors[:, ~determined].T),
     )
 
 
@@ -98,9 +103,9 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
     """Return the inverse ``(n, n)`` for a step, without the directions that have less than
     ``LEAST_STEP_EIGENVALUE_SHARE`` of the scaled information.
     """
-    square, values, vectors = _spectrum(information, 0.0)
+    sigma_products, values, vectors = _spectrum(information, 0.0)
     determined = values > LEAST_STEP_EIGENVALUE_SHARE * max(float(values[-1]), 1e-300)
-    return square * (
+    return sigma_products * (
         (vectors * np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)) @ vectors.T
     )
 
@@ -114,9 +119,9 @@ def _spectrum(
     scale = conditional_scale(
         information, np.broadcast_to(np.asarray(size, dtype=float), len(information))
     )
-    square = np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(information * square)
-    return square, values, vectors
+    sigma_products = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(information * sigma_products)
+    return sigma_products, values, vectors
 
 
 # ---- Normal equations
@@ -192,12 +197,12 @@ class Determination:
             return 0
         return int(np.sum(self.strengths <= ROUNDING * max(float(self.strengths[0]), 1e-300)))
 
-    def composition(self, direction: int, most: int = 4) -> tuple[tuple[str, float], ...]:
-        """Return the parameters with the ``most`` largest parts of a direction and these parts; the
-        largest one is first and positive.
+    def composition(self, direction: int, count: int = 4) -> tuple[tuple[str, float], ...]:
+        """Return the ``count`` largest components of a direction as (name, component), the first
+        one positive.
         """
         vector = self.directions[:, direction]
-        order = np.argsort(-np.abs(vector))[:most]
+        order = np.argsort(-np.abs(vector))[:count]
         sign = np.sign(vector[order[0]]) or 1.0
         return tuple((self.names[i], float(sign * vector[i])) for i in order)
 
@@ -234,8 +239,8 @@ def determination(
 TWICE_LOG_LIKELIHOOD_DROP = 4.0
 LEVEL = math.erf(math.sqrt(TWICE_LOG_LIKELIHOOD_DROP / 2.0))
 ENDPOINT_TOLERANCE = 0.02  # relative tolerance of the root at an end
-# largest distance of an end, in units of two sigmas (or of the value, if smaller): simulations
-# farther away fail
+# Largest distance of an end in units of two sigmas, since simulations farther away fail. Where
+# sigma is at least this multiple of the value, the unit is twice the value.
 LARGEST_REACH = 16.0
 LARGEST_STEP_GROWTH = 4.0  # largest growth of a step outwards
 MOST_REFITS = 14  # most refits of a side
@@ -325,11 +330,11 @@ def profile_intervals(
     names : parameter -> its position in ``theta``.
     theta : ``(n,)`` estimate.
     cost : minus the log likelihood there.
-    covariances : the reported one, and that for white residuals, ``(n, n)`` or larger. The
-        threshold grows with their ratio.
+    covariances : the reported one, and that for white residuals, of which the first n rows and
+        columns are used. The threshold grows with their ratio.
     bounds : lowest and highest ``theta``, ``(n,)`` each.
-    refit_along : function of a position ``j`` and of the changes ``(n,)`` of all unknowns for a
-        unit change of unknown ``j``, by the curvature. It returns the `Refit` of that unknown.
+    refit_along : ``refit_along(j, d)`` returns the `Refit` of unknown ``j``; ``d (n,)`` = d theta /
+        d theta_j along the ridge, as first guess.
     """
     reported, white = covariances
     intervals = []
@@ -388,10 +393,10 @@ def _end(
     """Return the end of one side (None where it is open), whether it is the bound, and the largest
     gain of log likelihood by a refit. ``goal`` is the root of the drop at the end.
     """
-    size = min(sigma, abs(side.value)) or sigma
+    unit = min(sigma, abs(side.value)) or sigma
     inside, r_inside, outside, r_outside = 0.0, 0.0, math.inf, math.inf
     farthest = abs(bound - side.value)
-    step = min(goal * size, farthest)
+    step = min(goal * unit, farthest)
     for _ in range(MOST_REFITS):
         r = side.root(side.value + sign * step)
         if abs(r - goal) <= ENDPOINT_TOLERANCE * goal:
@@ -402,8 +407,8 @@ def _end(
             inside, r_inside = step, r
             if step >= farthest:
                 return bound, True, side.better
-            unit = max(size, sigma if sigma < LARGEST_REACH * size else size)
-            if step >= LARGEST_REACH * goal * unit:
+            reach = LARGEST_REACH * (sigma if sigma < LARGEST_REACH * unit else unit)
+            if step >= goal * reach:
                 return None, False, side.better
         step = _next_step(inside, r_inside, outside, r_outside, goal, farthest)
     # Where no refit succeeds farther away, the side is open.
@@ -435,44 +440,46 @@ SHARES_LEVEL = 0.95
 BOOTSTRAP_DRAWS = 2000
 
 
-def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Return the exact binomial interval of a share, from ``count`` successes in ``of`` independent
-    trials (Clopper and Pearson, Biometrika 26, 1934).
+def clopper_pearson(
+    count: float, trials: float, level: float = SHARES_LEVEL
+) -> tuple[float, float]:
+    """Return the exact binomial interval of a share, from ``count`` successes in independent
+    ``trials`` (Clopper and Pearson, Biometrika 26, 1934).
 
-    At each end, so few or so many successes have half of the probability ``1 - level``. Without a
-    trial the interval is 0 to 1.
+    If the share were at an end, a count at least as extreme would have probability
+    ``(1 - level) / 2``. Without a trial the interval is 0 to 1.
     """
     from scipy.special import betaincinv
 
-    if of == 0:
+    if trials == 0:
         return 0.0, 1.0
     tail = 0.5 * (1.0 - level)
-    low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, tail))
-    high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 1.0 - tail))
+    low = 0.0 if count == 0 else float(betaincinv(count, trials - count + 1, tail))
+    high = 1.0 if count == trials else float(betaincinv(count + 1, trials - count, 1.0 - tail))
     return low, high
 
 
 def clustered_share(
-    counts: np.ndarray, of: np.ndarray, rng: np.random.Generator, level: float = SHARES_LEVEL
+    counts: np.ndarray, trials: np.ndarray, rng: np.random.Generator, level: float = SHARES_LEVEL
 ) -> tuple[float, float]:
-    """Return the interval of the share ``sum(counts) / sum(of)`` over N runs. Each run has
-    ``counts`` successes in ``of`` trials, which may be correlated.
+    """Return the interval of the share ``sum(counts) / sum(trials)`` over N runs. Each run has
+    ``counts (N,)`` successes in ``trials (N,)``, which may be correlated.
 
     The ends are percentiles of the share over runs drawn with replacement: a cluster bootstrap
     (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 8). The interval of
     Clopper and Pearson, with each run as one trial, is returned where each run has one trial, and
     where all runs have the same share. Runs without a trial are left out.
     """
-    with_trials = np.asarray(of) > 0
-    counts, of = (
+    with_trials = np.asarray(trials) > 0
+    counts, trials = (
         np.asarray(counts, dtype=float)[with_trials],
-        np.asarray(of, dtype=float)[with_trials],
+        np.asarray(trials, dtype=float)[with_trials],
     )
-    runs, shares = len(of), counts / of
-    if np.all(of == 1.0) or np.ptp(shares) == 0.0:
+    runs, shares = len(trials), counts / trials
+    if np.all(trials == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
     samples = (rng.integers(runs, size=runs) for _ in range(BOOTSTRAP_DRAWS))
-    resampled = [counts[rows].sum() / of[rows].sum() for rows in samples]
+    resampled = [counts[rows].sum() / trials[rows].sum() for rows in samples]
     low, high = np.quantile(resampled, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     return float(low), float(high)
 
@@ -480,7 +487,7 @@ def clustered_share(
 # ---- Intervals that rest on chi-square
 
 
-def quantile(share: float, degrees: float) -> float:
+def chi_square_quantile(share: float, degrees: float) -> float:
     """Return the quantile of chi-square with ``degrees`` of freedom at the probability ``share``.
     The import of scipy.stats, which takes a second, is avoided.
     """
@@ -496,8 +503,8 @@ def deviation_factors(count: int) -> tuple[float, float]:
     if count < 2:
         return 0.0, float("inf")
     degrees, tail = count - 1, 0.5 * (1.0 - SHARES_LEVEL)
-    low = (degrees / quantile(1.0 - tail, degrees)) ** 0.5
-    high = (degrees / quantile(tail, degrees)) ** 0.5
+    low = (degrees / chi_square_quantile(1.0 - tail, degrees)) ** 0.5
+    high = (degrees / chi_square_quantile(tail, degrees)) ** 0.5
     return low, high
 
 
@@ -506,10 +513,12 @@ def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[f
     freedom, over ``degrees``.
     """
     tail = 0.5 * (1.0 - level)
-    return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
+    return chi_square_quantile(tail, degrees) / degrees, chi_square_quantile(
+        1.0 - tail, degrees
+    ) / degrees
 
 
-def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
+def within_chi_square(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
     """Return which of ``squares (N,)`` are within the central interval of chi-square with their
     ``degrees (N,)`` of freedom.
     """
@@ -521,9 +530,9 @@ def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 # ---- Scatter between records
 
-# degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
-# with two to five records
-BORROWED = 6.0
+# Weight of the scatter pooled over all parameters, in degrees of freedom. With 6, two sigmas
+# contain the truth in 93 to 98 of 100 simulated flights with two to five records.
+POOLED_DEGREES = 6.0
 
 
 def reduced_chi_square(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -577,10 +586,10 @@ def scatter_factors(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     from scipy.special import chdtri, ndtr, stdtrit
 
     freedom = values.shape[1] - 1
-    own = reduced_chi_square(values, sigma)
+    by_parameter = reduced_chi_square(values, sigma)
     # the median of chi-squared lies below its mean
-    shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
-    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # no more degrees exist
-    squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
-    wider = float(stdtrit(freedom + borrowed, ndtr(2.0))) / 2.0
+    pooled = float(np.median(by_parameter)) * freedom / float(chdtri(freedom, 0.5))
+    pooled_degrees = min(POOLED_DEGREES, float(freedom * (len(values) - 1)))  # no more exist
+    squared = (freedom * by_parameter + pooled_degrees * pooled) / (freedom + pooled_degrees)
+    wider = float(stdtrit(freedom + pooled_degrees, ndtr(2.0))) / 2.0
     return np.maximum(1.0, wider * np.sqrt(squared))

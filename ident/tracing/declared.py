@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Claim, Step
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.held_out import HeldOutData, held_out
+from ident.tracing.held_out import HeldOutData, fit_held_out
 from ident.tracing.problem import TraceProblem
 from ident.tracing.wrong_samples import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.whole_record.output_error import failed_fit
@@ -103,6 +103,6 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
         return HeldOutData()
     problem = declared.problem
     records = [mended_inputs(problem, record, declared.spikes) for record in validation]
-    first = held_out(declared.root, records, None, informed=False)
+    first = fit_held_out(declared.root, records, None, informed=False)
     masks = held_out_masks(first, records, problem.outputs)
-    return HeldOutData(records, masks, held_out(declared.root, records, masks, informed=False))
+    return HeldOutData(records, masks, fit_held_out(declared.root, records, masks, informed=False))

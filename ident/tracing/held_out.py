@@ -3,7 +3,7 @@
 A held-out record is fitted twice. The frozen fit estimates initial states, biases and
 record-specific parameters only, and gives the reported errors. The informed fit also estimates the
 shared parameters, with the training posterior as Gaussian prior, and gives the verdict: frozen
-values would reject correct sets whose parameters are correlated.
+values would reject correct sets of effects whose parameters are correlated.
 """
 
 from __future__ import annotations
@@ -53,8 +53,11 @@ class HeldOut:
 class HeldOutData:
     """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
 
-    ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot
-    be simulated on them. ``declared`` : fit of that model to them.
+    Attributes
+    ----------
+    masks : one mask ``(m, N)`` for each record, True where a sample counts; None if the declared
+        model cannot be simulated on the records.
+    declared : fit of the declared model to the records.
     """
 
     records: Sequence[Record] = ()
@@ -63,61 +66,68 @@ class HeldOutData:
 
 
 def predicted_by(fitted: FittedModel, held: HeldOutData) -> HeldOut:
-    """``held_out`` on all of these records; nothing where there are none."""
-    return held_out(fitted, held.records, held.masks) if held.records else HeldOut(None, None)
+    """Return ``fit_held_out`` on all of these records; no fits where there are none."""
+    return fit_held_out(fitted, held.records, held.masks) if held.records else HeldOut(None, None)
 
 
-def held_out(
+def fit_held_out(
     fitted: FittedModel,
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     *,
     informed: bool = True,
 ) -> HeldOut:
-    """Fit a fitted model to other records, frozen and, if wanted, informed by the training prior.
+    """Return the fits of a fitted model to other records: frozen and, if wanted, informed by the
+    training prior.
 
     Record-specific effects (events, drifts) are searched for anew in each record.
     """
-    frozen = _others(fitted, records, masks).fit_event_by_event()
+    frozen = _fitter(fitted, records, masks).fit_event_by_event()
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = (
+    informed_fit = (
         None
         if frozen is None
-        else _others(fitted, records, masks, training_prior(fitted)).fit(
+        else _fitter(fitted, records, masks, training_prior(fitted)).fit(
             fitted.effects, frozen.values
         )
     )
     filtered = has_process_noise(fitted.system)
     local = any(belongs_to_record(effect) for effect in fitted.effects)
-    # A filter's fit does not depend on its start: only events are worth another one.
-    if freer is None or (
-        (local or not filtered) and fails_residual_tests(HeldOut(None, freer.fit))
+    # With a filter another start gives the same fit, so only records with events are fitted again.
+    if informed_fit is None or (
+        (local or not filtered) and fails_residual_tests(HeldOut(None, informed_fit.fit))
     ):
-        by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
-        freer = min(
-            (each for each in (freer, by_event) if each is not None),
-            key=lambda each: each.fit.cost,
-            default=None,
-        )
-    if freer is not None and not filtered and fails_residual_tests(HeldOut(None, freer.fit)):
-        prior = prior_where_both_meet(fitted, freer, masks)
-        nearer = (
-            _others(fitted, records, masks, prior).fit_event_by_event()
-            if prior is not None
-            else None
-        )
-        freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
-    if freer is not None and local:
+        by_event = _fitter(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
+        informed_fit = _best(informed_fit, by_event)
+    if (
+        informed_fit is not None
+        and not filtered
+        and fails_residual_tests(HeldOut(None, informed_fit.fit))
+    ):
+        prior = prior_at_common_point(fitted, informed_fit, masks)
+        if prior is not None:
+            relinearised_fit = _fitter(fitted, records, masks, prior).fit_event_by_event()
+            informed_fit = _best(informed_fit, relinearised_fit)
+    if informed_fit is not None and local:
         # An event found by the informed fit may have been missed by the frozen one.
-        again = _others(fitted, records, masks).fit(fitted.effects, freer.values)
-        tries = [each for each in (frozen, again) if each is not None]
-        frozen = min(tries, key=lambda each: each.fit.cost, default=None)
-    return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
+        again = _fitter(fitted, records, masks).fit(fitted.effects, informed_fit.values)
+        frozen = _best(frozen, again)
+    return HeldOut(
+        None if frozen is None else frozen.fit, None if informed_fit is None else informed_fit.fit
+    )
+
+
+def _best(*fits: FittedModel | None) -> FittedModel | None:
+    """Return the fit with the lowest cost, the first of equal ones; None without a fit."""
+    found = [fit for fit in fits if fit is not None]
+    return min(found, key=lambda fitted: fitted.fit.cost, default=None)
 
 
 def fails_residual_tests(out: HeldOut) -> bool:
-    """Return whether the residual of the informed fit is hardly noise."""
+    """Return whether a residual test of the informed fit has a p-value below
+    ``COLOURED_P_VALUE``.
+    """
     if out.informed is None:
         return False
     return (
@@ -129,20 +139,20 @@ def fails_residual_tests(out: HeldOut) -> bool:
 def frozen_on(
     trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
 ) -> HeldOut:
-    """Fit these records with the shared parameters frozen; initial states, biases and
+    """Return the fit to these records with the shared parameters frozen; initial states, biases and
     record-specific parameters are estimated.
     """
-    frozen = _Others(trained, declared, records, masks).fit_event_by_event()
+    frozen = _HeldOutFitter(trained, declared, records, masks).fit_event_by_event()
     return HeldOut(None if frozen is None else frozen.fit, None)
 
 
-def _others(
+def _fitter(
     fitted: FittedModel,
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     prior: Prior | None = None,
-) -> _Others:
-    return _Others(
+) -> _HeldOutFitter:
+    return _HeldOutFitter(
         fitted.trained,
         fitted.declared,
         records,
@@ -153,8 +163,8 @@ def _others(
 
 
 @dataclass(frozen=True, eq=False)
-class _Others:
-    """Records that were not fitted, and the fitted model: its shared parameters frozen there, or
+class _HeldOutFitter:
+    """Fits of a fitted model to records that were not fitted: its shared parameters are frozen, or
     free under a prior.
 
     ``levels`` : noise levels of the fit where it has process noise.
@@ -173,7 +183,11 @@ class _Others:
         values: Values | None = None,
         added: Mapping[str, float] | None = None,
     ) -> FittedModel | None:
-        """Fit the model's effects, or some of them, to these records, from starting values."""
+        """Fit the model's effects, or some of them, to these records.
+
+        ``values`` are the start, by default the values of training; ``added``, by parameter,
+        replaces single values of the start in every record.
+        """
         trained, prior = self.trained, self.prior
         settings = replace(trained.settings, iterations=40, tolerance=1e-3)
         full, system = compiled_with(self.declared, effects, trained.outputs)
@@ -197,13 +211,13 @@ class _Others:
         )
 
     def _usual_biases(self) -> dict[str, float]:
-        """Return the mean biases of the fitted records: they include trim, far from the default
-        start of a slow motion.
+        """Return the mean biases of the fitted records. Fits start there: with slow motion, trim is
+        in the biases, and the default start is too far away.
         """
-        own = self.trained.own
-        names = [name for name in own[0] if name.startswith("bias_")] if own else []
+        values_by_record = self.trained.own
+        names = [name for name in next(iter(values_by_record), {}) if name.startswith("bias_")]
         return {
-            name: float(np.mean([values[name] for values in own if name in values]))
+            name: float(np.mean([values[name] for values in values_by_record if name in values]))
             for name in names
         }
 
@@ -211,36 +225,44 @@ class _Others:
         """Fit without record-specific effects, then add them one after the other, each from starts
         that the records suggest.
 
-        Nuisance dynamics are included from the start; without them other parameters would be
+        Background effects are included from the start; without them other parameters would be
         biased.
         """
         effects = self.trained.effects
-        own = [
+        event_effects = [
             effect
             for effect in effects
             if not effect.traits.background and belongs_to_record(effect)
         ]
-        present = [effect for effect in effects if effect not in own]
-        slow = {
+        present = [effect for effect in effects if effect not in event_effects]
+        background_names = {
             name for effect in effects if effect.traits.background for name in local_names(effect)
         }
         best = self.fit(
             present,
             None,
-            {name: value for name, value in self.trained.own[0].items() if name in slow},
+            {
+                name: value
+                for name, value in self.trained.own[0].items()
+                if name in background_names
+            },
         )
-        for effect in own:
+        for effect in event_effects:
             if best is None:
                 return None
             best = self._with(best, present, effect, self.trained.own[0])
             present = [*present, effect]
-        return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
+        if best is None or len(event_effects) < 2:
+            return best
+        return self._each_placed_again(best, event_effects)
 
-    def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
+    def _each_placed_again(
+        self, best: FittedModel, event_effects: Sequence[Traceable]
+    ) -> FittedModel:
         """Fit each record-specific effect again together with all others: the first ones were
         placed before the others were known.
         """
-        for effect in own:
+        for effect in event_effects:
             rest = [other for other in best.effects if other is not effect]
             base = self.fit(rest, best.values)
             if base is None:
@@ -260,10 +282,10 @@ class _Others:
         """Add an effect of one record to a fit of ``rest``, from the starts that the records
         suggest and from ``further`` starts, and return the best fit.
         """
-        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
-        tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
-        tries += [self.fit([*rest, effect], base.values, start) for start in further]
-        return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+        starts = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
+        fits = [self.fit([*rest, effect], base.values.with_added(start)) for start in starts]
+        fits += [self.fit([*rest, effect], base.values, start) for start in further]
+        return _best(*fits)
 
 
 # ---- Prior of the shared parameters from training
@@ -280,20 +302,20 @@ def training_prior(fitted: FittedModel) -> Prior:
     return Prior(np.arange(n), fit.theta[:n].copy(), information)
 
 
-def prior_where_both_meet(
-    fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None
+def prior_at_common_point(
+    fitted: FittedModel, informed_fit: FittedModel, masks: Sequence[np.ndarray] | None
 ) -> Prior | None:
     """Return the training prior linearised at a point that training and held-out records share;
     None if no such point is found.
 
-    Training may determine only a curve in parameter space, such as limit times derivative. Its
-    Gaussian approximation holds near the optimum only.
+    Training may determine only a combination, such as rate limit times control derivative, hence a
+    curve in parameter space. Its Gaussian approximation holds only near the optimum.
     """
-    trained, other = fitted.fit.layout.problems, freer.fit.layout.problems
+    trained, other = fitted.fit.layout.problems, informed_fit.fit.layout.problems
     values = Values(
         fitted.values.shared,
-        (*fitted.values.own, *freer.values.own),
-        (*fitted.values.states, *freer.values.states),
+        (*fitted.values.own, *informed_fit.values.own),
+        (*fitted.values.states, *informed_fit.values.states),
     )
     records = [problem.record for problem in (*trained, *other)]
     valid = [
@@ -316,12 +338,13 @@ def prior_where_both_meet(
         add_normal_equations(
             normal, gradient, fit.layout.columns(r), fit.jacobians[r], fit.residuals[r], weight
         )
-    own = n + len(trained) * fit.layout.own
-    inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
-    covariance, _ = inverse_information(inside, fit.theta[:own])
+    # unknowns of the training records: shared ones, then those of each record
+    count = n + len(trained) * fit.layout.own
+    normal, gradient = normal[:count, :count], gradient[:count]
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    covariance, _ = inverse_information(normal, fit.theta[:count])
     step = (
-        np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0]
-        / scale
+        np.linalg.lstsq(normal / np.outer(scale, scale), gradient / scale, rcond=1e-10)[0] / scale
     )
     information, _ = inverse_information(covariance[:n, :n], np.ones(n))
     return Prior(np.arange(n), fit.theta[:n] + step[:n], information)

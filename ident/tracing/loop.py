@@ -34,7 +34,7 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
-from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
+from ident.tracing.held_out import HeldOut, HeldOutData, fit_held_out, predicted_by
 from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import PredictiveGain, frozen_gain, predictive_gains
 from ident.tracing.problem import TraceProblem, no_progress
@@ -195,7 +195,7 @@ def _for_simulation(
     refitted = problem.fit(kept, best)
     if refitted is None or not held.records:
         return usual if refitted is None else ForSimulation(refitted.trained, refitted.fit, None)
-    frozen = held_out(refitted, held.records, held.masks, informed=False).frozen
+    frozen = fit_held_out(refitted, held.records, held.masks, informed=False).frozen
     return usual if frozen is None else ForSimulation(refitted.trained, refitted.fit, frozen)
 
 

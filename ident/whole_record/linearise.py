@@ -71,7 +71,7 @@ def known_states(
             shifted = [padded[k : k + len(values)] for k in range(_MEDIAN_SAMPLES)]
             smooth = np.median(shifted, axis=0)
             fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SLOPE_PARTS), 1)
-            slope = np.sum(fit.slope * fit.gather(smooth), axis=1)
+            slope = np.sum(fit.slope_weights * fit.gather(smooth), axis=1)
             known[j] = time[fit.usable], slope[fit.usable]
     return known
 

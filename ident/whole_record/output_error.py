@@ -77,7 +77,7 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
     return _first_converged([fit], regression_starts(layout))
 
 
-def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
+def fits_at_lowest_minimum(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
     """Return the output-error fits of two models to the same records, each at the lowest minimum
     over the starts of both; None for a model without a finite cost.
 

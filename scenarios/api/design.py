@@ -101,15 +101,15 @@ class Design:
         return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row per kind, the best first: pace (s), peaks, mean sigma over the values, log
-        likelihood and chance.
+        """Return one row per kind, the best first: pace (pulse width, s), peaks, geometric mean of
+        sigma over value, log likelihood and chance.
         """
         import pandas
 
         rows = [
             {
                 "maneuver": maneuver.kind,
-                "pace": maneuver.pace,
+                "pace": maneuver.pulse_width,
                 **{f"peak_{name}": p for name, p in peaks_of(self.details, maneuver).items()},
                 "mean_sigma": maneuver.criterion,
                 "log_likelihood": maneuver.log_likelihood,

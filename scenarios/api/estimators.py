@@ -173,7 +173,7 @@ def _estimate(method: str, model: Any, records: Any, vehicle: VehicleSource) -> 
     from ident.whole_record.layout import FitSettings
     from scenarios.identification.assessment import DEFAULT_OPTIONS
     from scenarios.identification.methods import FILTERS, estimated_by
-    from scenarios.preparation.declared_model import outputs_with_bias, step_for
+    from scenarios.preparation.declared_model import outputs_with_bias, sub_step
     from scenarios.preparation.plausibility import refuse_too_few
     from scenarios.studies.estimating import FIT_STEP
 
@@ -196,7 +196,7 @@ def _estimate(method: str, model: Any, records: Any, vehicle: VehicleSource) -> 
     ]
     biased = declared.with_biases(outputs_with_bias(declared, outputs))
     refuse_too_few(given, declared)
-    settings = FitSettings(step_for(biased, given, FIT_STEP), use_priors=priors)
+    settings = FitSettings(sub_step(biased, given, FIT_STEP), use_priors=priors)
     return estimated_by(given, biased, outputs, method, settings, DEFAULT_OPTIONS)[1]
 
 

@@ -60,7 +60,7 @@ from scenarios.kept import DIAGNOSE, KeptModel, KeptReading
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
-from scenarios.preparation.declared_model import step_for
+from scenarios.preparation.declared_model import sub_step
 from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED, WHOLE, Plan, Request
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
@@ -411,7 +411,7 @@ def diagnose_files(
     progress("reading", 0.0)
     opened = opened_files(request, vehicle_path_of(request))
     loop_input = loop_input_for(opened, request.plan)
-    step = step_for(loop_input.model, loop_input.records, effort_settings.max_step)
+    step = sub_step(loop_input.model, loop_input.records, effort_settings.max_step)
     settings = replace(effort_settings, max_step=step)
     own, effect_files = own_effects(request.effects, loop_input.model)
     candidates, guards = candidates_for(loop_input.model, own), _guards(loop_input.model)

@@ -1,4 +1,4 @@
-"""The coefficients of an aircraft as a DAVE-ML file: sums of terms in MathML, check cases [1]_.
+"""The coefficients of an aircraft as a DAVE-ML file [1]_: sums of terms in MathML, and check cases.
 
 Inputs are airspeed, alpha, beta, p, q, r and the surfaces, in SI and radians; outputs are the six
 coefficients about the reference point of the moments. Mass, inertia and geometry are constants of
@@ -34,8 +34,9 @@ UNITS = {
     "kg m2": "kgm2",
     "kg/m3": "kg_m3",
 }
+# Long name, unit, and change from the start in the second check case.
 FLOW_INPUTS = {
-    "airspeed": ("trueAirspeed", "m/s", 100.0),
+    "airspeed": ("trueAirspeed", "m/s", 0.0),
     "alpha": ("angleOfAttack", "rad", 0.05),
     "beta": ("angleOfSideslip", "rad", 0.02),
     "p": ("bodyAngularRate_Roll", "rad/s", 0.1),
@@ -52,7 +53,8 @@ NAMES = {
     "Cm": "aeroBodyMomentCoefficient_Pitch",
     "Cn": "aeroBodyMomentCoefficient_Yaw",
 }
-CHECK_DEFLECTION = 0.03  # rad, surface in the second check case
+CHECK_DEFLECTION = 0.03  # rad, of a surface from trim in the second check case
+CHECK_AIRSPEED = 100.0  # m/s, in the second check case of a model that starts at rest
 CHECK_TOLERANCE = 1e-9
 
 
@@ -61,27 +63,27 @@ def dave_ml_file(model: ExportedModel) -> str:
 
     Parameters
     ----------
-    model : an exported model ``aircraft``.
+    model : an exported model with equations ``aircraft``.
 
     Returns
     -------
-    XML with the coefficients, and two check cases: the start of the model, and one with rates and
-    surfaces away from zero.
+    XML with the coefficients and two check cases: the start of the model, and a case with rates and
+    deflected surfaces.
 
     Raises
     ------
-    DeclarationError : the model is no ``aircraft``, so it has no coefficients.
+    DeclarationError : the model has other equations, so it has no coefficients.
     """
     aircraft = model.aircraft_for("dave-ml", "DAVE-ML holds aerodynamic coefficients")
     root = XML.Element("DAVEfunc", xmlns=NAMESPACE)
     _header(root, model)
     for name, (long, unit, _) in FLOW_INPUTS.items():
-        _variable(root, name, long, unit, given=True)
+        _variable(root, name, long, unit, is_input=True)
     for name, unit in aircraft.surfaces.items():
-        _variable(root, name, f"{name}Deflection", unit, given=True)
+        _variable(root, name, f"{name}Deflection", unit, is_input=True)
     for name, unit in CONSTANTS.items():
         if name in aircraft.varying:
-            _variable(root, name, name, unit, given=True)
+            _variable(root, name, name, unit, is_input=True)
         else:
             _variable(root, name, name, unit, aircraft.constants[name])
     symbols = _signals(root, aircraft)
@@ -109,14 +111,14 @@ def _variable(
     unit: str,
     value: float | None = None,
     *,
-    given: bool = False,
+    is_input: bool = False,
 ) -> XML.Element:
-    """Add a variable: input, constant, or with a formula."""
+    """Add a variable: an input, a constant, or a variable whose formula follows."""
     unit_name = UNITS.get(unit, unit.replace("/", "_"))
     element = XML.SubElement(root, "variableDef", name=long, varID=name, units=unit_name)
     if value is not None:
         element.set("initialValue", repr(float(value)))
-    if given:
+    if is_input:
         XML.SubElement(element, "isInput")
     return element
 
@@ -141,17 +143,17 @@ def _number(parent: XML.Element, value: float) -> None:
 
 
 def _signals(root: XML.Element, aircraft: Aircraft) -> dict[str, str]:
-    """Return signal of the terms -> variable. Variables of computed signals are added."""
+    """Add the variables of computed signals; return a mapping from each signal to its varID."""
     symbols = {name: name for name in ("alpha", "beta", *aircraft.surfaces)}
     for rate, length in LENGTHS.items():
         symbols[rate] = f"{rate}_hat"
-        product = _apply(_math(_variable(root, f"{rate}_hat", f"{rate}_hat", "1")), "divide")
-        above = _apply(product, "times")
-        _symbol(above, rate)
-        _symbol(above, length)
-        below = _apply(product, "times")
-        _number(below, 2.0)
-        _symbol(below, "airspeed")
+        quotient = _apply(_math(_variable(root, f"{rate}_hat", f"{rate}_hat", "1")), "divide")
+        numerator = _apply(quotient, "times")
+        _symbol(numerator, rate)
+        _symbol(numerator, length)
+        denominator = _apply(quotient, "times")
+        _number(denominator, 2.0)
+        _symbol(denominator, "airspeed")
     symbols["mach"] = "mach"
     quotient = _apply(_math(_variable(root, "mach", "machNumber", "1")), "divide")
     _symbol(quotient, "airspeed")
@@ -198,9 +200,9 @@ def _factor(product: XML.Element, factor: Factor, name: str) -> None:
             _number(piece, 1.0)
         else:
             power = _apply(piece, "power")
-            above = _apply(power, "minus")
-            _symbol(above, name)
-            _number(above, factor.knot)
+            beyond_knot = _apply(power, "minus")
+            _symbol(beyond_knot, name)
+            _number(beyond_knot, factor.knot)
             _number(power, factor.power)
         condition = _apply(piece, "gt")
         _symbol(condition, name)
@@ -212,30 +214,31 @@ def _factor(product: XML.Element, factor: Factor, name: str) -> None:
 
 
 def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) -> None:
-    """Add two check cases: the start of the model, and one with rates and deflected surfaces."""
+    """Add two check cases: the start of the model, and a case with rates and deflected surfaces."""
     data = XML.SubElement(root, "checkData")
-    starts = {item.name: item.value for item in model.system.initial}
-    begin = {name: float(starts.get(name, 0.0)) for name in FLOW_INPUTS}
+    initial = {item.name: item.value for item in model.system.initial}
+    start = {name: float(initial.get(name, 0.0)) for name in FLOW_INPUTS}
     trim = {name: float(aircraft.start.get(name, 0.0)) for name in aircraft.surfaces}
-    moved = {name: begin[name] + shift for name, (_, _, shift) in FLOW_INPUTS.items()}
-    moved["airspeed"] = begin["airspeed"] if begin["airspeed"] > 0.0 else 100.0
-    surfaces = {
+    maneuver = {name: start[name] + change for name, (_, _, change) in FLOW_INPUTS.items()}
+    if start["airspeed"] <= 0.0:
+        maneuver["airspeed"] = CHECK_AIRSPEED
+    deflections = {
         name: value + CHECK_DEFLECTION * (-1.0) ** place
         for place, (name, value) in enumerate(trim.items())
     }
     varying = {name: float(aircraft.constants[name]) for name in aircraft.varying}
     for name, values in (
-        ("start", {**begin, **trim, **varying}),
-        ("maneuver", {**moved, **surfaces, **varying}),
+        ("start", {**start, **trim, **varying}),
+        ("maneuver", {**maneuver, **deflections, **varying}),
     ):
         shot = XML.SubElement(data, "staticShot", name=name)
         for part, signals, tolerance in (
             ("checkInputs", values, None),
             ("checkOutputs", coefficients_at(aircraft, values), CHECK_TOLERANCE),
         ):
-            place = XML.SubElement(shot, part)
+            element = XML.SubElement(shot, part)
             for key, value in signals.items():
-                signal = XML.SubElement(place, "signal")
+                signal = XML.SubElement(element, "signal")
                 XML.SubElement(signal, "varID").text = key
                 XML.SubElement(signal, "signalValue").text = repr(float(value))
                 if tolerance is not None:
@@ -249,9 +252,12 @@ def coefficients_at(aircraft: Aircraft, inputs: Mapping[str, float]) -> dict[str
     ----------
     inputs : airspeed m/s, alpha, beta rad, p, q, r rad/s, and the surfaces.
     """
-    half = 0.5 / inputs["airspeed"] if inputs["airspeed"] else 0.0
+    half_per_airspeed = 0.5 / inputs["airspeed"] if inputs["airspeed"] else 0.0
     signals = {name: inputs[name] for name in ("alpha", "beta", *aircraft.surfaces)}
-    signals |= {r: inputs[r] * aircraft.constants[length] * half for r, length in LENGTHS.items()}
+    signals |= {
+        rate: inputs[rate] * aircraft.constants[length] * half_per_airspeed
+        for rate, length in LENGTHS.items()
+    }
     signals["mach"] = inputs["airspeed"] / aircraft.constants["speed_of_sound"]
     for name, parts in aircraft.mixes.items():
         signals[name] = sum(factor * inputs[surface] for surface, factor in parts.items())

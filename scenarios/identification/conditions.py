@@ -22,7 +22,10 @@ from ident.frequency_domain.output_error import (
 )
 from ident.whole_record.layout import FitSettings
 from scenarios.identification.assessment import simulated
-from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, compared_readings
+from scenarios.preparation.declared_model import (
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
+    compared_interpretations,
+)
 from scenarios.preparation.plan import ATTITUDE
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
@@ -127,7 +130,9 @@ def with_weight_if_needed(
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
     wider = with_weight(model)
-    found = compared_readings((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    found = compared_interpretations(
+        (model, list(records)), (wider, list(records)), outputs, local=[PATH]
+    )
     gain = found.gain
     if found.why_open:
         return (

@@ -74,7 +74,7 @@ from scenarios.preparation.declared_model import (
     log_likelihood_gain,
     model_of_file,
     outputs_with_bias,
-    step_for,
+    sub_step,
     with_hold,
 )
 from scenarios.preparation.plan import (
@@ -170,7 +170,7 @@ def identify(
     sensors = outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
     biased = model.with_biases(sensors)
     # Only a prior fixes the scale of an elastic coordinate. Filters have no bounds.
-    settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
+    settings = FitSettings(sub_step(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     is_filter, is_simulated = method in FILTERS, method in SIMULATED

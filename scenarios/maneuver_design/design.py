@@ -21,7 +21,7 @@ from ident.frequency_response.estimate import (
 )
 from ident.maneuver_design import (
     ODDS_COST,
-    Acting,
+    ActingEffect,
     Contest,
     Planned,
     contest,
@@ -59,14 +59,14 @@ TOO_WILD = 0.2  # factor on a maneuver whose simulation diverges
 
 @dataclass(frozen=True, eq=False)
 class LimitedManeuver:
-    """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the
-    amplitude, its simulation, and extremes by output.
+    """A maneuver within its limits: ``deflections (inputs, N)`` from trim, the share ``scale`` of
+    the amplitude, its simulation, and extremes by output.
 
     ``margins`` : by output, the share by which its excursion may grow until it reaches a limit;
     an output that does not move, or has no limit, has none.
     """
 
-    rows: np.ndarray
+    deflections: np.ndarray
     scale: float
     planned: Planned
     motion: FittedModel
@@ -93,8 +93,8 @@ def within_limits(
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
     for attempt in range(MOST_ATTEMPTS):
-        rows = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
-        planned = setting.planned(rows, quick=quick)
+        deflections = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
+        planned = setting.planned(deflections, quick=quick)
         try:
             motion = simulated(planned, slopes=False)
         except ModelError:
@@ -106,7 +106,7 @@ def within_limits(
         if worst <= 1.0:
             margins = {name: 1.0 / share - 1.0 for name, share in shares.items() if share > 0.0}
             return LimitedManeuver(
-                rows, scale, planned, simulated(planned), extremes, bound_by, margins
+                deflections, scale, planned, simulated(planned), extremes, bound_by, margins
             )
         scale, bound_by = (
             scale
@@ -199,12 +199,12 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
     for _ in range(NOISE_DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
         records, _ = decimated(
-            [EvenSignals(setting.maneuver_limits.interval, flight.rows, measured)], high
+            [EvenSignals(setting.maneuver_limits.interval, flight.deflections, measured)], high
         )
         responses = estimate_responses(records, at, Spectra(windows))
         coherence.append(responses.partial_coherence)
         errors.append(responses.random_error)
-    inputs = tuple(setting.rest)
+    inputs = tuple(setting.trim_inputs)
     return PredictedResponses(
         at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0)
     )
@@ -257,13 +257,13 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     return tuple(rivals)
 
 
-def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
+def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> ActingEffect:
     """Return the first effect as it acts: at the values of ``--size``, at typical ones, or where
     the reference maneuver just finds it.
     """
     typical = {item.name: item.value for item in effect.parameters}
     if request.size == TYPICAL:
-        return Acting(effect, typical)
+        return ActingEffect(effect, typical)
     if request.size == JUST_FOUND:
         return barely_detectable(effect, reference)
     units = {item.name: item.unit for item in effect.parameters} | (
@@ -272,10 +272,10 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
     given = numbers_of([request.size], units, "--size")
     over = {name: given.pop(name) for name in RANGE if name in given}
     form = replace(effect, **over) if over else effect  # type: ignore[type-var]
-    return Acting(form, {**typical, **given})
+    return ActingEffect(form, {**typical, **given})
 
 
-def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
+def barely_detectable(effect: Traceable, reference: Planned) -> ActingEffect:
     """Return the effect scaled so that the tracing loop just accepts it in the reference maneuver.
 
     Raises DeclarationError if even twice the typical values are not detected.
@@ -284,14 +284,14 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
     samples = len(reference.record) * len(reference.outputs)
     bar = ODDS_COST + price(effect, np.array([samples]))
 
-    def at(share: float) -> Acting:
+    def at(share: float) -> ActingEffect:
         values = {
             name: effect.absent[name] + share * (value - effect.absent[name])
             if name in effect.absent
             else value
             for name, value in typical.items()
         }
-        return Acting(effect, values)
+        return ActingEffect(effect, values)
 
     low, high = 0.0, 2.0
     if 2.0 * declared_fit(reference, at(high))[1].fit.cost < bar:
@@ -312,17 +312,17 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
     return at(high)
 
 
-def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
+def mimicking(reference: Planned, true: ActingEffect, rival: Traceable) -> ActingEffect:
     """Return the rival at the values with which it looks most like the true effect; typical ones
     where it cannot.
     """
     result = contest(reference, true, rival)
     if result.gain - result.left < 0.5 * ODDS_COST:
-        return Acting(rival, {item.name: item.value for item in rival.parameters})
+        return ActingEffect(rival, {item.name: item.value for item in rival.parameters})
     return result.rival
 
 
-def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
+def contests(planned: Planned, acting: Sequence[ActingEffect]) -> tuple[Contest, ...]:
     """Return the first effect against each other one, and each of these against the first."""
     first, *others = acting
     out = []
@@ -343,13 +343,14 @@ def _unit(effect: Traceable) -> str:
 
 # ---- The search
 
-PACES = (0.25, 0.5, 1.0, 2.0)  # share of the pulse length suggested by the roots
+PULSE_WIDTHS = (0.25, 0.5, 1.0, 2.0)  # share of the pulse length suggested by the roots
 REFERENCE = "3-2-1-1"
 
 
 @dataclass(frozen=True, eq=False)
 class DesignedManeuver:
-    """One kind at its best pace (s).
+    """One kind at its best ``pulse_width``, s: the step of a 3-2-1-1 or doublet, and half a period
+    of the highest frequency of a sweep or multisine.
 
     ``sigmas``: expected standard deviations of the free parameters. ``criterion``: geometric mean
     of sigma over value, of determined parameters. ``contests``: comparisons of effects to be
@@ -358,7 +359,7 @@ class DesignedManeuver:
     """
 
     kind: str
-    pace: float
+    pulse_width: float
     flight: LimitedManeuver
     sigmas: Mapping[str, float]
     criterion: float
@@ -390,7 +391,7 @@ class DesignResult:
     request: DesignRequest
     setting: Setting
     maneuvers: tuple[DesignedManeuver, ...]
-    acting: tuple[Acting, ...] = ()
+    acting: tuple[ActingEffect, ...] = ()
 
     @property
     def best(self) -> DesignedManeuver:
@@ -416,7 +417,7 @@ def design(
     for number, kind in enumerate(kinds):
         progress(kind, number / len(kinds))
         best = (
-            _best_pace(setting, kind, acting)
+            _best_pulse_width(setting, kind, acting)
             if asked.band is None
             else _over_the_band(setting, kind)
         )
@@ -430,11 +431,13 @@ def design(
 
 
 def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Return pace, shapes and flight of one kind over the requested band; None if too long."""
+    """Return pulse width, shapes and flight of one kind over the band; None if too long."""
     assert setting.maneuver_limits.band is not None
-    pace = np.pi / setting.maneuver_limits.band[1]
-    shapes = KINDS[kind](setting.maneuver_limits, pace)
-    return None if shapes is None else (pace, shapes, within_limits(setting, shapes, quick=True))
+    pulse_width = np.pi / setting.maneuver_limits.band[1]
+    shapes = KINDS[kind](setting.maneuver_limits, pulse_width)
+    if shapes is None:
+        return None
+    return pulse_width, shapes, within_limits(setting, shapes, quick=True)
 
 
 def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
@@ -444,7 +447,7 @@ def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
 
 
 def _reference(setting: Setting) -> LimitedManeuver:
-    """Return a 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
+    """Return a 3-2-1-1 with a pulse width by the eigenvalues; it defines equal sizes of effects."""
     for share in (1.0, 0.63, 0.4, 0.25):
         shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
@@ -456,7 +459,7 @@ def _reference(setting: Setting) -> LimitedManeuver:
 
 def _acting(
     request: DesignRequest, effects: Sequence[Traceable], reference: LimitedManeuver
-) -> tuple[Acting, ...]:
+) -> tuple[ActingEffect, ...]:
     try:
         first = sized(request, effects[0], reference.planned)
         return (first, *(mimicking(reference.planned, first, other) for other in effects[1:]))
@@ -469,19 +472,19 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """Return a pace that is a whole number of samples and not too short to fly, s."""
+    """Return a pulse width that is a whole number of samples and not too short to fly, s."""
     interval = setting.maneuver_limits.interval
     least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
     return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval
 
 
-def _best_pace(
-    setting: Setting, kind: str, acting: Sequence[Acting]
+def _best_pulse_width(
+    setting: Setting, kind: str, acting: Sequence[ActingEffect]
 ) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Return pace, shapes and flight of one kind with the best criterion; None if too long."""
+    """Return pulse width, shapes and flight with the best criterion; None if too long."""
     best, least = None, np.inf
-    for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
-        shapes = KINDS[kind](setting.maneuver_limits, pace)
+    for pulse_width in dict.fromkeys(_sampled(setting, share) for share in PULSE_WIDTHS):
+        shapes = KINDS[kind](setting.maneuver_limits, pulse_width)
         if shapes is None:
             continue
         try:
@@ -494,17 +497,17 @@ def _best_pace(
         except ModelError:
             continue
         if cost < least:
-            best, least = (pace, shapes, flight), cost
+            best, least = (pulse_width, shapes, flight), cost
     return best
 
 
 def _weighed(
     setting: Setting,
     kind: str,
-    pace: float,
+    pulse_width: float,
     shapes: np.ndarray,
     quick: LimitedManeuver,
-    acting: Sequence[Acting],
+    acting: Sequence[ActingEffect],
 ) -> DesignedManeuver:
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
@@ -513,7 +516,7 @@ def _weighed(
     )
     contest_results = contests(flight.planned, acting) if acting else ()
     return DesignedManeuver(
-        kind, pace, flight, sigmas, _criterion(flight), contest_results, responses
+        kind, pulse_width, flight, sigmas, _criterion(flight), contest_results, responses
     )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.maneuver_design import Acting, Contest
+from ident.maneuver_design import ActingEffect, Contest
 from scenarios.files.declarations import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
@@ -27,12 +27,12 @@ from scenarios.maneuver_design.tables import (
     maneuvers_table,
     margins_table,
     notes_of,
-    pace_text,
     peaks_of,
     percent,
+    pulse_width_text,
     responses_table,
+    si_units,
     sigmas_table,
-    units_shown,
 )
 from scenarios.plots import draw_into
 from scenarios.report.document import (
@@ -68,7 +68,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
         caption = f"{design.best.kind}: margins to the limits"
         lines += ["", *table_as_lines(margins_table(design, caption), width)]
     if design.acting:
-        caption = f"{design.best.kind}: who would be told from whom"
+        caption = f"{design.best.kind}: which effects are told apart"
         lines += ["", *table_as_lines(contest_table(design, caption), width, keys=2)]
     caption = "expected standard deviations (Cramer-Rao)"
     lines += ["", *table_as_lines(sigmas_table(design, caption), width, keys=2)]
@@ -119,10 +119,10 @@ def _title(design: DesignResult) -> str:
         return (
             "maneuvers over the band within the limits, the one with the least random errors first"
         )
-    remark = "; log likelihood and chance are the least over who acts" if design.acting else ""
+    remark = "; log likelihood and chance: the least over the true effects" if design.acting else ""
     return (
         "maneuvers of equal duration, each as large as requested or as the limits allow, the best "
-        f"first; mean sigma: geometric mean of sigma over value{remark}"
+        f"first{remark}"
     )
 
 
@@ -168,7 +168,7 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "hold": "previous",
         "flown_by": setting.flyer.name,
         "noise": dict(setting.noise),
-        "trim": dict(setting.rest),
+        "trim": dict(setting.trim_inputs),
         "limits": {
             "outputs": {
                 name: [value for value in ends if math.isfinite(value)]
@@ -177,7 +177,7 @@ def design_content(design: DesignResult) -> dict[str, Any]:
             "amplitude": dict(setting.limits.amplitude),
             "rate": dict(setting.limits.rate),
         },
-        "units": dict(units_shown(design)),
+        "units": dict(si_units(design)),
         "warnings": [],
         "notes": notes_of(design),
         "inputs": {
@@ -191,12 +191,12 @@ def design_content(design: DesignResult) -> dict[str, Any]:
 
 
 def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, Any]:
-    """JSON content of one maneuver: pace, peaks, expected sigmas (finite ones), and results on the
-    effects.
+    """Return the JSON content of one maneuver: pulse width, peaks, expected sigmas (finite ones),
+    and results on the effects.
     """
     content: dict[str, Any] = {
         "kind": maneuver.kind,
-        "pace": maneuver.pace,
+        "pace": maneuver.pulse_width,
         "amplitude": peaks_of(design, maneuver),
         "scale": maneuver.flight.scale,
         "held_by": maneuver.flight.bound_by or "amplitude",
@@ -231,7 +231,7 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
     return content
 
 
-def _acting(acting: Acting) -> dict[str, Any]:
+def _acting(acting: ActingEffect) -> dict[str, Any]:
     units = {item.name: item.unit for item in acting.effect.parameters}
     return {
         "name": acting.effect.name,
@@ -273,13 +273,13 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
         shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
         courses.append(
             ManeuverCourse(
-                f"{each.kind}, {pace_text(each)}",
+                f"{each.kind}, {pulse_width_text(each)}",
                 {channel.name: channel.values for channel in flown.inputs},
                 shown,
             )
         )
     limits = {
-        name: (setting.rest[name] - size, setting.rest[name] + size)
+        name: (setting.trim_inputs[name] - size, setting.trim_inputs[name] + size)
         for name, size in setting.limits.amplitude.items()
     }
     if design.best.responses is not None:
@@ -300,7 +300,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
             setting.maneuver_limits.time,
             courses,
             {**limits, **setting.limits.outputs},
-            units_shown(design),
+            si_units(design),
             title,
         ),
     )

@@ -33,7 +33,7 @@ from scenarios.preparation.declared_model import (
     model_of_file,
     outputs_with_bias,
     root_sizes,
-    step_for,
+    sub_step,
 )
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -171,35 +171,36 @@ class ManeuverLimits:
         return float(self.time[-1]) - 2.0 * self.lead
 
 
-# (inputs, N) with peak one; None if the maneuver at this pace is too long
+# (inputs, N) with peak one; None if the maneuver with this pulse width is too long
 Shapes = np.ndarray | None
 
 
 def steps_in_turn(
     limits: ManeuverLimits,
-    pace: float,
+    pulse_width: float,
     single: Callable[[float, float, float], Maneuver],
     units: float,
 ) -> Shapes:
-    """Return a maneuver of ``units`` paces on each input in turn, with alternating sign."""
-    length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
+    """Return a maneuver of ``units`` pulse widths on each input in turn, with alternating sign."""
+    length, gap = units * pulse_width, max(2.0 * limits.pulse, pulse_width, limits.rest)
     out = np.zeros((limits.inputs, len(limits.time)))
     at, count = limits.lead, 0
     while at + length <= limits.lead + limits.active + 1e-9:
         sign = (-1.0) ** (count // limits.inputs)
         begin = round(at / limits.interval) * limits.interval
-        out[count % limits.inputs] += np.asarray(single(sign, pace, begin)(limits.time))
+        out[count % limits.inputs] += np.asarray(single(sign, pulse_width, begin)(limits.time))
         at, count = begin + length + gap, count + 1
     return out if count >= limits.inputs else None
 
 
-def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
-    """Return a logarithmic sweep on each input in turn, up to half a period of ``pace``.
+def sweeps(limits: ManeuverLimits, pulse_width: float) -> Shapes:
+    """Return a logarithmic sweep on each input in turn, up to half a period of ``pulse_width``.
 
     Its amplitude falls with the frequency where the rate limit requires it.
     """
     each = min(limits.active / limits.inputs, limits.longest_sweep)
-    low, high = max(2.0 * math.pi / each, SWEEP_START_SHARE * 1.5 / limits.pulse), math.pi / pace
+    low = max(2.0 * math.pi / each, SWEEP_START_SHARE * 1.5 / limits.pulse)
+    high = math.pi / pulse_width
     low, high = limits.band or (low, high)
     if high < 1.5 * low:
         return None
@@ -216,15 +217,15 @@ def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
     return np.array(rows)
 
 
-def multisines(limits: ManeuverLimits, pace: float) -> Shapes:
-    """Orthogonal multisines on all inputs at once, up to half a period of ``pace``.
+def multisines(limits: ManeuverLimits, pulse_width: float) -> Shapes:
+    """Return orthogonal multisines on all inputs at once, up to half a period of ``pulse_width``.
 
     Harmonics are assigned to the inputs in turn, with phases of least peak. Harmonics that would
     exceed a rate limit are smaller, so that the inputs stay orthogonal.
     """
     samples = math.floor(limits.active / limits.interval + 1e-9)
     period = samples * limits.interval
-    lowest, highest = 1, min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
+    lowest, highest = 1, min(math.floor(period / (2.0 * pulse_width)), MOST_HARMONICS)
     if limits.band is not None:
         lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in limits.band)
         lowest = max(lowest, 1)
@@ -246,13 +247,14 @@ def multisines(limits: ManeuverLimits, pace: float) -> Shapes:
 
 
 KINDS: Mapping[str, Callable[[ManeuverLimits, float], Shapes]] = {
-    "3-2-1-1": lambda room, pace: steps_in_turn(room, pace, three_two_one_one, 7.0),
-    "doublet": lambda room, pace: steps_in_turn(room, pace, doublet, 2.0),
+    "3-2-1-1": lambda room, pulse_width: steps_in_turn(room, pulse_width, three_two_one_one, 7.0),
+    "doublet": lambda room, pulse_width: steps_in_turn(room, pulse_width, doublet, 2.0),
     "sweep": sweeps,
     "multisine": multisines,
 }
 OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
-PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
+# how a table prints the pulse width: as a step (s) or as the highest frequency (Hz)
+PRINTED_AS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
 # ---- From the request to the setting
@@ -289,8 +291,8 @@ MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 class Setting:
     """Model, limits and trim that a design uses.
 
-    ``model``: with biases, starting in trim. ``rest``, ``still``: inputs and outputs in trim, by
-    name. ``step``: of a fit, s. ``flyer``: pilot or computer.
+    ``model``: with biases, starting in trim. ``trim_inputs``, ``still``: inputs and outputs in
+    trim, by name. ``step``: of a fit, s. ``flyer``: pilot or computer.
     """
 
     vehicle: VehicleFile
@@ -298,7 +300,7 @@ class Setting:
     maneuver_limits: ManeuverLimits
     limits: Limits
     noise: Mapping[str, float]
-    rest: Mapping[str, float]
+    trim_inputs: Mapping[str, float]
     still: Mapping[str, float]
     step: float
     flyer: Flyer = PILOT
@@ -312,7 +314,7 @@ class Setting:
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
         inputs = [
-            Channel.of(name, units[name], self.rest[name] + row)
+            Channel.of(name, units[name], self.trim_inputs[name] + row)
             for name, row in zip(names, rows, strict=True)
         ]
         outputs = [
@@ -380,7 +382,7 @@ def setting_of(request: DesignRequest) -> Setting:
     setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, request.flown)
     return replace(
         setting,
-        step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
+        step=sub_step(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
     )
 
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.maneuver_design import Acting
+from ident.maneuver_design import ActingEffect
 from scenarios.files.user_models import unit_in
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
-from scenarios.maneuver_design.setting import PACE_IS
+from scenarios.maneuver_design.setting import PRINTED_AS
 from scenarios.report.document import (
     BY_ROW,
     PURE,
@@ -28,31 +28,31 @@ from scenarios.report.quantities import number_text, shown_in, spaced, span_text
 
 
 def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
-    """``"3-2-1-1 (step 0.48 s), elevator 3.2 deg"``."""
+    """Return kind, pulse width and peaks: ``"3-2-1-1 (step 0.48 s), elevator 3.2 deg"``."""
     peaks = [
         f"{name} {_shown(design, name, value)}"
         for name, value in peaks_of(design, maneuver).items()
     ]
-    return f"{maneuver.kind} ({pace_text(maneuver)}), {', '.join(peaks)}"
+    return f"{maneuver.kind} ({pulse_width_text(maneuver)}), {', '.join(peaks)}"
 
 
-def pace_text(maneuver: DesignedManeuver) -> str:
-    """Return the step length of step maneuvers, the highest frequency of others."""
-    if PACE_IS[maneuver.kind] == "step":
-        return f"step {maneuver.pace:.3g} s"
-    return f"up to {0.5 / maneuver.pace:.3g} Hz"
+def pulse_width_text(maneuver: DesignedManeuver) -> str:
+    """Return the pulse width as the step of step maneuvers, as the highest frequency of others."""
+    if PRINTED_AS[maneuver.kind] == "step":
+        return f"step {maneuver.pulse_width:.3g} s"
+    return f"up to {0.5 / maneuver.pulse_width:.3g} Hz"
 
 
 def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, float]:
-    """Return the largest deflection from rest by input."""
+    """Return the largest deflection from trim by input."""
     return {
         name: float(np.max(np.abs(row)))
-        for name, row in zip(design.setting.rest, maneuver.flight.rows, strict=True)
+        for name, row in zip(design.setting.trim_inputs, maneuver.flight.deflections, strict=True)
     }
 
 
 def notes_of(design: DesignResult) -> list[str]:
-    """Assumptions of the design: noise, limits, trim, sizes."""
+    """Return the assumptions of the design: noise, limits, who flies, trim."""
     setting = design.setting
     noise = [f"{name} {_shown(design, name, value)}" for name, value in setting.noise.items()]
     limits = [
@@ -71,12 +71,14 @@ def notes_of(design: DesignResult) -> list[str]:
         who_flies_text(design),
     ]
     trim = [
-        f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value
+        f"{name} {_shown(design, name, value)}"
+        for name, value in setting.trim_inputs.items()
+        if value
     ]
     return notes + ([f"trim: {', '.join(trim)}"] if trim else [])
 
 
-def acting_text(acting: Acting) -> str:
+def acting_text(acting: ActingEffect) -> str:
     """Return an effect with its values."""
     units = {item.name: item.unit for item in acting.effect.parameters}
     sentences = []
@@ -92,7 +94,7 @@ def percent(chance: float) -> str:
 
 
 def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
-    """Extremes of all outputs in one line."""
+    """Return the extremes of all outputs in one line."""
     return ", ".join(
         f"{name} {_range(design, maneuver, name)}" for name in maneuver.flight.extremes
     )
@@ -123,7 +125,7 @@ def _ends(design: DesignResult, name: str, ends: tuple[float, float]) -> str:
     return f"{factor * ends[0]:.3g} to {factor * ends[1]:.3g}{spaced(unit)}"
 
 
-def _level(design: DesignResult, name: str, value: float) -> Cell:
+def _value_cell(design: DesignResult, name: str, value: float) -> Cell:
     factor, unit = shown_in(unit_in(design.setting.model, name), name)
     return Number(factor * value, unit=unit, shown=_shown(design, name, value))
 
@@ -133,42 +135,45 @@ def _shown(design: DesignResult, name: str, value: float) -> str:
     return f"{factor * value:.3g}{spaced(unit)}"
 
 
-def units_shown(design: DesignResult) -> Mapping[str, str]:
-    """Return the SI unit of every channel."""
+def si_units(design: DesignResult) -> Mapping[str, str]:
+    """Return the SI unit of each input and measured output."""
     return {
         name: unit_in(design.setting.model, name)
-        for name in (*design.setting.rest, *design.setting.noise)
+        for name in (*design.setting.trim_inputs, *design.setting.noise)
     }
 
 
 # ---- Tables
 
-# outputs with extremes in the table, if the model has them
+# outputs whose extremes are in the table, if the model has them
 SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 
 def maneuvers_table(design: DesignResult) -> Table:
     """Return the maneuvers of equal duration, the best first."""
-    setting, some, with_rivals = design.setting, design.maneuvers, bool(design.acting)
+    setting, maneuvers, with_rivals = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
     columns: list[tuple[Column, list[Cell]]] = [
-        (Column("maneuver"), [each.kind for each in some]),
-        (Column("pace", right=True), [pace_text(each) for each in some]),
+        (Column("maneuver"), [each.kind for each in maneuvers]),
+        (Column("step or band", right=True), [pulse_width_text(each) for each in maneuvers]),
     ]
-    for name in setting.rest:
-        peaks = [_level(design, name, peaks_of(design, each)[name]) for each in some]
-        columns.append((Column(f"peak {name}", PURE), peaks))
-    shares = [_three_digits(100.0 * each.criterion) for each in some]
-    columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
+    for name in setting.trim_inputs:
+        peaks = [_value_cell(design, name, peaks_of(design, each)[name]) for each in maneuvers]
+        columns.append((Column(f"peak {name}", right=True), peaks))
+    shares = [_three_digits(100.0 * each.criterion) for each in maneuvers]
+    heading = "geometric mean of sigma/value"
+    columns.append((Column(heading, "%", printed=f"{heading} %"), shares))
     if with_rivals:
-        likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
-        chances = [formatted(100.0 * each.chance, ".0f") for each in some]
+        likelihoods = [formatted(each.log_likelihood, ".1f") for each in maneuvers]
+        chances = [formatted(100.0 * each.chance, ".0f") for each in maneuvers]
         columns.append((Column("log likelihood", PURE), likelihoods))
-        columns.append((Column("chance", "%", printed="chance %"), chances))
+        columns.append((Column("chance to decide", "%", printed="chance to decide %"), chances))
     for name in outputs:
-        ranges = list[Cell](_range(design, each, name) for each in some)
+        ranges = list[Cell](_range(design, each, name) for each in maneuvers)
         columns.append((Column(f"{name} range", right=True), ranges))
-    columns.append((Column("limited by"), [each.flight.bound_by or "amplitude" for each in some]))
+    columns.append(
+        (Column("limited by"), [each.flight.bound_by or "amplitude" for each in maneuvers])
+    )
     return table(
         "Equal duration, each as large as requested or as the limits allow, the best first",
         *columns,
@@ -177,32 +182,40 @@ def maneuvers_table(design: DesignResult) -> Table:
 
 def contest_table(design: DesignResult, caption: str) -> Table:
     """Return the table of the effects of the best maneuver: each against its rival."""
-    some = [(each, each.decision) for each in design.best.contests]
+    contests = design.best.contests
+    decisions = [contest.decision for contest in contests]
 
-    def percent(heading: str) -> Column:
+    def percent_column(heading: str) -> Column:
         return Column(heading, "%", printed=f"{heading} %")
 
     return table(
         caption,
-        (Column("acts"), [acting_text(each.true) for each, _ in some]),
-        (Column("is told from"), [each.rival.effect.name for each, _ in some]),
-        (Column("gain over none", PURE), [formatted(each.gain, ".1f") for each, _ in some]),
-        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
-        (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
-        (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),
-        (percent("wrong"), [formatted(100.0 * d.wrong, ".2g") for _, d in some]),
+        (Column("true effect"), [acting_text(contest.true) for contest in contests]),
+        (Column("rival"), [contest.rival.effect.name for contest in contests]),
+        (Column("gain over none", PURE), [formatted(contest.gain, ".1f") for contest in contests]),
+        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for d in decisions]),
+        # std is that of twice the log likelihood
+        (
+            Column("sigma of log likelihood", PURE),
+            [formatted(0.5 * d.std, ".1f") for d in decisions],
+        ),
+        (
+            percent_column("decided rightly"),
+            [formatted(100.0 * contest.chance, ".1f") for contest in contests],
+        ),
+        (percent_column("decided wrongly"), [formatted(100.0 * d.wrong, ".2g") for d in decisions]),
     )
 
 
 def _three_digits(value: float) -> Cell:
-    """Return a number with three digits, the zeros at its end among them."""
+    """Return a number with three significant digits, trailing zeros kept."""
     if not math.isfinite(value):
         return formatted(value, "")
     return Number(value, shown=number_text(value, 0.1 * abs(value)))
 
 
 def sigmas_table(design: DesignResult, caption: str) -> Table:
-    """Expected standard deviations by parameter and maneuver."""
+    """Return the expected standard deviations by parameter and maneuver."""
     parameters, names = design.setting.model.parameters, list(design.best.sigmas)
 
     def sigma(name: str, std: float) -> Cell:

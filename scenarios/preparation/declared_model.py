@@ -1,6 +1,7 @@
-"""The declared model of a vehicle file, and comparison of two readings of the same records by it.
+"""The declared model of a vehicle file, and comparison of two interpretations of the same records
+by fits of this model.
 
-A reading is an assumption on the records, such as inputs held or linear between samples.
+An interpretation is an assumption on the records, such as inputs held or linear between samples.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residual_spectrum import effective_share
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
-from ident.whole_record.output_error import fits_at_their_least
+from ident.whole_record.output_error import fits_at_lowest_minimum
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.user_models import constrained, inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile, with_priors
-from scenarios.preparation.measured_inputs import about_trim, of_totals, trim_sentence
+from scenarios.preparation.measured_inputs import about_trim, lacks_trim, of_totals
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model, System
@@ -36,16 +37,16 @@ INTEGRATOR_ROOT = 1e-9  # rad/s; a smaller root is an integrator
 # Runge-Kutta step over the time constant of the fastest root: the error is about 1e-6.
 RESOLVED_STEP_SHARE = 0.15
 MOST_SUB_STEPS = 200.0  # sub-steps between samples; faster motion is not resolved
-# A sample interval of more usual sub-steps than this indicates slow motion.
-RARE_SAMPLE_STEPS = 10.0
+# If a sample interval is longer than this many usual sub-steps, the motion is taken to be slow.
+SLOW_MOTION_SUB_STEPS = 10.0
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
     """Return the declared model of a vehicle file.
 
     Each free parameter has a prior standard deviation of half its starting value, since files may
-    be 30 % wrong. Filters need it. Fits of whole records use it only for a scale that the data
-    cannot determine.
+    be 30 % wrong. Filters need it. Fits of whole records use it only with elastic modes: the data
+    cannot determine the scale of a modal coordinate.
     """
     if vehicle.own is not None:
         return constrained(with_priors(vehicle.own, list(vehicle.derivatives)), vehicle.constraints)
@@ -65,7 +66,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     free = [
         item.name
         for item in model.parameters
-        if item.name in values and not _coupling(item.name, len(vehicle.modes))
+        if item.name in values and not _fixed_modal(item.name, len(vehicle.modes))
     ]
     return constrained(with_priors(model, free), vehicle.constraints)
 
@@ -80,25 +81,25 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
     return [name for name in outputs if name != "altitude"]
 
 
-def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
+def sub_step(model: Model, records: Sequence[Record], usual: float) -> float:
     """Return the longest integration sub-step, s: ``usual``, s, for a built-in model.
 
-    A user's model may be much slower or faster than an aircraft; ``step_of`` gives its sub-step.
+    A user's model may be much slower or faster than an aircraft, see ``sub_step_of_user_model``.
     """
     if not is_own(model) or not records:
         return usual
-    return step_of(model, float(np.median(np.diff(records[0].time))), usual)
+    return sub_step_of_user_model(model, float(np.median(np.diff(records[0].time))), usual)
 
 
-def step_of(model: Model, interval: float, usual: float) -> float:
+def sub_step_of_user_model(model: Model, interval: float, usual: float) -> float:
     """Return the sub-step of a user model, s, for a sample interval ``interval``, s.
 
-    It is a share of the time constant of the fastest root, but not longer than ``usual``, s, or
-    than a long sample interval.
+    It is ``RESOLVED_STEP_SHARE`` of the time constant of the fastest root, but at most ``usual``,
+    s; at most the sample interval if that exceeds 10 usual sub-steps.
     """
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     resolved = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
-    longest = usual if interval <= RARE_SAMPLE_STEPS * usual else interval
+    longest = usual if interval <= SLOW_MOTION_SUB_STEPS * usual else interval
     return min(max(resolved, interval / MOST_SUB_STEPS), longest)
 
 
@@ -115,7 +116,7 @@ def root_sizes(system: System, u: list[float]) -> np.ndarray:
     return np.asarray(sizes[sizes > INTEGRATOR_ROOT])
 
 
-def _coupling(name: str, modes: int) -> bool:
+def _fixed_modal(name: str, modes: int) -> bool:
     """Return whether a parameter is a constant of a mode or couples two modes; these are fixed."""
     return any(
         name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}")
@@ -125,31 +126,33 @@ def _coupling(name: str, modes: int) -> bool:
     ) or any(name == f"{local}{i}" for local in MODE_CONSTANTS for i in range(1, modes + 1))
 
 
-# ---- Two readings of the same records
+# ---- Two interpretations of the same records
 
-# A reading is accepted above this. Twice the log likelihood ratio, for effective samples.
+# The second interpretation is accepted above this. Twice the log likelihood ratio, for effective
+# samples.
 DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
 # A record contradicts the others beyond this; unit as above.
 CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0
-# A comparison needs the log likelihood to half a unit only.
+# A comparison needs the log likelihood only to within half a unit.
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
-MOST_COMPARED_SAMPLES = 3000  # a comparison reads no further record beyond these samples
-# A computer may hold an input that is constant over a larger share of its sample intervals.
+MOST_COMPARED_SAMPLES = 3000  # a comparison uses no further record beyond these samples
+# An input is taken as a computer's command only if more than this share of its samples equals the
+# one before,
 UNMOVED_STEP_SHARE = 0.7
-# A hand or an actuator moves an input of which a larger share of the steps continues the step
-# before.
+# and only if fewer than this share of its steps follow a step in the same direction; more indicates
+# a hand or an actuator.
 CONTINUED_STEP_SHARE = 0.5
-Reading = tuple[Model, list[Record]]
+Interpretation = tuple[Model, list[Record]]
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Comparison of two readings of the same records.
+    """Comparison of two interpretations of the same records.
 
     Attributes
     ----------
-    gain : twice the log likelihood ratio of the second reading to the first, for the effective
-        number of samples; zero if undecided.
+    gain : twice the log likelihood ratio of the second interpretation to the first, for the
+        effective number of samples; zero if undecided.
     why_open : reason why the comparison is undecided; else empty.
     """
 
@@ -157,27 +160,27 @@ class Compared:
     why_open: str = ""
 
 
-def compared_readings(
-    first: Reading,
-    second: Reading,
+def compared_interpretations(
+    first: Interpretation,
+    second: Interpretation,
     outputs: Sequence[str],
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Compare two readings of the same records by fits of the declared model.
+    """Compare two interpretations of the same records by fits of the declared model.
 
     Isolated wrong samples are left out. Controls count from their trim (``from_trim``). The
     comparison is undecided (gain zero) in these cases:
 
     - a fit is impossible, does not converge, has an implausible bias (``implausible_bias``), or has
       as many unknowns as samples;
-    - a single record contradicts the sum of all. A missing effect may favour the wrong reading in
-      one maneuver, but the correct reading fits best in all;
-    - the second reading reduces no channel's residual by the share ``least``.
+    - a single record contradicts the sum of all. A missing effect may favour the wrong one in a
+      maneuver, but the correct one fits best in all;
+    - the second interpretation reduces no channel's residual by the share ``least``.
 
     Parameters
     ----------
-    first, second : model and records of each reading.
+    first, second : model and records of each interpretation.
     outputs : the outputs that are fitted.
     least : least share by which a residual has to fall.
     local : parameters with a separate value for each record.
@@ -192,7 +195,9 @@ def compared_readings(
         (model, [from_trim(record, model) for record in records])
         for model, records in (first, second)
     )
-    old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
+    old, new = fits_at_lowest_minimum(
+        _layout(first, outputs, local), _layout(second, outputs, local)
+    )
     wrong = _wrong_samples(old, new)
     if any(np.any(mask) for mask in wrong):
         first, second = (
@@ -205,7 +210,7 @@ def compared_readings(
             )
             for model, records in (first, second)
         )
-        old, new = fits_at_their_least(
+        old, new = fits_at_lowest_minimum(
             _layout(first, outputs, local), _layout(second, outputs, local)
         )
     if (
@@ -229,15 +234,15 @@ def compared_readings(
 def from_trim(record: Record, model: Model) -> Record:
     """Return the record with its controls counted from trim, or from their mean without a trim.
 
-    In equations of perturbations this changes only the biases, which would absorb the response to
-    the trim deflection. Inputs of equations of total motion are not changed.
+    Inputs of equations of total motion are not changed. In equations of perturbations, the biases
+    would otherwise have to absorb the response to the trim deflection; nothing else changes.
     """
     if of_totals(model):
         return record
     trimmed, _ = about_trim(record)
     centred = [
         channel
-        if channel.name in MEASURED_MOTION or not trim_sentence(trimmed, channel.name)
+        if channel.name in MEASURED_MOTION or not lacks_trim(trimmed[channel.name])
         else Channel.of(channel.name, channel.unit, channel.values - np.mean(channel.values))
         for channel in trimmed.inputs
     ]
@@ -255,11 +260,11 @@ def implausible_bias(value: float, measured: np.ndarray) -> bool:
     return not low - length <= value <= high + length
 
 
-def _why_undecided(fit: Fit, reading: Reading) -> str:
-    """Return the reason why a fit cannot decide on its reading; else an empty text."""
+def _why_undecided(fit: Fit, interpretation: Interpretation) -> str:
+    """Return the reason why a fit cannot decide on its interpretation; else an empty text."""
     if fit.outcome is not Outcome.CONVERGED:
         return "a fit has not converged"
-    if of_totals(reading[0]):
+    if of_totals(interpretation[0]):
         return ""
     for r, problem in enumerate(fit.layout.problems):
         known, _ = fit.layout.split(fit.theta, r)
@@ -271,9 +276,10 @@ def _why_undecided(fit: Fit, reading: Reading) -> str:
                 and f"bias_{name}" in values
                 and implausible_bias(bias, problem.z[i, problem.valid[i]])
             ):
+                unit = interpretation[1][r][name].unit
                 return (
-                    f"a fit needs a bias of {name} of {bias:.3g} {reading[1][r][name].unit}, "
-                    "beyond all that it reads"
+                    f"a fit needs a bias of {name} of {bias:.3g} {unit}, far outside the range of "
+                    "its samples"
                 )
     return ""
 
@@ -323,8 +329,8 @@ def log_likelihood_gain(
 ) -> float:
     """Return twice the log likelihood ratio of the second residuals to the first.
 
-    Each sample counts by the effective share of samples, and each output has one noise level. Zero
-    if a record contradicts the sum of all records.
+    Each sample is weighted by the share of independent samples (effective number over number), and
+    each output has one noise level. Zero if a record contradicts the sum of all records.
 
     Parameters
     ----------
@@ -360,13 +366,14 @@ def held_by_computer(record: Record) -> bool:
 
     Such inputs are commands of a computer.
     """
-    return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
+    return all(_in_single_steps(np.diff(channel.values)) for channel in record.inputs)
 
 
-def _leaps(steps: np.ndarray) -> bool:
+def _in_single_steps(steps: np.ndarray) -> bool:
     """Return whether an input is mostly constant and moves in single steps.
 
-    ``steps``: differences of its samples. A surface in motion has several steps in one direction.
+    ``steps``: differences of its samples, shape ``(N - 1,)``. A surface in motion has several steps
+    in one direction.
     """
     moves = steps != 0.0
     continued = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
@@ -376,11 +383,13 @@ def _leaps(steps: np.ndarray) -> bool:
 
 
 def gain_of_linear_inputs(
-    records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
+    records: Sequence[Record],
+    model: Model,
+    interpret: Callable[[Model, list[Record]], Interpretation],
 ) -> float:
     """Return twice the log likelihood ratio of linear to held inputs; zero if undecided.
 
-    ``read``: makes a reading from model and records.
+    ``interpret`` returns the interpretation of a model and records.
     """
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
@@ -388,16 +397,18 @@ def gain_of_linear_inputs(
     outputs = _outputs(compared, model)
     if not outputs:
         return 0.0
-    held = read(model, with_hold(compared, Hold.PREVIOUS))
-    linear = read(model, with_hold(compared, Hold.LINEAR))
-    return compared_readings(held, linear, outputs).gain
+    held = interpret(model, with_hold(compared, Hold.PREVIOUS))
+    linear = interpret(model, with_hold(compared, Hold.LINEAR))
+    return compared_interpretations(held, linear, outputs).gain
 
 
-def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
-    model, records = reading
+def _layout(
+    interpretation: Interpretation, outputs: Sequence[str], local: Collection[str]
+) -> FitLayout:
+    model, records = interpretation
     biased = model.with_biases(outputs_with_bias(model, outputs))
     settings = replace(
-        COMPARISON_SETTINGS, max_step=step_for(model, records, COMPARISON_SETTINGS.max_step)
+        COMPARISON_SETTINGS, max_step=sub_step(model, records, COMPARISON_SETTINGS.max_step)
     )
     return lay_out(records, compile_model(biased, list(outputs)), settings, local=local)
 

@@ -69,12 +69,16 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
     return (replace(record, inputs=tuple(inputs)), trims) if trims else (record, trims)
 
 
+def lacks_trim(control: Channel) -> bool:
+    """Return whether an input is not about zero: it has a trim that is still to be subtracted."""
+    return abs(float(np.median(control.values))) > OFFSET_SHARE * float(np.ptp(control.values))
+
+
 def trim_sentence(record: Record, name: str) -> str:
     """Return a sentence if no trim of an input was found although it is not about zero."""
-    values, unit = record[name].values, record[name].unit
-    middle = float(np.median(values))
-    if abs(middle) <= OFFSET_SHARE * float(np.ptp(values)):
+    if not lacks_trim(record[name]):
         return ""
+    unit, middle = record[name].unit, float(np.median(record[name].values))
     shown = f"{np.degrees(middle):.3g} deg" if unit == "rad" else f"{middle:.3g} {unit}"
     taken = (
         f"its zero is taken, though its middle is {shown}: break-out, stops and curves count from "

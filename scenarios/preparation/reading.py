@@ -20,7 +20,7 @@ from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.user_models import channel_units, is_own
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
-    compared_readings,
+    compared_interpretations,
     gain_of_linear_inputs,
     with_hold,
 )
@@ -554,7 +554,7 @@ def _trim_lift(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]
         for signal in model.equations.outputs
         if any(signal.name in record.output_names for record in fitted)
     ]
-    comparison = compared_readings(
+    comparison = compared_interpretations(
         with_flow(model, fitted),
         with_flow(model, fitted, trim_lift=False),
         outputs,

@@ -22,9 +22,9 @@ from ident.filters.ekf import run_ekf
 from ident.statistics.intervals import (
     clopper_pearson,
     deviation_factors,
-    inside,
     inverse_information,
     mean_square_interval,
+    within_chi_square,
 )
 from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.writing import csv_text
@@ -434,7 +434,7 @@ def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | Non
     if not np.any(has_value):
         return None
     values, degrees = values[has_value], degrees[has_value]
-    hits = int(np.sum(inside(values, degrees)))
+    hits = int(np.sum(within_chi_square(values, degrees)))
     interval = mean_square_interval(float(degrees.sum()))
     return Squares(
         name,

@@ -139,7 +139,7 @@ def fitted_sets(
         own_effects,
         vehicle_path_of,
     )
-    from scenarios.preparation.declared_model import step_for
+    from scenarios.preparation.declared_model import sub_step
     from scenarios.survey.recurring import is_of_flight
 
     request = flight.request()
@@ -151,7 +151,7 @@ def fitted_sets(
     measured = {name for record in records for name in record.output_names}
     outputs = [item.name for item in prepared.model.equations.outputs if item.name in measured]
     data = FitData(records, measured_masks(records, outputs), prepared.model, outputs)
-    settings = FitSettings(max_step=step_for(prepared.model, prepared.records, 0.01), enough=1e-6)
+    settings = FitSettings(max_step=sub_step(prepared.model, prepared.records, 0.01), enough=1e-6)
     usable = [name for name in names if name in by_name]
     search = _EffectSetFits(
         data,

@@ -1,5 +1,5 @@
-"""Recorded samples from outputs: noise, quantisation, losses; and the random series that they
-draw.
+"""Recorded samples of outputs, with noise, quantisation and losses; random series for noise and
+gusts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sim.record import Channel
 
 
 def white_noise(rng: np.random.Generator, count: int, std: float) -> np.ndarray:
-    """Independent Gaussian numbers of standard deviation ``std``, shape ``(count,)``."""
+    """Return independent Gaussian numbers of standard deviation ``std``, shape ``(count,)``."""
     _not_negative("standard deviation", std)
     return std * rng.standard_normal(count)
 
@@ -27,7 +27,9 @@ def white_noise(rng: np.random.Generator, count: int, std: float) -> np.ndarray:
 def coloured_noise(
     rng: np.random.Generator, time: np.ndarray, std: float, correlation_time: float
 ) -> np.ndarray:
-    """A stationary first-order Gauss-Markov process at ``time (N,)``, s, which may be uneven.
+    """Return a stationary first-order Gauss-Markov process at ``time (N,)``, s.
+
+    Sampling may be uneven.
 
     n_dot = -n / T + sqrt(2 / T) std w, discretised exactly: autocovariance std^2 exp(-|lag| / T) at
     any sampling. ``correlation_time`` T in s. Returns ``(N,)`` in the unit of ``std``.
@@ -47,8 +49,9 @@ def dryden_gust(
     scale_length: float,
     airspeed: float,
 ) -> np.ndarray:
-    """Vertical Dryden gust velocity at ``time (N,)``, s, from a stationary start; uneven sampling
-    allowed.
+    """Return the vertical Dryden gust velocity at ``time (N,)``, s, from a stationary start.
+
+    Sampling may be uneven.
 
     Phi(Omega) = intensity^2 (L / pi) (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2 over Omega >= 0 in
     rad/m (MIL-F-8785C, section 3.7.1.2), Omega = omega / airspeed. Discretised exactly as the
@@ -58,7 +61,7 @@ def dryden_gust(
     Parameters
     ----------
     intensity : standard deviation, m/s.
-    scale_length : L, m (530 m above 530 m of height in that specification).
+    scale_length : L, m (530 m at heights above 530 m in that specification).
     airspeed : m/s.
 
     Returns
@@ -84,17 +87,17 @@ def dryden_gust(
     first, second = 0.5 * draws[0, 0], 0.5 * draws[1, 0]
     gust = np.empty(len(time))
     gust[0] = first + math.sqrt(3.0) * second
-    kicks = zip(
+    steps = zip(
         (l11 * draws[0, 1:] + l12 * draws[1, 1:]).tolist(),
         (l22 * draws[1, 1:]).tolist(),
         d.tolist(),
         decay.tolist(),
         strict=True,
     )
-    for k, (kick1, kick2, lag, fade) in enumerate(kicks, start=1):
+    for k, (noise_1, noise_2, d_k, decay_k) in enumerate(steps, start=1):
         first, second = (
-            fade * ((1.0 + lag) * first + lag * second) + kick1,
-            fade * (-lag * first + (1.0 - lag) * second) + kick2,
+            decay_k * ((1.0 + d_k) * first + d_k * second) + noise_1,
+            decay_k * (-d_k * first + (1.0 - d_k) * second) + noise_2,
         )
         gust[k] = first + math.sqrt(3.0) * second
     return intensity * gust
@@ -118,40 +121,46 @@ def _positive(what: str, value: float) -> None:
 
 # ---- How outputs become recorded samples: noise, quantisation, losses
 
-_NONE: Mapping[str, float] = MappingProxyType({})
+_NO_OUTPUT: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Properties of the recording; each mapping is by output, and an output that it lacks is
-    recorded exactly in that respect.
+    """Errors of the recording. Each mapping is by output; an output without an entry has no such
+    error.
 
     Attributes
     ----------
-    std : standard deviation of the noise, unit of the output; None takes the model's.
+    std : standard deviation of the noise, unit of the output. None: ``fly`` takes that of
+        the model, and ``measure`` adds no noise.
     correlation_time : s; noise on that output is first-order coloured instead of white.
     resolution : size of the quantisation step, unit of the output; rounding comes after the noise.
     missing : share of samples lost at random, 0 to 1.
     """
 
     std: Mapping[str, float] | None = None
-    correlation_time: Mapping[str, float] = field(default_factory=lambda: _NONE)
-    resolution: Mapping[str, float] = field(default_factory=lambda: _NONE)
-    missing: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    correlation_time: Mapping[str, float] = field(default_factory=lambda: _NO_OUTPUT)
+    resolution: Mapping[str, float] = field(default_factory=lambda: _NO_OUTPUT)
+    missing: Mapping[str, float] = field(default_factory=lambda: _NO_OUTPUT)
 
     def __post_init__(self) -> None:
-        for what, table, low, high in (
-            ("noise standard deviation", self.std or _NONE, 0.0, np.inf),
-            ("correlation time", self.correlation_time, np.nextafter(0.0, 1.0), np.inf),
-            ("resolution", self.resolution, np.nextafter(0.0, 1.0), np.inf),
-            ("share of missing samples", self.missing, 0.0, 1.0),
+        smallest = np.nextafter(0.0, 1.0)
+        for what, table, low, high, allowed in (
+            (
+                "noise standard deviation",
+                self.std or _NO_OUTPUT,
+                0.0,
+                np.inf,
+                "zero or a positive number",
+            ),
+            ("correlation time", self.correlation_time, smallest, np.inf, "a positive number"),
+            ("resolution", self.resolution, smallest, np.inf, "a positive number"),
+            ("share of missing samples", self.missing, 0.0, 1.0, "a number from 0 to below 1"),
         ):
             for name, value in table.items():
                 if not (low <= value < high):
                     raise ModelError(
-                        f"{what} {value:g}",
-                        where=f"output {name}",
-                        remedy=f"give a number from {low:.3g} to below {high:g}",
+                        f"{what} {value:g}", where=f"output {name}", remedy=f"give {allowed}"
                     )
 
 
@@ -162,17 +171,18 @@ def measure(
     rng: np.random.Generator,
     measurement: Measurement,
 ) -> tuple[Channel, ...]:
-    """Recorded channels of known outputs ``(N,)`` each at ``time (N,)``, s.
+    """Return recorded channels of known outputs, shape ``(N,)`` each, at ``time (N,)``, s.
 
-    ``measurement.std`` None means no noise. Draws come output by output in the order of
-    ``outputs``, those of the noise before those of the losses, so the same generator state gives
-    the same bytes.
+    Random numbers are drawn output by output in the order of ``outputs``, those of the noise before
+    those of the losses, so that the same generator state gives the same bytes.
 
-    Raises ModelError for an output that is not there.
+    Raises
+    ------
+    ModelError : ``measurement`` names an output that does not exist.
     """
-    std_of = measurement.std or _NONE
+    noise_std = measurement.std or _NO_OUTPUT
     for table in (
-        std_of,
+        noise_std,
         measurement.correlation_time,
         measurement.resolution,
         measurement.missing,
@@ -186,7 +196,7 @@ def measure(
                 )
     channels = []
     for key, clean in outputs.items():
-        values, std = clean.copy(), std_of.get(key, 0.0)
+        values, std = clean.copy(), noise_std.get(key, 0.0)
         if std > 0 and key in measurement.correlation_time:
             values += coloured_noise(rng, time, std, measurement.correlation_time[key])
         elif std > 0:

@@ -497,7 +497,7 @@ IDENT = (
     *changes(
         "ident/statistics/intervals.py",
         ("tests/unit/ident/statistics/test_shares.py",),
-        ("betaincinv(count, of - count + 1, tail)", "betaincinv(count, of - count, tail)"),
+        ("betaincinv(count, trials - count + 1, tail)", "betaincinv(count, trials - count, tail)"),
     ),
     *changes(
         "ident/statistics/noise_levels.py",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from ident.maneuver_design import DECISIVE_LOG_LIKELIHOOD_RATIO, ODDS_COST, Acting, price
+from ident.maneuver_design import DECISIVE_LOG_LIKELIHOOD_RATIO, ODDS_COST, ActingEffect, price
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
@@ -84,7 +84,7 @@ PAIRS = {
 UNLIKELY = 1e-3  # of fewer decisions than were seen, if the promise holds
 
 
-def flights(found: DesignResult, true: Acting, count: int) -> list[Record]:
+def flights(found: DesignResult, true: ActingEffect, count: int) -> list[Record]:
     """The best maneuver flown with an effect, by the truth generator, in finer steps, each with
     noise of its own.
     """
@@ -101,7 +101,7 @@ def flights(found: DesignResult, true: Acting, count: int) -> list[Record]:
     return [remeasure(record, truth, np.random.default_rng(seed)) for seed in range(count)]
 
 
-def decides(record: Record, found: DesignResult, true: Acting, rival: Acting) -> bool:
+def decides(record: Record, found: DesignResult, true: ActingEffect, rival: ActingEffect) -> bool:
     """Whether fits of both effects and of neither, as the loop makes them, find the true one and
     prefer it by enough.
     """
@@ -110,14 +110,14 @@ def decides(record: Record, found: DesignResult, true: Acting, rival: Acting) ->
         (record,), (np.ones((len(outputs), len(record)), dtype=bool),), found.setting.model, outputs
     )
 
-    def fitted(acting: Acting | None) -> FittedModel:
+    def fitted(acting: ActingEffect | None) -> FittedModel:
         values = acting.full_values if acting is not None else {}
         effects = (acting.effect,) if acting is not None else ()
         fit = fit_set(data, effects, FitSettings(), Start(added=values))
         assert fit is not None
         return fit
 
-    def weighed(acting: Acting | None) -> float:
+    def weighed(acting: ActingEffect | None) -> float:
         fit = fitted(acting).fit
         return 2.0 * fit.cost + (price(acting.effect, fit.counts) if acting is not None else 0.0)
 

@@ -1,5 +1,6 @@
-"""Residuals of a diagnosis in words: for each channel their autocorrelation, frequencies, largest
-window and correlated signal; and the evidence for effects if the residuals are not noise.
+"""Residuals of a diagnosis in words: for each channel their autocorrelation, frequencies, window of
+the largest residual, and correlated signal; and the evidence for effects if the residuals are not
+noise.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
 from ident.tracing.whiteness import FEWEST_SAMPLES, RUNAWAY_RESIDUAL, ResidualPart, residual_part
-from scenarios.diagnosis.report.wording import nothing_stands
+from scenarios.diagnosis.report.wording import is_unexplained
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 
@@ -30,12 +31,12 @@ SMALLEST_CORRELATION = 0.25  # a smaller one explains less than a sixteenth of t
 CORRELATION_SIGMAS = 4.0
 SIMILAR_SIGNIFICANCE = 0.9  # of the largest significance; above it, a simpler signal is preferred
 POWER_SHARE = 0.8  # share of the power below the reported frequency
-FEWEST_FREQUENCIES = 5  # of a spectrum that can be described
-FEWEST_LAGS = 10  # of an autocorrelation
+FEWEST_FREQUENCIES = 5  # fewest frequencies of a spectrum from which a peak is reported
+FEWEST_LAGS = 10  # fewest lags of an autocorrelation in a variance
 
 
 @dataclass(frozen=True)
-class Correlate:
+class CorrelatedSignal:
     """The signal with which a residual correlates most.
 
     Attributes
@@ -62,11 +63,11 @@ class ChannelResidual:
     rms : root mean square, in the channel's unit.
     correlation : correlation of neighbouring samples.
     peak : frequency of the largest power density, Hz.
-    below : frequency below which 80 % of the power lies, Hz.
+    frequency_below_80_percent : frequency below which 80 % of the power lies, Hz.
     record : record (from 0) of the window with the largest mean square.
     begin, end : limits of this window, s.
     window_ratio : root mean square in this window over ``rms``.
-    correlate : correlated signal, or None.
+    correlated_signal : the signal with the most significant correlation, or None.
     """
 
     channel: str
@@ -74,12 +75,12 @@ class ChannelResidual:
     rms: float
     correlation: float
     peak: float
-    below: float
+    frequency_below_80_percent: float
     record: int
     begin: float
     end: float
     window_ratio: float
-    correlate: Correlate | None
+    correlated_signal: CorrelatedSignal | None
 
 
 def channel_residual(fitted: Sequence[FittedRecord], channel: str) -> ChannelResidual | None:
@@ -104,7 +105,7 @@ def channel_residual(fitted: Sequence[FittedRecord], channel: str) -> ChannelRes
         return None
     rms = float(np.sqrt(power / count))
     neighbours = sum(float(part.residual[1:] @ part.residual[:-1]) for part in parts) / power
-    peak, below = _frequencies(parts)
+    peak, frequency_below = _frequencies(parts)
     item, begin, end, window_ratio = _largest_window(parts, rms)
     return ChannelResidual(
         channel,
@@ -112,12 +113,12 @@ def channel_residual(fitted: Sequence[FittedRecord], channel: str) -> ChannelRes
         rms,
         neighbours,
         peak,
-        below,
+        frequency_below,
         next(number for number, other in enumerate(fitted) if other is item),
         begin,
         end,
         window_ratio,
-        _correlate(parts),
+        _most_correlated_signal(parts),
     )
 
 
@@ -166,13 +167,13 @@ def _largest_window(
     return (*best[:3], float(np.sqrt(max(best[3], 0.0))) / rms)
 
 
-def _correlate(parts: Sequence[ResidualPart]) -> Correlate | None:
-    """Return the signal with the most significant correlation, None if none is significant."""
+def _most_correlated_signal(parts: Sequence[ResidualPart]) -> CorrelatedSignal | None:
+    """Return the signal with the most significant correlation; None if none is significant."""
     interval = max(part.interval for part in parts)
     largest = int(LARGEST_RESIDUAL_SHIFT / interval)
     lags = interval * np.arange(-largest, largest + 1)
     power = sum(float(part.residual @ part.residual) for part in parts)
-    correlates: list[tuple[float, Correlate]] = []  # significance, signal
+    significant: list[tuple[float, CorrelatedSignal]] = []  # significance, signal
     for name, form in _signals(parts):
         signals = [_signal(part, name, form) for part in parts]
         pairs = list(zip(parts, signals, strict=True))
@@ -185,14 +186,14 @@ def _correlate(parts: Sequence[ResidualPart]) -> Correlate | None:
         at = int(np.argmax(np.abs(correlations)))
         size = abs(correlations[at])
         if size > SMALLEST_CORRELATION and size > CORRELATION_SIGMAS * sigma:
-            correlate = Correlate(name, form, float(correlations[at]), float(lags[at]))
-            correlates.append((size / sigma, correlate))
+            found = CorrelatedSignal(name, form, float(correlations[at]), float(lags[at]))
+            significant.append((size / sigma, found))
     # Simple forms come first: signal, rate, square, product.
-    best = max((significance for significance, _ in correlates), default=0.0)
+    best = max((significance for significance, _ in significant), default=0.0)
     return next(
         (
-            correlate
-            for significance, correlate in correlates
+            signal
+            for significance, signal in significant
             if significance >= SIMILAR_SIGNIFICANCE * best
         ),
         None,
@@ -219,7 +220,7 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
 
 
 def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
-    """Return a form of an input or simulated output (see `Correlate`), minus its mean."""
+    """Return a form of an input or simulated output (see `CorrelatedSignal`), minus its mean."""
     item = part.item
     if name in item.record.input_names:
         values = item.record[name].values
@@ -272,7 +273,8 @@ ROUNDING = 1e-9  # s, lag that is rounding
 LARGEST_STD = 1e30  # stands for an infinite standard deviation
 MOST_COMPARED_PARAMETERS = 2  # parameters of an effect that are printed for each record
 MOST_FAILED_TESTS = 2  # failed tests that are named one by one
-MOST_DECIMALS, USUAL_DECIMALS = 6, 3  # decimals of a value; without a known sigma
+MOST_DECIMALS = 6  # most decimals of a value
+USUAL_DECIMALS = 3  # decimals of a value without a known sigma
 FORMS = {  # form of a correlated signal in words
     "itself": "{}",
     "rate": "the rate of {}",
@@ -284,8 +286,8 @@ SMALLEST_WINDOW_RATIO = 1.6  # multiple of the rms from which a window is report
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """Return sentences on z of Vuong's test for an effect and on its values from each record; empty
-    if the residual is noise.
+    """Return sentences on z of Vuong's test for an effect (``claim.spread``, None if the residual
+    is noise) and on its values from each record; empty if the residual is noise.
     """
     if claim.spread is None:
         return []
@@ -319,7 +321,7 @@ def disagreement_text(claim: Claim) -> str:
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
     """Return the values from each record with their unit: ``"0.058, 0.063, 0.060 s"``.
 
-    Effects with more than two parameters, as curves, give an empty text: their parameters are
+    Effects with more than two parameters, such as curves, give an empty text: their parameters are
     correlated.
     """
     names = list(by_record[0]) if by_record else []
@@ -358,7 +360,7 @@ def warnings_of(tracing: Tracing) -> list[str]:
     """
     d = tracing.diagnosis
     overflows = [overflow_sentence(tracing.overflows)] if tracing.overflows else []
-    if nothing_stands(d):
+    if is_unexplained(d):
         sentences = [caution.sentence for caution in d.warnings if caution.test is None]
         declared = [replace(item, after=item.before) for item in d.fitted]
         channels = _channels([test for test in d.tests_before if not test.passed])
@@ -395,15 +397,16 @@ def _residual_sentences(
 
 
 def residual_sentence(residual: ChannelResidual, tracing: Tracing) -> str:
-    """Return a sentence on the residual of one channel: size, autocorrelation, frequencies, largest
-    window, and correlated signal.
+    """Return a sentence on the residual of one channel: size, autocorrelation, frequencies, window
+    of the largest residual, and correlated signal.
     """
     factor, unit = shown_in(residual.unit, residual.channel)
     parts = [
-        f"left in the {_spoken(residual.channel, tracing)}: "
+        f"residual of the {_spoken(residual.channel, tracing)}: "
         f"rms {factor * residual.rms:.3g}{spaced(unit)}, "
         f"neighbouring samples correlated by {residual.correlation:.2f}",
-        f"most power near {residual.peak:.2g} Hz, four fifths of it below {residual.below:.2g} Hz",
+        f"most power near {residual.peak:.2g} Hz, four fifths of it below "
+        f"{residual.frequency_below_80_percent:.2g} Hz",
     ]
     if residual.window_ratio > SMALLEST_WINDOW_RATIO:
         record = tracing.diagnosis.fitted[residual.record].record.name
@@ -413,19 +416,21 @@ def residual_sentence(residual: ChannelResidual, tracing: Tracing) -> str:
         )
     else:
         parts.append("about alike everywhere")
-    correlate = residual.correlate
-    if correlate is None:
-        parts.append("goes with no input and no channel, nor their rates, squares and products")
+    correlated = residual.correlated_signal
+    if correlated is None:
+        parts.append(
+            "correlates with no input and no channel, nor their rates, squares and products"
+        )
         return "; ".join(parts)
     control = next(iter(tracing.records[0].input_names), "input")
-    signal = FORMS[correlate.form].format(
-        f"the {_spoken(correlate.name, tracing)}", control=control
+    signal = FORMS[correlated.form].format(
+        f"the {_spoken(correlated.name, tracing)}", control=control
     )
-    numbers = f"correlation {correlate.correlation:+.2f}"
-    if abs(correlate.lag) > ROUNDING:
-        side = "later" if correlate.lag > 0 else "earlier"
-        numbers += f", {abs(correlate.lag):.2g} s {side}"
-    return "; ".join([*parts, f"goes with {signal} ({numbers})"])
+    numbers = f"correlation {correlated.correlation:+.2f}"
+    if abs(correlated.lag) > ROUNDING:
+        side = "later" if correlated.lag > 0 else "earlier"
+        numbers += f", residual {abs(correlated.lag):.2g} s {side}"
+    return "; ".join([*parts, f"correlates with {signal} ({numbers})"])
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:

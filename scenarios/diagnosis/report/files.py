@@ -33,8 +33,8 @@ from scenarios.diagnosis.report.wording import (
     DECLARED,
     as_declared,
     declared_alone,
+    is_unexplained,
     kind_of_predicted,
-    nothing_stands,
     parameter_text,
     probability_sentence,
     record_labels,
@@ -353,7 +353,7 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    if nothing_stands(d):
+    if is_unexplained(d):
         note = (
             "No effect is named as the cause, so there is nothing to compare with the declared "
             "model."

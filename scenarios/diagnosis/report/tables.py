@@ -28,8 +28,8 @@ from scenarios.diagnosis.report.wording import (
     declared_alone,
     group_sentence,
     is_coloured,
+    is_unexplained,
     noise_headings,
-    nothing_stands,
     residual_levels,
     shown_table,
 )
@@ -251,7 +251,7 @@ def member_tables(d: Diagnosis, caption: str) -> list[Table]:
     A star marks a value that differs from that under the first effect by more than
     ``MOVED_SIGMAS``.
     """
-    if nothing_stands(d):
+    if is_unexplained(d):
         return []
     tables = []
     for claim in d.effects:
@@ -302,7 +302,7 @@ def _hertz(frequency: Quantity) -> Quantity:
 
 def sigma_note(d: Diagnosis) -> str:
     """Return a note if sigmas are widened by scatter; empty without an accepted effect."""
-    return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
+    return SIGMA_NOTE if d.inflation and not is_unexplained(d) else ""
 
 
 def simulation_note(d: Diagnosis) -> str:
@@ -316,7 +316,7 @@ def simulation_note(d: Diagnosis) -> str:
 
 def moved_title(d: Diagnosis) -> str:
     """Return the heading of the table of derivatives."""
-    if nothing_stands(d):
+    if is_unexplained(d):
         return (
             "derivatives of the declared model: something is missing in it, they carry what it "
             "costs"
@@ -383,7 +383,7 @@ def levels_table(tracing: Tracing, caption: str) -> Table:
     The remark is the limit that the accepted model misses.
     """
     before, after = ({level.mode: level for level in levels} for levels in levels_of(tracing))
-    accepted = before if nothing_stands(tracing.diagnosis) else after
+    accepted = before if is_unexplained(tracing.diagnosis) else after
     modes = list({**before, **after})
 
     def cells(levels: Mapping[str, ModeLevel]) -> list[Cell]:

@@ -38,8 +38,8 @@ from scenarios.diagnosis.report.tables import (
 from scenarios.diagnosis.report.wording import (
     Wording,
     group_sentence,
+    is_unexplained,
     most_likely,
-    nothing_stands,
     parameter_text,
     probability_sentence,
     sentence,
@@ -81,7 +81,7 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     if most_changed:
         value = d.after[most_changed]
         sentences.append(f"{most_changed} {value_text(value.value, value.std)}")
-    tests = d.tests_before if nothing_stands(d) else d.tests_after
+    tests = d.tests_before if is_unexplained(d) else d.tests_after
     return Summary(
         subject(tracing),
         f"{d.verdict.value.upper()}: {names or d.verdict.sentence}",
@@ -326,7 +326,7 @@ def _error_phrase(tracing: Tracing) -> str:
     factor, unit = shown_in(channel_units(tracing.model).get(channel, ""), channel)
     old, new = short(factor * before[channel]), short(factor * after[channel])
     change = old
-    if new != old and not nothing_stands(d):
+    if new != old and not is_unexplained(d):
         change = f"{old} -> {new}"
     word = CHANNELS.get(channel, channel) if is_of_aircraft(tracing.model) else channel
     phrase = f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}"

@@ -88,7 +88,7 @@ ROUNDING = 1e-3  # difference of two fits that is rounding: in sigmas, or relati
 NO_AFTER = ("after", "moved by", "run-to-run")  # columns that the declared model alone leaves empty
 
 
-def nothing_stands(d: Diagnosis) -> bool:
+def is_unexplained(d: Diagnosis) -> bool:
     """Return whether no effect is accepted although the declared model is incomplete."""
     return d.verdict is Verdict.UNEXPLAINED
 
@@ -97,7 +97,7 @@ def declared_alone(d: Diagnosis) -> bool:
     """Return whether the only results are those of the declared model: no effect is accepted, or
     none was needed and the search changed nothing.
     """
-    return nothing_stands(d) or (d.verdict is Verdict.CONSISTENT and _unchanged(d))
+    return is_unexplained(d) or (d.verdict is Verdict.CONSISTENT and _unchanged(d))
 
 
 def _unchanged(d: Diagnosis) -> bool:
@@ -139,11 +139,11 @@ def as_declared(d: Diagnosis) -> Diagnosis:
         return d
     return replace(
         d,
-        after={} if nothing_stands(d) else d.after,
+        after={} if is_unexplained(d) else d.after,
         error_after=ErrorFigures({}, {}, {}, {}),
         fitted=tuple(replace(item, after=item.before) for item in d.fitted),
         predictions=tuple(replace(item, after=item.before) for item in d.predictions),
-        tests_after=() if nothing_stands(d) else d.tests_after,
+        tests_after=() if is_unexplained(d) else d.tests_after,
     )
 
 

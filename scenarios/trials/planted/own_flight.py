@@ -17,7 +17,11 @@ from scenarios.files.sources import DocumentError, toml_value
 from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
 from scenarios.identification.model_checks import PULSES_BETWEEN_DOUBLETS, Motion, doublet_motion
-from scenarios.preparation.declared_model import RESOLVED_STEP_SHARE, root_sizes, step_of
+from scenarios.preparation.declared_model import (
+    RESOLVED_STEP_SHARE,
+    root_sizes,
+    sub_step_of_user_model,
+)
 from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
 from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.schema import positive_si, si
@@ -334,7 +338,7 @@ def study_document(request: OwnFlight) -> dict[str, Any]:
             "method": "output-error",
             "passes": FILTER_PASSES,
             "spread": FILTER_PRIOR_FACTOR,
-            "max_step": step_of(plan.model, 1.0 / plan.rate, FIT_STEP),
+            "max_step": sub_step_of_user_model(plan.model, 1.0 / plan.rate, FIT_STEP),
             "start": {
                 name: {"value": started[name].value, "std": started[name].prior_std}
                 for name in wrong
@@ -433,7 +437,7 @@ def _true_step(model: Model, rate: float) -> float:
     """Return the integration step of the truth, s: a fraction of the step of a fit."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     resolved = RESOLVED_STEP_SHARE / float(max(sizes)) if len(sizes) else math.inf
-    longest = max(resolved, step_of(model, 1.0 / rate, FIT_STEP))
+    longest = max(resolved, sub_step_of_user_model(model, 1.0 / rate, FIT_STEP))
     return min(1.0 / rate, longest) / TRUTH_STEPS_PER_SAMPLE
 
 

@@ -14,7 +14,7 @@ from scipy.stats import ncx2
 
 from ident.maneuver_design import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
-    Acting,
+    ActingEffect,
     Planned,
     RivalDecision,
     contest,
@@ -70,10 +70,10 @@ def flown(model: Model, plan: Planned) -> np.ndarray:
     return record.output_array(plan.outputs)[0]
 
 
-def acting(name: str, **values: float) -> Acting:
+def acting(name: str, **values: float) -> ActingEffect:
     effect = find_effect(name, plain().equations)
     assert isinstance(effect, Traceable)
-    return Acting(effect, {**{item.name: item.value for item in effect.parameters}, **values})
+    return ActingEffect(effect, {**{item.name: item.value for item in effect.parameters}, **values})
 
 
 def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:

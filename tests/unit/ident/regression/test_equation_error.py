@@ -44,19 +44,19 @@ def test_polynomials_are_met_exactly_whatever_the_sampling(
     fit = windows(time, valid, half, degree)
     assert np.any(fit.usable)
     np.testing.assert_allclose(
-        np.sum(fit.value * fit.gather(values), 1)[fit.usable],
+        np.sum(fit.value_weights * fit.gather(values), 1)[fit.usable],
         np.polyval(coefficients, time)[fit.usable],
         rtol=1e-7,
         atol=1e-7,
     )
     slope = np.polyval(np.polyder(coefficients), time)
     np.testing.assert_allclose(
-        np.sum(fit.slope * fit.gather(values), 1)[fit.usable],
+        np.sum(fit.slope_weights * fit.gather(values), 1)[fit.usable],
         slope[fit.usable],
         rtol=1e-5,
         atol=1e-5,
     )
-    np.testing.assert_array_equal(fit.slope[~fit.usable], 0.0)
+    np.testing.assert_array_equal(fit.slope_weights[~fit.usable], 0.0)
 
 
 def test_windows_over_gaps_are_not_used_and_bridged_straight() -> None:
@@ -209,7 +209,7 @@ def test_wild_starts_end_in_finite_numbers(powers: list[float]) -> None:
 def test_names_the_state_that_cannot_be_had() -> None:
     record, model = rigid_record(np.random.default_rng(1), 2.0), rigid_model()
     with pytest.raises(
-        ModelError, match="state q is neither measured nor the rate of a measured state"
+        ModelError, match="state q is neither recorded nor the rate of a recorded state"
     ):
         run_equation_error([record.only(["alpha", "nz"])], compile_model(model))
     with pytest.raises(ModelError, match="state eta1 is neither"):
@@ -333,5 +333,5 @@ def test_even_windows_are_those_worked_out_one_by_one(monkeypatch: pytest.Monkey
             patched.setattr("ident.regression.state_histories._EVEN_SAMPLING_TOLERANCE", -1.0)
             each = windows(time, valid, half, degree)
         np.testing.assert_array_equal(at_once.first, each.first)
-        np.testing.assert_allclose(at_once.value, each.value, atol=1e-11)
-        np.testing.assert_allclose(at_once.slope, each.slope, atol=1e-9)
+        np.testing.assert_allclose(at_once.value_weights, each.value_weights, atol=1e-11)
+        np.testing.assert_allclose(at_once.slope_weights, each.slope_weights, atol=1e-9)

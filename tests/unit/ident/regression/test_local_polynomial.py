@@ -41,7 +41,7 @@ def by_window(
 def test_value_and_slope_are_those_of_the_parabola_through_the_window(half: int) -> None:
     time, values, there = record_of(1, 0.1)
     fit, curve = windows(time, there, half, 2), smoothed(time, values, there, half)
-    slopes = np.sum(fit.slope * fit.gather(values), axis=1)
+    slopes = np.sum(fit.slope_weights * fit.gather(values), axis=1)
     for k in range(len(time)):
         found = by_window(time, values, there, k, half)
         assert fit.usable[k] == (found is not None)
@@ -61,7 +61,9 @@ def test_a_window_that_a_gap_stretches_to_twice_its_length_is_of_no_use(
     fit = windows(time, np.ones(60, dtype=bool), 5, 2)
     across = np.arange(25, 35)
     assert bool(np.all(fit.usable[across])) is usable and bool(np.any(fit.usable[across])) is usable
-    assert np.all(np.delete(fit.usable, across)) and (usable or not np.any(fit.value[across]))
+    assert np.all(np.delete(fit.usable, across)) and (
+        usable or not np.any(fit.value_weights[across])
+    )
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.05, 0.5])

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ident.statistics.intervals import deviation_factors, inside, mean_square_interval, quantile
+from ident.statistics.intervals import (
+    chi_square_quantile,
+    deviation_factors,
+    mean_square_interval,
+    within_chi_square,
+)
 
 
 @pytest.mark.parametrize("degrees", [1, 6, 99, 1602, 1602000])
 @pytest.mark.parametrize("share", [0.025, 0.5, 0.975])
 def test_a_quantile_is_scipys(degrees: int, share: float) -> None:
-    assert quantile(share, degrees) == pytest.approx(chi2.ppf(share, degrees), rel=1e-9)
+    assert chi_square_quantile(share, degrees) == pytest.approx(chi2.ppf(share, degrees), rel=1e-9)
 
 
 @pytest.mark.parametrize("count", [3, 20, 400])
@@ -34,7 +39,7 @@ def test_mean_squares_and_single_sums_lie_where_chi_square_says() -> None:
     assert (runs * degrees * low, runs * degrees * high) == pytest.approx(
         chi2.interval(0.95, runs * degrees), rel=1e-9
     )
-    found = inside(sums, np.full(runs, degrees))
+    found = within_chi_square(sums, np.full(runs, degrees))
     assert (
         found.tolist()
         == ((sums >= chi2.ppf(0.025, degrees)) & (sums <= chi2.ppf(0.975, degrees))).tolist()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.held_out import held_out
+from ident.tracing.held_out import fit_held_out
 from ident.tracing.loop import diagnose
 from ident.tracing.steady_search import NAMED_EFFECT_Z
 from sim.declaration.proposal import Traceable
@@ -328,7 +328,7 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
     problem = problem_of(records[:2], offered)
     alone = problem.fit(offered[:1], problem.fit((), None))
     assert alone is not None
-    held = held_out(alone, records[2:], None, informed=False).frozen
+    held = fit_held_out(alone, records[2:], None, informed=False).frozen
     assert held is not None
     residual = np.where(held.layout.problems[0].valid, held.residuals[0], 0.0)
     assert diagnosis.error_after.rmse == pytest.approx(

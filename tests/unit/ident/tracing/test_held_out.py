@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.held_out import HeldOut, fails_residual_tests, held_out, training_prior
+from ident.tracing.held_out import HeldOut, fails_residual_tests, fit_held_out, training_prior
 from ident.tracing.predictive import prediction
 from ident.tracing.wrong_samples import measured_masks
 from sim.effects.disturbance.gusts import GustDiscrete
@@ -38,7 +38,7 @@ def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: F
 @pytest.mark.long
 def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -> None:
     validation = [planted([SensorLag("q")], LAG, 9)]
-    out = held_out(fitted, validation, measured_masks(validation, OUTPUTS))
+    out = fit_held_out(fitted, validation, measured_masks(validation, OUTPUTS))
     assert out.frozen is not None and out.informed is not None
     shared = fitted.values.shared
     assert "sensor-lag:q.time_constant" in shared and "Cm_alpha" in shared
@@ -60,7 +60,7 @@ def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> 
     training.
     """
     there = {**PULSE, "unmeasured-input.start": 7.0, "unmeasured-input.moment": -0.006}
-    out = held_out(
+    out = fit_held_out(
         fitted,
         [planted([SensorLag("q"), UnmeasuredInput()], {**LAG, **there}, 9)],
         None,
@@ -94,7 +94,7 @@ def test_two_events_are_each_placed_beside_the_other() -> None:
         "unmeasured-input.duration": 1.5,
         "unmeasured-input.moment": -0.003,
     }
-    out = held_out(fitted, [planted([push, gust], there, 9)], None, informed=False)
+    out = fit_held_out(fitted, [planted([push, gust], there, 9)], None, informed=False)
     assert out.frozen is not None and not fails_residual_tests(HeldOut(None, out.frozen))
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
     assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15) and own[
@@ -107,7 +107,7 @@ def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
         planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)
     ]
     without = fit_of(problem_of([planted(seed=1)]))
-    assert fails_residual_tests(held_out(without, validation, None))
+    assert fails_residual_tests(fit_held_out(without, validation, None))
 
 
 @pytest.mark.long
@@ -116,7 +116,7 @@ def test_a_prediction_covers_every_row_also_where_the_fit_failed(fitted: FittedM
     values = record["alpha"].values.copy()
     values[5:50] = np.nan
     record = with_output(record, "alpha", values)
-    out = held_out(fitted, [record], None, informed=False)
+    out = fit_held_out(fitted, [record], None, informed=False)
     rows = prediction(out.frozen, 0, record, OUTPUTS)
     assert rows.shape == (3, len(record)) and np.all(np.isfinite(rows))
     failed = prediction(None, 0, record, ["nz", "alpha"])
@@ -129,4 +129,4 @@ def test_a_fit_that_fails_says_so(fitted: FittedModel) -> None:
     record = planted(seed=9)
     elevator = Channel.of("elevator", "rad", 1e300 * record["elevator"].values)
     broken = Record(record.time, (elevator,), record.outputs, record.hold)
-    assert held_out(fitted, [broken], None, informed=False).frozen is None
+    assert fit_held_out(fitted, [broken], None, informed=False).frozen is None

@@ -15,7 +15,7 @@ from ident.tracing import loop
 from ident.tracing.decision import Decision
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
+from ident.tracing.held_out import HeldOut, HeldOutData, fit_held_out, predicted_by
 from ident.tracing.names import Named
 from ident.tracing.predictive import PredictiveGain, least_gain, predictive_gains
 from ident.tracing.search import Search
@@ -37,7 +37,7 @@ def lagged(seed: int) -> Record:
 def held_of(root: FittedModel, *records: Record) -> HeldOutData:
     """Data that were not fitted, and what the declared model predicts there."""
     masks = measured_masks(records, OUTPUTS)
-    return HeldOutData(records, masks, held_out(root, records, masks, informed=False))
+    return HeldOutData(records, masks, fit_held_out(root, records, masks, informed=False))
 
 
 @pytest.fixture(scope="module")

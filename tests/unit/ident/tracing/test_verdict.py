@@ -11,7 +11,7 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Concern, Diagnosis, Verdict
-from ident.tracing.held_out import HeldOut, held_out
+from ident.tracing.held_out import HeldOut, fit_held_out
 from ident.tracing.loop import diagnose
 from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.result import not_noise, residual_tests
@@ -50,14 +50,14 @@ def test_a_caution_of_a_failed_test_carries_the_test_and_its_number() -> None:
 
 def test_residual_tests_are_of_the_fitted_records_and_of_those_held_out() -> None:
     root, other = fit_of(problem_of([planted(seed=1)])), planted(seed=2)
-    tests = residual_tests(root, held_out(root, [other], None))
+    tests = residual_tests(root, fit_held_out(root, [other], None))
     assert len(tests.fitted) == len(tests.others) == 3 and tests.all == (
         *tests.fitted,
         *tests.others,
     )
     assert {test.channel.partition(", ")[2] for test in tests.others} == {"held out"}
     assert residual_tests(root, HeldOut(None, None)).others == ()
-    wrong = residual_tests(root, held_out(root, [lagged(2)], None))
+    wrong = residual_tests(root, fit_held_out(root, [lagged(2)], None))
     assert not not_noise(wrong.fitted, 1e-4) and not_noise(wrong.others, 1e-4)
 
 

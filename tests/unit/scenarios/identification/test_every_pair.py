@@ -16,9 +16,9 @@ REFUSED = {
     (
         "flexible",
         "equation-error",
-    ): "state eta1 is neither measured nor the rate of a measured state; .* use output-error",
+    ): "state eta1 is neither recorded nor the rate of a recorded state; .* use output-error",
     ("loes", "ukf"): "a pure delay has no unscented filter here; use ekf",
-    ("loes", "equation-error"): "output alpha shows more than state alpha; .* use output-error",
+    ("loes", "equation-error"): "output alpha is not state alpha plus a bias; .* use output-error",
     (
         "ballistic",
         "frequency-domain",

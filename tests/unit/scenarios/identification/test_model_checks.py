@@ -20,7 +20,7 @@ from scenarios.identification.model_checks import (
     steps_against_differences,
     unknown_units,
 )
-from scenarios.preparation.declared_model import step_for
+from scenarios.preparation.declared_model import sub_step
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.record import Channel, Hold, Record
@@ -117,5 +117,5 @@ def test_steps_follow_the_motion(interval: float, root: float, step: float) -> N
     model = first_order(parameters={"a": (-root, "1/s"), "b": (B, "1/s")})
     # Where samples are finer than the usual step they are the step: the grid has one between two
     # samples at least.
-    assert min(step_for(model, [record], 0.01), interval) == pytest.approx(step, rel=1e-12)
-    assert step_for(rigid_model(), [record], 0.01) == 0.01
+    assert min(sub_step(model, [record], 0.01), interval) == pytest.approx(step, rel=1e-12)
+    assert sub_step(rigid_model(), [record], 0.01) == 0.01

@@ -145,7 +145,7 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
             5.0 / setting.maneuver_limits.interval
         )  # short enough for a window at the end of a sweep
         at, power = signal.welch(
-            each.flight.rows[0], 1.0 / setting.maneuver_limits.interval, nperseg=size
+            each.flight.deflections[0], 1.0 / setting.maneuver_limits.interval, nperseg=size
         )
         inside = (at > 0.6) & (at < 2.4)
         s = 2j * math.pi * at[inside]
@@ -174,7 +174,7 @@ def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -
         noisy = clean + np.array([[0.002], [0.01]]) * rng.standard_normal(clean.shape)
         columns = {
             "time": planned.setting.maneuver_limits.time,
-            "de": best.flight.rows[0],
+            "de": best.flight.deflections[0],
             "a": noisy[0],
             "pitch": noisy[1],
         }

@@ -228,7 +228,7 @@ def test_what_is_said_to_fly_can_be_flown_by_hand(vehicle: Path) -> None:
         u = record["elevator"].values
         fastest = np.max(np.abs(np.diff(u))) / found.setting.maneuver_limits.interval
         assert fastest <= limits.rate["elevator"] * (1.0 + 1e-9)
-        assert each.pace >= PILOT.shortest_step - 1e-9
+        assert each.pulse_width >= PILOT.shortest_step - 1e-9
         if each.kind != "sweep":
             steps = holds(u - u[0], found.setting.maneuver_limits.interval)
             assert steps and min(steps) >= 0.5 * PILOT.shortest_step
@@ -244,7 +244,7 @@ def test_what_is_said_to_fly_can_be_flown_by_hand(vehicle: Path) -> None:
 def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
     found = fid.design("lateral", fid.vehicle("navion_lateral"), computer=True).details
     for each in found.maneuvers:
-        both = np.min(np.abs(each.flight.rows), axis=0)
+        both = np.min(np.abs(each.flight.deflections), axis=0)
         assert bool(np.max(both) > 0.0) is (each.kind == "multisine")
 
 
@@ -336,7 +336,7 @@ def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> N
     ]
     again = design(asked_by(found.request.command()))
     assert (
-        np.array_equal(again.best.flight.rows, found.best.flight.rows)
+        np.array_equal(again.best.flight.deflections, found.best.flight.deflections)
         and again.best.chance == found.best.chance
     )
     d.verdict = Verdict.TRACED

@@ -189,7 +189,7 @@ def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amp
     )
     maneuver: Any = SimpleNamespace(
         kind="doublet",
-        pace=1.0,
+        pulse_width=1.0,
         flight=flight,
         criterion=0.1,
         sigmas={"a": 1.0, "b": math.inf},

@@ -297,17 +297,17 @@ def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) 
 def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     records, derivatives = drawn_pair(16)
     model = model_from_constants("rigid", FIGHTER, derivatives)
-    readings = with_flow(model, records), with_flow(model, records, trim_lift=False)
+    interpretations = with_flow(model, records), with_flow(model, records, trim_lift=False)
     monkeypatch.setattr(
         declared_model,
         "COMPARISON_SETTINGS",
         replace(declared_model.COMPARISON_SETTINGS, iterations=2),
     )
-    found = declared_model.compared_readings(*readings, OUTPUTS)
+    found = declared_model.compared_interpretations(*interpretations, OUTPUTS)
     assert found.gain == 0.0 and found.why_open == "a fit has not converged"
 
 
-def test_a_bias_beyond_the_reading_is_no_trim() -> None:
+def test_a_bias_far_outside_the_range_of_the_samples_is_no_trim() -> None:
     """Of a load factor between 0.6 and 2.2 g a trim of 1 g, of 0 g or of 3 g can be; of -3 g it
     cannot, nor of 5 g.
     """
@@ -324,9 +324,9 @@ def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.Monk
     """
     records, derivatives = drawn_pair(80)
     model = model_from_constants("rigid", FIGHTER, derivatives)
-    readings = with_flow(model, records), with_flow(model, records, trim_lift=False)
+    interpretations = with_flow(model, records), with_flow(model, records, trim_lift=False)
     monkeypatch.setattr(declared_model, "from_trim", lambda record, model: record)
-    found = declared_model.compared_readings(*readings, OUTPUTS)
+    found = declared_model.compared_interpretations(*interpretations, OUTPUTS)
     assert found.gain == 0.0 and "a fit needs a bias of" in found.why_open
 
 

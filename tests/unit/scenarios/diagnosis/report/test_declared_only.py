@@ -129,7 +129,7 @@ def test_warnings_describe_what_the_declared_model_leaves() -> None:
         for d in (tracing.diagnosis, silent)
     )
     assert one == other and any(
-        line.startswith("with the declared model, left in the") for line in one
+        line.startswith("with the declared model, residual of the") for line in one
     )
 
 

@@ -307,9 +307,9 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
     told = warnings_of(tracing)
     assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
     assert [line.partition(":")[0] for line in told[1:]] == [
-        "left in the angle of attack",
-        "left in the pitch rate",
-        "left in the load factor",
+        "residual of the angle of attack",
+        "residual of the pitch rate",
+        "residual of the load factor",
     ]
     assert told[1:] and all("Hz" in line and "rms" in line for line in told[1:])
     # Other warnings stay, and so do the tests themselves.
@@ -333,8 +333,8 @@ def test_few_failed_tests_are_told_as_they_are() -> None:
         and len(tracing.diagnosis.warnings) == 2
     )
     assert [line.partition(":")[0] for line in told[2:]] == [
-        "left in the angle of attack",
-        "left in the pitch rate",
+        "residual of the angle of attack",
+        "residual of the pitch rate",
     ]
 
 
@@ -343,7 +343,7 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
     told = warnings_of(tracing)
     assert told[0] == tracing.diagnosis.warnings[0].sentence
     assert [line.partition(":")[0] for line in told[1:]] == [
-        f"with the declared model, left in the {name}"
+        f"with the declared model, residual of the {name}"
         for name in ("angle of attack", "pitch rate", "load factor")
     ]
     # The hand-made residual is a sine of 6 rad/s.

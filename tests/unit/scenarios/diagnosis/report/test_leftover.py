@@ -1,4 +1,4 @@
-"""What a fit leaves, described: made-up residuals whose colour, frequency, moment and correlate are
+"""Residuals described: made-up residuals whose colour, frequency, moment and correlated signal are
 known.
 """
 
@@ -54,10 +54,10 @@ def stepping(rng: np.random.Generator, count: int) -> np.ndarray:
 def test_a_sine_is_found_at_its_frequency_with_its_size() -> None:
     time = np.arange(1000) / RATE
     left = described(fitted_record(0.02 * np.sin(2.0 * np.pi * 1.3 * time), np.ones(1000)))
-    assert left.peak == pytest.approx(1.3, abs=2.0 / 25.0) and left.below < 1.6
+    assert left.peak == pytest.approx(1.3, abs=2.0 / 25.0) and left.frequency_below_80_percent < 1.6
     assert left.rms == pytest.approx(0.02 / np.sqrt(2.0), rel=1e-3)
     assert left.correlation == pytest.approx(np.cos(2.0 * np.pi * 1.3 / RATE), abs=5e-3)
-    assert left.window_ratio < 1.05 and left.correlate is None
+    assert left.window_ratio < 1.05 and left.correlated_signal is None
 
 
 def test_the_record_and_the_moment_of_a_burst_are_named() -> None:
@@ -86,39 +86,41 @@ def test_what_the_input_drives_goes_with_it(form: str, delay: float) -> None:
         items.append(
             fitted_record(0.1 * later / later.std() + 0.1 * rng.standard_normal(1000), 0.05 * moves)
         )
-    correlate = described(*items).correlate
-    assert correlate is not None and (correlate.name, correlate.form) == ("elevator", form)
-    assert correlate.lag == pytest.approx(delay, abs=0.06)
-    assert correlate.correlation == pytest.approx(np.sqrt(0.5), abs=0.1)
+    correlated = described(*items).correlated_signal
+    assert correlated is not None and (correlated.name, correlated.form) == ("elevator", form)
+    assert correlated.lag == pytest.approx(delay, abs=0.06)
+    assert correlated.correlation == pytest.approx(np.sqrt(0.5), abs=0.1)
 
 
 def test_a_simulated_output_is_a_correlate_but_its_noise_is_none() -> None:
     rng = np.random.default_rng(6)
     beneath = np.convolve(rng.standard_normal(1200), np.hanning(30), mode="same")
     alone = 0.3 * rng.standard_normal(1200)
-    assert described(fitted_record(alone, np.ones(1200), beneath)).correlate is None
-    correlate = described(fitted_record(0.1 * beneath + alone, np.ones(1200), beneath)).correlate
-    assert correlate is not None and (correlate.name, correlate.form, correlate.lag) == (
+    assert described(fitted_record(alone, np.ones(1200), beneath)).correlated_signal is None
+    correlated = described(
+        fitted_record(0.1 * beneath + alone, np.ones(1200), beneath)
+    ).correlated_signal
+    assert correlated is not None and (correlated.name, correlated.form, correlated.lag) == (
         "q",
         "itself",
         0.0,
     )
 
 
-def test_a_product_with_the_input_is_a_correlate() -> None:
+def test_a_product_with_the_input_is_a_correlated_signal() -> None:
     rng = np.random.default_rng(11)
     moves, beneath = (
         np.convolve(rng.standard_normal(2000), np.hanning(25), mode="same") for _ in range(2)
     )
     both = moves * beneath
-    correlate = described(
+    correlated = described(
         fitted_record(both / both.std() + rng.standard_normal(2000), moves, 5.0 * beneath)
-    ).correlate
-    assert correlate is not None and (correlate.name, correlate.form) == ("q", "product")
-    assert correlate.lag == pytest.approx(0.0, abs=0.06)
+    ).correlated_signal
+    assert correlated is not None and (correlated.name, correlated.form) == ("q", "product")
+    assert correlated.lag == pytest.approx(0.0, abs=0.06)
 
 
-def test_coloured_chance_is_hardly_ever_a_correlate() -> None:
+def test_coloured_chance_is_hardly_ever_a_correlated_signal() -> None:
     rng = np.random.default_rng(7)
     accused = 0
     for _ in range(60):
@@ -129,7 +131,7 @@ def test_coloured_chance_is_hardly_ever_a_correlate() -> None:
             for _ in range(3)
         ]
         accused += (
-            described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).correlate
+            described(fitted_record(wander[0], stepping(rng, 1000), wander[1])).correlated_signal
             is not None
         )
     assert accused <= 4
@@ -142,7 +144,7 @@ def test_a_small_correlation_is_not_worth_a_word(size: float) -> None:
     for _ in range(5):
         moves = np.convolve(rng.standard_normal(2000), np.hanning(9), mode="same")
         items.append(fitted_record(size * moves / moves.std() + rng.standard_normal(2000), moves))
-    assert described(*items).correlate is None
+    assert described(*items).correlated_signal is None
 
 
 def test_samples_that_were_set_aside_are_left_out() -> None:
