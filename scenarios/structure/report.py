@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from scenarios.plots.drawing import Named
 
+METHOD_WORDS = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
 MAIN = "structure.json"
 SCHEMA = "flightid/structure/1"
 VEHICLE = "vehicle.toml"
@@ -93,8 +94,8 @@ def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
 
 def _method(found: FoundStructure) -> str:
     """Return the method in words."""
-    words = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
-    return words[found.options.method] + (", hierarchical" if found.options.hierarchical else "")
+    hierarchical = ", hierarchical" if found.options.hierarchical else ""
+    return METHOD_WORDS[found.options.method] + hierarchical
 
 
 def summary_table(found: FoundStructure) -> Table:
@@ -194,13 +195,15 @@ def findings(found: FoundStructure) -> list[str]:
                 f"residual is {each.ratio:.1f} times the noise. Offer further terms (--degree 3, "
                 "--splines)."
             )
-        rest = set(found.other[axis].terms) ^ set(each.terms)
-        if rest:
-            names = ", ".join(sorted(t.text for t in rest))
-            sentences.append(
-                f"{axis}: stepwise regression and orthogonal functions chose different terms. Only "
-                f"one of them chose {names}."
-            )
+        other = set(found.other[axis].terms)
+        used = METHOD_WORDS[found.options.method]
+        methods = (used, next(words for words in METHOD_WORDS.values() if words != used))
+        alone = (set(each.terms) - other, other - set(each.terms))
+        sentences += [
+            f"{axis}: {method} alone chose {', '.join(sorted(term.text for term in terms))}."
+            for method, terms in zip(methods, alone, strict=True)
+            if terms
+        ]
         if each.alternative:
             sentences.append(f"{axis}: {_other_model(*each.alternative)}")
         if each.confounders:
