@@ -51,14 +51,14 @@ def test_help_and_list_import_nothing_heavy(arguments: tuple[str, ...]) -> None:
     assert imported_by(*arguments) == set()
 
 
-def test_help_starts_fast() -> None:
-    """Processor time, the least of three: other work on the machine stretches the wall clock, not
-    this.
+def processor_seconds(code: str) -> float:
+    """Processor time of a whole process, the least of three: other work on the machine stretches
+    the wall clock, not this.
     """
     spent: list[float] = []
     for _ in range(3):
         before = os.times()
-        assert process("from scenarios.cli import main; main(['--help'])").returncode == 0
+        assert process(code).returncode == 0
         after = os.times()
         spent.append(
             after.children_user
@@ -66,7 +66,15 @@ def test_help_starts_fast() -> None:
             + after.children_system
             - before.children_system
         )
-    assert min(spent) < 0.3
+    return min(spent)
+
+
+def test_help_starts_fast() -> None:
+    """Measured against the library that reads the command line, since machines differ: three times
+    as long; with NumPy it would be five to six times.
+    """
+    needed = processor_seconds("from scenarios.cli import main; main(['--help'])")
+    assert needed < 4.5 * processor_seconds("import typer")
 
 
 @pytest.mark.long
