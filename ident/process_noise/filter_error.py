@@ -58,7 +58,6 @@ __all__ = [
     "noise_levels",
     "noise_start",
     "one_step_prediction",
-    "predictive_log_likelihood",
     "turbulence_worth_trying",
 ]
 
@@ -230,7 +229,7 @@ def turbulence_worth_trying(fit: Fit) -> float:
     return float(min(1.0, len(p_values) * min(p_values)))
 
 
-def predictive_log_likelihood(
+def fit_under_held_noise(
     records: Sequence[Record],
     system: System,
     values: Mapping[str, float],
@@ -240,9 +239,11 @@ def predictive_log_likelihood(
     local: Collection[str] = (),
     masks: Sequence[np.ndarray] | None = None,
     begin: Sequence[Mapping[str, float]] = (),
-) -> float:
-    """Return the log likelihood of one-step predictions of held-out records; -inf where it is not
-    finite.
+    freed: Collection[str] = (),
+) -> Fit | None:
+    """Return the fit of the local parameters to each held-out record with fixed noise levels; None
+    where no cost is finite. Its log likelihood is that of one-step predictions; of two models it is
+    comparable for the same records, masks and local parameters.
 
     Parameters
     ----------
@@ -256,32 +257,8 @@ def predictive_log_likelihood(
     begin : for each record, local parameter -> starting value; a parameter that is not in it starts
         at its declared value. A time of an event needs this, since a fit does not find it from far
         away.
-
-    Two models are comparable for the same records, masks and local parameters.
-    """
-    fit = fit_under_held_noise(
-        records, system, values, levels, settings, local=local, masks=masks, begin=begin
-    )
-    return -np.inf if fit is None else fit.log_likelihood
-
-
-def fit_under_held_noise(
-    records: Sequence[Record],
-    system: System,
-    values: Mapping[str, float],
-    levels: Mapping[str, float],
-    settings: FitSettings | None = None,
-    *,
-    local: Collection[str] = (),
-    masks: Sequence[np.ndarray] | None = None,
-    begin: Sequence[Mapping[str, float]] = (),
-    freed: Collection[str] = (),
-) -> Fit | None:
-    """Return the fit of the local parameters to each record with fixed noise levels; None where no
-    cost is finite. The arguments are those of `predictive_log_likelihood`.
-
-    ``freed`` names further parameters. A second fit gives each record its own values of these too,
-    from ``values``.
+    freed : names of further parameters. A second fit gives each record its own values of these too,
+        from ``values``.
     """
     own = {
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local

@@ -126,15 +126,10 @@ class Diagnosis:
         """Root mean square errors of predictions one step ahead of held-out records by channel, SI,
         under ``before`` and ``after``, both with the model discrepancy; empty where there is none.
         """
-        figures = self.details.diagnosis.one_step
-        return (
-            {}
-            if figures is None
-            else {
-                "before": dict(figures.before.rmse),
-                "after": dict(figures.after.rmse),
-            }
-        )
+        found = self.details.diagnosis.one_step
+        if found is None:
+            return {}
+        return {"before": dict(found.before.rmse), "after": dict(found.after.rmse)}
 
     @property
     def noise_floor(self) -> dict[str, float]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ import pytest
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.filter_error import (
     fit_filter_error,
+    fit_under_held_noise,
     fit_with_process_noise,
     noise_levels,
     noise_start,
-    predictive_log_likelihood,
     turbulence_worth_trying,
 )
 from ident.process_noise.innovations_model import SCALE, process_noise
@@ -195,6 +196,12 @@ def test_turbulence_is_worth_trying_where_residuals_are_not_white(
 
 
 @pytest.mark.long
+def predictive_log_likelihood(*arguments: Any, **options: Any) -> float:
+    fit = fit_under_held_noise(*arguments, **options)
+    assert fit is not None
+    return fit.log_likelihood
+
+
 def test_prediction_of_a_record_that_was_not_fitted() -> None:
     rng = np.random.default_rng(22)
     train, other = rough_record(rng, 501), rough_record(rng, 401, size=-0.04, unit=0.35)
