@@ -22,6 +22,7 @@ from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on, predicted_by
 from ident.tracing.steady_search import SUPPORTED_Z
 from ident.tracing.wrong_samples import held_out_masks, measured_masks, with_mended
 from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import FitSettings
 from sim.declaration.model import Model
 from sim.record import Record
 
@@ -107,7 +108,10 @@ def predictive_gains(
             return PredictiveGain((gain,))
         return PredictiveGain((plain.cost - out.informed.cost,), least_gain(plain, out.informed))
     pairs = [
-        (_one_step_fit(less, r, {}, held, out), _one_step_fit(more, r, own, held, out))
+        (
+            _one_step_fit(less, r, {}, held, out, more.fit.layout.settings),
+            _one_step_fit(more, r, own, held, out, more.fit.layout.settings),
+        )
         for r, own in enumerate(_own_values(more, out))
     ]
     differences = [_log_likelihood(after) - _log_likelihood(before) for before, after in pairs]
@@ -120,10 +124,18 @@ def _log_likelihood(fit: Fit | None) -> float:
 
 
 def _one_step_fit(
-    fitted: FittedModel, r: int, own: Mapping[str, float], held: HeldOutData, out: HeldOut
+    fitted: FittedModel,
+    r: int,
+    own: Mapping[str, float],
+    held: HeldOutData,
+    out: HeldOut,
+    settings: FitSettings,
 ) -> Fit | None:
-    """Return the filter of a fitted model on one held-out record; ``own`` are starting values of
-    this record. None where its predictions are not finite.
+    """Return the filter of a fitted model on one held-out record; None where its predictions are
+    not finite.
+
+    ``own`` : starting values of this record. ``settings`` : the same for models that are compared,
+    whatever those of their fits.
     """
     fit = out.informed or out.frozen
     assert fit is not None
@@ -132,7 +144,7 @@ def _one_step_fit(
         fitted.system,
         fitted.values.shared,
         noise_levels(fitted.fit),
-        fitted.fit.layout.settings,
+        settings,
         local=[name for effect in fitted.effects for name in local_names(effect)],
         masks=[fit.layout.problems[r].valid],
         begin=[own],
