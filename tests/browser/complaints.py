@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,16 +65,26 @@ def _is_local(address: str) -> bool:
     return parts.scheme not in ("http", "https", "ws", "wss") or parts.hostname in LOCAL
 
 
-def fits(page: Page, patience: int = 3000) -> bool:
-    """Whether the page needs no scrolling sideways, at the latest after ``patience`` milliseconds:
-    figures follow a new width of the window some frames later.
+def holds(page: Page, condition: str, argument: object = None, patience: float = 30_000) -> bool:
+    """Whether a JavaScript condition becomes true within ``patience`` milliseconds.
+
+    Playwright's own `wait_for_function` asks again from within the page, which the Content Security
+    Policy of our pages forbids: it works only where the first answer is already true.
+    """
+    deadline = time.monotonic() + patience / 1000
+    while not page.evaluate(condition, argument):
+        if time.monotonic() > deadline:
+            return False
+        page.wait_for_timeout(50)
+    return True
+
+
+def fits(page: Page) -> bool:
+    """Whether the page needs no scrolling sideways: figures follow a new width of the window some
+    frames later.
     """
     width = "document.documentElement.scrollWidth <= document.documentElement.clientWidth + 1"
-    for _ in range(patience // 100):
-        if page.evaluate(width):
-            return True
-        page.wait_for_timeout(100)
-    return bool(page.evaluate(width))
+    return holds(page, width, patience=3000)
 
 
 def keep_picture(page: Page, name: str) -> None:
@@ -95,7 +106,7 @@ def first_paint(page: Page, address: str) -> float:
     shortest = float("inf")
     for _ in range(LOADS):
         page.goto(address)
-        page.wait_for_function(f"{PAINTED}.length")
+        assert holds(page, f"{PAINTED}.length"), "the page is not painted"
         shortest = min(shortest, page.evaluate(f"{PAINTED}[0].startTime"))
         if shortest < FIRST_PAINT:
             break

@@ -14,7 +14,7 @@ import pytest
 from scenarios.report.document import Column, Number, Reproduction, section, table
 from scenarios.report.document import Page as Document
 from scenarios.report.folder import write_page
-from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
+from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, holds, keep_picture
 from tests.browser.conftest import DESKTOP, PHONE
 from tests.browser.every_page import KINDS, make_pages
 from tests.browser.paper import texts_of, words_of
@@ -111,7 +111,7 @@ def test_a_page_of_each_kind(
         figures_answer(page)
     page.emulate_media(color_scheme="dark")
     page.set_viewport_size({"width": PHONE["width"], "height": PHONE["height"]})
-    page.wait_for_function("width => innerWidth === width", arg=PHONE["width"])
+    assert holds(page, "width => innerWidth === width", PHONE["width"])
     assert fits(page) and ground(page) < 200 and faults(page) == []
     keep_picture(page, f"{kind}-phone-dark")
     page.emulate_media(color_scheme="light", media="print")

@@ -15,7 +15,7 @@ from scipy.signal import chirp
 
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test
-from tests.browser.complaints import fits, keep_picture
+from tests.browser.complaints import fits, holds, keep_picture
 from tests.browser.serving import PATIENCE, ROOT
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def test_margins_are_shown_with_what_is_required(page: Page, tmp_path: Path) -> 
             keep_picture(page, f"loop-{width}")
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
-        page.wait_for_function("document.getElementById('connection').innerText.includes('ended')")
+        assert holds(page, "document.getElementById('connection').innerText.includes('ended')")
     finally:
         if process.poll() is None:
             process.kill()

@@ -15,7 +15,7 @@ from scenarios.plots.style import make_sheet
 from scenarios.report.document import Page as Document
 from scenarios.report.document import Reproduction, section
 from scenarios.report.folder import figures, write_page
-from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
+from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, holds, keep_picture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -212,9 +212,10 @@ def test_a_figure_of_a_notebook_zooms_in_its_frame(page: Page, frame: Path) -> N
     within.locator("canvas").first.wait_for()
     assert within.locator("canvas").count() == 2
     # The frame is as high as the figure: nothing is cut off, and nothing has to be scrolled.
-    page.wait_for_function(
+    assert holds(
+        page,
         "() => { const f = document.querySelector('iframe'), body = f.contentDocument.body;"
-        " return Math.abs(f.clientHeight - body.scrollHeight) <= 1; }"
+        " return Math.abs(f.clientHeight - body.scrollHeight) <= 1; }",
     )
     within.get_by_role("button", name="Zoom in").click()
     assert within.locator("figure").get_attribute("data-zoomed") == "true"
@@ -241,9 +242,10 @@ def test_a_window_made_narrow_has_its_panels_below_each_other(page: Page, frame:
 
     assert places()[0] < places()[1]
     page.set_viewport_size({"width": 390, "height": 900})
-    page.wait_for_function(
+    assert holds(
+        page,
         "() => { const [a, b] = document.querySelector('iframe').contentDocument"
-        ".querySelectorAll('.panel'); return a.offsetLeft === b.offsetLeft; }"
+        ".querySelectorAll('.panel'); return a.offsetLeft === b.offsetLeft; }",
     )
     assert places()[0] == places()[1] and panels.locator("canvas").count() == 2
 

@@ -17,7 +17,7 @@ from openpyxl import load_workbook
 
 from scenarios.report.document import Column, Number, Section, Table
 from scenarios.report.folder import write_page
-from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.complaints import Complaints, fits, holds, keep_picture
 from tests.browser.every_page import typed
 from tests.browser.paper import words_of
 from tests.pages import HOSTILE, PAGE
@@ -143,12 +143,12 @@ def test_tables_are_copied_with_full_numbers_and_a_column_of_sigmas(
     assert lines[4] == ["delay", "s", "–", "not determined", "", "–"]
     choice = page.locator("select.formats").nth(0)
     choice.select_option("markdown")
-    page.wait_for_function("async () => (await navigator.clipboard.readText()).startsWith('|')")
+    assert holds(page, "async () => (await navigator.clipboard.readText()).startsWith('|')")
     copied = page.evaluate("() => navigator.clipboard.readText()").splitlines()
     assert copied[0] == "| parameter | unit | true | estimate ± σ | error (%) |"
     assert copied[2] == "| Cm_alpha | 1/rad | −1.66 | −1.6570 ± 0.0018 | 0.18 |"
     choice.select_option("latex")
-    page.wait_for_function("async () => (await navigator.clipboard.readText()).startsWith('\\\\')")
+    assert holds(page, "async () => (await navigator.clipboard.readText()).startsWith('\\\\')")
     copied = page.evaluate("() => navigator.clipboard.readText()").splitlines()
     assert copied[0] == r"\begin{tabular}{llrrr}" and copied[-1] == r"\end{tabular}"
     assert copied[4] == r"Cm\_alpha & 1/rad & $-$1.66 & $-$1.6570 $\pm$ 0.0018 & 0.18 \\"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.complaints import Complaints, fits, holds, keep_picture
 from tests.browser.serving import Servers
 
 if TYPE_CHECKING:
@@ -148,6 +148,6 @@ def test_search_ranks_guides_before_decisions_and_internals(
     site: str, page: Page, word: str
 ) -> None:
     page.goto(f"{site}search.html?q={word}")
-    page.wait_for_function("document.querySelectorAll('#search-results li a').length > 10")
+    assert holds(page, "document.querySelectorAll('#search-results li a').length > 10")
     pages = [str(each.get_attribute("href")) for each in page.locator("#search-results li a").all()]
     assert not any("decisions/" in each or "made/api/" in each for each in pages[:8]), pages[:8]

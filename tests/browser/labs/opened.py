@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tests.browser.complaints import holds
 from tests.browser.serving import Servers, free_port
 
 if TYPE_CHECKING:
@@ -14,6 +16,25 @@ if TYPE_CHECKING:
 LABS = range(1, 10)
 TALL = 5000  # px: marimo scrolls inside its page, and a picture holds what is in view
 PATIENCE = 120_000.0  # ms: the machine may be busy, and a lab computes before it shows
+
+# A text of each lab's last part.
+LAST: Mapping[int, str] = {
+    **dict.fromkeys((1, 2, 3, 4, 6, 8, 9), "To think about"),
+    5: "Play five seeds",
+    7: "What does the model lack?",
+}
+
+# Of each lab with a figure that follows a slider: the slider's label.
+SLIDERS: Mapping[int, str] = {
+    1: "start of β",
+    2: "amplitude, deg",
+    3: "unit of the 3-2-1-1",
+    4: "stick amplitude",
+    6: "sensor noise assumed",
+    8: "amplitude of the sweep",
+    9: "sensor noise, times the usual",
+}
+DRAWN = "() => [...document.querySelectorAll('iframe')].map(each => each.srcdoc).join()"
 
 
 def lab_address(number: int, servers: Servers, folder: Path) -> str:
@@ -47,9 +68,10 @@ def open_lab(page: Page, address: str, last: str) -> None:
     page.goto(address)
     page.get_by_text(last).first.wait_for()
     page.locator("iframe").first.wait_for()
-    page.wait_for_function(
+    assert holds(
+        page,
         "() => document.readyState == 'complete' && ![...document.images].some(image => "
-        "!image.complete)"
+        "!image.complete)",
     )
     broken = "[...document.images].filter(image => !image.naturalWidth).map(image => image.alt)"
     assert page.evaluate(broken) == [], "images that are not drawn"

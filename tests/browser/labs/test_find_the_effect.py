@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
 
-from tests.browser.complaints import keep_picture
+from tests.browser.complaints import holds, keep_picture
 from tests.browser.labs.opened import assert_no_failure, lab_address, open_lab
 from tests.browser.serving import Servers
 
@@ -48,9 +48,10 @@ def test_from_the_guess_to_the_truth(page: Page, servers: Servers, tmp_path: Pat
     )
 
     page.locator("marimo-radio").get_by_text(words, exact=True).click()
-    page.wait_for_function(
+    assert holds(
+        page,
         "() => ![...document.querySelectorAll('marimo-button')].some(b => "
-        "b.shadowRoot?.querySelector('button[disabled]'))"
+        "b.shadowRoot?.querySelector('button[disabled]'))",
     )
     show.click()
     page.get_by_role("heading", name="What the loop says").wait_for()
