@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.process_noise import innovations_model as module
-from ident.process_noise.innovations_model import NoiseSlopes, noise_slopes, slope_pairs
+from ident.process_noise import likelihood_slopes as module
+from ident.process_noise.likelihood_slopes import NoiseSlopes, noise_slopes, slope_pairs
 from ident.process_noise.linear_noise import Variation, discrete_motion, discretised_noise
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
