@@ -5,13 +5,14 @@ With the noise of a flight the difference D of twice the log likelihoods of the 
 true one less the other, is nearly normal. Let s_i be the weighted squares of output i that the
 other leaves of the flight without noise, N_i its samples:
 
-    mean D = sum_i N_i ln(1 + s_i / N_i) + n - n'      variance D = sum_i (4 s_i + 2 s_i^2 / N_i) / (1 + s_i / N_i)^2 + 4 s / f
+    mean D = sum_i N_i ln(1 + s_i / N_i) + n - n'      variance D = sum_i (4 s_i + 2 s_i^2 / N_i) /
+    (1 + s_i / N_i)^2 + 4 s / f
 
 where n and n' count the parameters of the true effect and of the other, s = sum s_i, and f is what
 the declared model alone leaves. For s much smaller than N this is mean s and variance 4 s, of the
 log likelihood itself s/2 and s; the logarithm is there because noise levels are estimated, the last
 term is what the noise along the two signatures adds.
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 
@@ -28,17 +29,14 @@ from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.scan import SCANNED_PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
-from ident.whole_record.layout import (
-    FitLayout,
-    FitProblem,
-    FitSettings,
-    LaidOut,
+from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
+from ident.whole_record.linearise import LARGEST_TRAJECTORY_GAP, Linearisation
+from ident.whole_record.noise_model import (
+    LayoutView,
     Standardised,
     WeightedResiduals,
     WithoutUnknowns,
-    lay_out,
 )
-from ident.whole_record.linearise import LARGEST_TRAJECTORY_GAP, Linearisation
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model
@@ -61,9 +59,9 @@ class KnownLevels(WithoutUnknowns):
 
     def weight_residuals(
         self,
-        layout: LaidOut,
+        layout: LayoutView,
         theta: np.ndarray,
-        lines: Sequence[Linearisation],
+        linearisations: Sequence[Linearisation],
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals:
@@ -75,7 +73,11 @@ class KnownLevels(WithoutUnknowns):
         )
         filters = tuple(Standardised(problem.valid, self.variance) for problem in layout.problems)
         return WeightedResiduals(
-            tuple(residuals), tuple(line.jacobian for line in lines), self.variance, cost, filters
+            tuple(residuals),
+            tuple(linearisation.jacobian for linearisation in linearisations),
+            self.variance,
+            cost,
+            filters,
         )
 
 
@@ -140,7 +142,9 @@ def simulated(
         ):
             break
         fit = evaluate(
-            problem if slopes else bare, layout.start, [line.states for line in fit.lines]
+            problem if slopes else bare,
+            layout.start,
+            fit.trajectories,
         )
     if fit is None:
         raise ModelError(
@@ -181,7 +185,7 @@ def _laid_out(
     plain = lay_out([planned.record], system, planned.settings)
     # Not where the record begins, which a plan does not know, but where the model does.
     items = [system.parameters[name] for name in (*plain.shared, *plain.local)] + [
-        system.initial.items[i] for i in plain.starts
+        system.initial.items[i] for i in plain.free_initial
     ]
     layout = replace(
         plain,
@@ -200,10 +204,12 @@ def _as_model(
 
 def _gap(fit: Fit) -> float:
     gaps = (
-        np.max(np.abs(line.states - guess), initial=0.0)
-        for line, guess in zip(fit.lines, fit.guesses, strict=True)
+        np.max(np.abs(linearisation.states - guess), initial=0.0)
+        for linearisation, guess in zip(fit.linearisations, fit.guesses, strict=True)
     )
-    size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
+    size = max(
+        np.max(np.abs(linearisation.states), initial=0.0) for linearisation in fit.linearisations
+    )
     return float(max(gaps) / max(size, 1e-300))
 
 
@@ -332,7 +338,7 @@ def declared_fit(planned: Planned, true: ActingEffect) -> tuple[Planned, FittedM
     sum of squares is the expected gain of the effect.
     """
     simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
-    measured = planned.measuring(simulated_fit.fit.lines[0].y)
+    measured = planned.measuring(simulated_fit.fit.linearisations[0].y)
     base = fitted(measured, ())
     return measured, base if base is not None else simulated(measured)
 
@@ -404,7 +410,7 @@ def linear_squares(planned: Planned, true: ActingEffect, rival: ActingEffect) ->
     simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
     other = simulated(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
-    difference = ((simulated_fit.lines[0].y - other.lines[0].y) / sigma).ravel()
+    difference = ((simulated_fit.linearisations[0].y - other.linearisations[0].y) / sigma).ravel()
     slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(difference.size, -1)
     size = np.linalg.norm(slopes, axis=0)
     basis = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])[0]

@@ -100,7 +100,7 @@ def effects() -> Iterator[tuple[str, str]]:
         assert shapes is not None
         size = np.array([*setting.limits.amplitude.values()])[:, None]
         planned = setting.planned(0.5 * size * shapes)
-        plain = simulated(planned, slopes=False).fit.lines[0].y
+        plain = simulated(planned, slopes=False).fit.linearisations[0].y
         for effect in effects_for(setting.model.equations):
             family = effect.name.partition(":")[0]
             if (
@@ -110,7 +110,7 @@ def effects() -> Iterator[tuple[str, str]]:
             ):
                 continue
             try:
-                values = simulated(planned, (effect,), slopes=False).fit.lines[0].y
+                values = simulated(planned, (effect,), slopes=False).fit.linearisations[0].y
             except FlightidError:
                 continue
             change = np.max(np.abs(values - plain), axis=1) / np.array([*setting.noise.values()])

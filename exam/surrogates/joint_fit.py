@@ -249,7 +249,7 @@ def _summed(
         fit = evaluate(FitProblem(layout), theta, list(point.states[first:last]))
         if fit is None:
             return None
-        for problem, line in zip(layout.problems, fit.lines, strict=True):
+        for problem, line in zip(layout.problems, fit.linearisations, strict=True):
             residual, J = (
                 np.where(problem.valid, problem.z - line.y, 0.0),
                 np.where(problem.valid[:, :, None], line.jacobian, 0.0),
@@ -284,7 +284,7 @@ def _at_rest(layouts: Sequence[FitLayout]) -> Point:
             own.append(
                 [
                     *(biases.get(name.removeprefix("bias_"), 0.0) for name in layout.local),
-                    *np.zeros(len(layout.starts)),
+                    *np.zeros(len(layout.free_initial)),
                 ]
             )
             states.append(

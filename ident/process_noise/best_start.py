@@ -30,7 +30,7 @@ from sim.errors import FlightidError
 
 _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])  # weights of consecutive samples
 _FEWEST_DIFFERENCES = 20  # fewest third differences that give a noise level
-_LEAST_WHITE_SHARE = 0.02  # smallest starting noise, relative to the rms residual
+_LEAST_WHITE_SHARE = 0.02  # smallest starting noise level, relative to the rms residual
 _LEAST_INTENSITY_SHARE = 1e-3  # lower bound of a noise intensity, relative to its start
 COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of an output-error fit that only gives a start
 
@@ -41,17 +41,18 @@ def fit_with_process_noise(
     levels: Mapping[str, float] | None = None,
     least: Mapping[str, float] | None = None,
 ) -> Fit | None:
-    """Return the fit of the unknowns of a layout together with the noise levels; None where no cost
+    """Return the fit of the unknowns of a layout and the noise levels together; None where no cost
     is finite.
 
     Parameters
     ----------
     layout : layout of a System with process noise.
     guesses : starting trajectory of each record; None takes the measured channels.
-    levels : output -> measurement noise, and ``process_noise_scale`` -> scale of declared process
-        noise, at the start. None takes them, and starting values, from an output-error fit.
-    least : output -> smallest measurement noise. It is needed where the process noise can explain
-        all noise of a sensor.
+    levels : output -> starting value of its noise level (standard deviation of the measurement
+        noise), and ``process_noise_scale`` -> starting value of the scale of declared process
+        noise. None takes these, and the starting values of all unknowns, from an output-error fit.
+    least : output -> smallest noise level. It is needed where the process noise can explain all
+        noise of a sensor.
     """
     layout = _with_positive_intensities(layout)
     if levels is None:
@@ -61,7 +62,10 @@ def fit_with_process_noise(
         coarse_fit = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
         if coarse_fit is None:
             return None
-        start, guesses = coarse_fit.theta.copy(), [line.states for line in coarse_fit.lines]
+        start, guesses = (
+            coarse_fit.theta.copy(),
+            coarse_fit.trajectories,
+        )
         noise = noise_start(coarse_fit)
         factor = _intensity_factor(coarse_fit, noise)
         for position, value in _intensities(layout).items():
@@ -85,7 +89,8 @@ def fit_with_process_noise(
 def _intensities(layout: FitLayout) -> dict[int, float]:
     """Return position in theta -> starting value, for the parameters that are noise intensities.
 
-    A parameter is one where its lower bound is zero and the process noise vanishes at this bound.
+    A parameter is a noise intensity if its lower bound is zero and the process noise vanishes at
+    this bound.
     """
     intensities = {}
     for r in range(len(layout.problems)):
@@ -112,14 +117,19 @@ def _with_positive_intensities(layout: FitLayout) -> FitLayout:
 
 
 def _intensity_factor(fit: Fit, noise: np.ndarray) -> float:
-    """Return the factor on the starting noise intensities that makes the process noise as large as
-    the residuals without their measurement noise, ``noise (m,)``.
+    """Return the factor on the starting noise intensities with which the process noise explains the
+    residuals of an output-error fit.
+
+    ``noise (m,)`` are the standard deviations of the measurement noise. The process noise has to
+    explain the variance of the residuals in excess of it.
     """
     layout = fit.layout
     expected, excess = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
-    for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
+    for r, (problem, linearisation) in enumerate(
+        zip(layout.problems, fit.linearisations, strict=True)
+    ):
         motion = discretised_noise(
-            problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0)
+            problem, linearisation.states, Variation(layout.split(layout.start, r)[0], 1.0)
         )
         # Without valid samples the filter predicts the covariance of the process noise.
         covariance = whitener(
@@ -128,34 +138,42 @@ def _intensity_factor(fit: Fit, noise: np.ndarray) -> float:
         expected += np.mean(
             np.einsum("tij,tjk,tik->ti", motion.H, covariance, motion.H, optimize=True), axis=0
         ) / len(layout.problems)
-    at = np.flatnonzero(layout.used & (expected > 0))
+    at = np.flatnonzero(layout.used & (expected > 0))  # outputs that the process noise reaches
     ratio = float(np.sqrt(np.median(excess[at] / expected[at]))) if at.size else 1.0
+    # a start farther away than a factor of 100 is no better than the declared intensities
     return float(np.clip(ratio, 0.01, 100.0)) if np.isfinite(ratio) else 1.0
 
 
 def noise_start(fit: Fit) -> np.ndarray:
-    """Return the measurement noise ``(m,)`` from the residuals of an output-error fit.
+    """Return starting values ``(m,)`` of the noise levels from the residuals of an output-error
+    fit.
 
     The slow part of the residuals is process noise. Third differences of consecutive samples
-    suppress it; their scatter gives the noise. It is at most that of the residuals.
+    suppress it, and their scatter gives the measurement noise. A level is at most the standard
+    deviation of the residuals.
     """
     std = np.sqrt(fit.variance)
-    white = third_differences(fit.residuals, [problem.valid for problem in fit.layout.problems])
+    white = white_noise_level(fit.residuals, [problem.valid for problem in fit.layout.problems])
     return np.clip(np.where(np.isfinite(white), white, std), _LEAST_WHITE_SHARE * std, std)
 
 
-def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the level ``(m,)`` of white noise from third differences of ``rows (m, N)`` of each
-    record; infinite where too few successive samples are valid. ``valid`` has shapes ``(m, N)``.
+def white_noise_level(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the standard deviation ``(m,)`` of the white noise in each row, from third differences
+    of consecutive samples; infinite where too few of them are valid.
+
+    Parameters
+    ----------
+    rows : ``(m, N)`` of each record.
+    valid : ``(m, N)`` of each record, False where a sample does not count.
     """
     noise = np.full(len(rows[0]), np.inf)
     for i in range(len(noise)):
-        of_records = []
+        differences_by_record = []
         for row, mask in zip(rows, valid, strict=True):
             missing = np.convolve(~mask[i], np.ones(len(_THIRD_DIFFERENCE)), mode="valid")
             differences = np.convolve(row[i], _THIRD_DIFFERENCE[::-1], mode="valid")
-            of_records.append(differences[missing < 0.5])
-        differences = np.concatenate(of_records)
+            differences_by_record.append(differences[missing < 0.5])
+        differences = np.concatenate(differences_by_record)
         if differences.size >= _FEWEST_DIFFERENCES:
             noise[i] = np.sqrt(np.mean(differences**2) / np.sum(_THIRD_DIFFERENCE**2))
     return noise
@@ -164,17 +182,18 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
 # ---- Starts of a fit with process noise, and tests for degenerate fits
 
 AT_ITS_LIMIT = 2.0  # a noise level within this factor of one of its bounds is at its limit
-# smallest plausible sigma, relative to that of a factor on the whole motion of all outputs
+# smallest plausible sigma of a parameter over its value, relative to the sigma of a factor on the
+# motion of all outputs
 IMPLAUSIBLE_SIGMA_SHARE = 1e-3
 _CHANGES = 100  # random changes of states, inputs and parameters that show dependent outputs
 _RELATIVE_CHANGE = 0.3  # standard deviation of a changed parameter, relative to its value
-# an output depends on the others where less than this share of its change is its own; rounding is
-# far smaller
+# an output depends on the others where they explain all but this share of its change; the share is
+# far above rounding
 _DEPENDENT_OUTPUT_SHARE = 1e-6
 # a fit of unstable motion ends where a step gains less log likelihood
 _NEGLIGIBLE_GAIN = 1e-4
-# least damping for unstable motion: with it, fits in gusts converge in ten to thirty steps, and
-# with 1e-7 they hardly do; the default is better in still air
+# least damping for unstable motion: with it, fits in gusts converge in ten to thirty steps, with
+# 1e-7 hardly any; in still air the default of `FitSettings` is better
 _UNSTABLE_LEAST_DAMPING = 1e-10
 StartOfFit = tuple[FitLayout, Mapping[str, float] | None]  # layout with its start, noise levels
 
@@ -184,12 +203,12 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
     ``calm`` is the same model without the noise effect; None takes the model of the layout. Its
     equation error and output error give further starts. They are used where the motion is unstable
-    at the declared values, or the fit from these does not converge or is degenerate. The first
-    converged and valid fit is returned. If there is none, valid fits come before degenerate ones,
-    then converged ones before others, and then the likelihood decides.
+    at the declared values, or the fit from the declared values does not converge or is degenerate.
+    The first converged and valid fit is returned. If there is none, valid fits come before
+    degenerate ones, then converged ones before others, and then the likelihood decides.
     """
     fits: list[Fit] = []
-    stable = without_process_noise.quiet(layout)
+    stable = without_process_noise.grows_little(layout)
     for start_layout, levels in _starts(layout, calm or layout.system, stable=stable):
         fit = fit_with_process_noise(start_layout, levels=levels)
         if fit is None:
@@ -205,19 +224,20 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether the noise level of an output is at its limit, or at the rounding of its
-    samples, although the record has measurement noise.
+    """Return whether a fit is degenerate: the noise level of an output is at its limit, or at the
+    rounding of its samples, although the record has measurement noise.
     """
     return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
 
 
 def without_measurement_noise(fit: Fit) -> bool:
     """Return whether the record has hardly any measurement noise: all outputs are fitted almost
-    exactly, and there are more of them than sources of process noise.
+    exactly, and more outputs are independent than there are sources of process noise.
 
     With wrong derivatives, a filter can follow as many outputs exactly as there are sources of
     process noise. A further output is fitted exactly by the right derivatives only, unless it
-    depends on others (`_distinct_outputs`). Noise levels and sigmas are then upper bounds.
+    depends on others (`_independent_outputs`). In a record without measurement noise, noise levels
+    and sigmas are upper bounds.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -231,11 +251,12 @@ def without_measurement_noise(fit: Fit) -> bool:
         density = np.array(fit.layout.system.noise(p.tolist())[0])
         sources = max(sources, int(np.count_nonzero(density > 0)))
     exact = bool(np.all(levels <= np.maximum(AT_ITS_LIMIT * low, negligible)))
-    return exact and _distinct_outputs(fit) > sources
+    return exact and _independent_outputs(fit) > sources
 
 
-def _distinct_outputs(fit: Fit) -> int:
-    """Return the number of functionally independent outputs among the estimated ones.
+def _independent_outputs(fit: Fit) -> int:
+    """Return the number of functionally independent outputs, of those with an estimated noise
+    level.
 
     A channel that is recorded twice, or computed from another one, adds no information. The number
     is the rank of the outputs under random changes of states, inputs and parameters about the fit.
@@ -245,7 +266,7 @@ def _distinct_outputs(fit: Fit) -> int:
     system, rows = layout.system, []
     p, _ = layout.split(fit.theta, 0)
     at = [system.parameters.index(name) for name in layout.shared if not name.startswith("bias_")]
-    x, record = fit.lines[0].states, layout.problems[0].record
+    x, record = fit.linearisations[0].states, layout.problems[0].record
     u = np.array([record[name].values for name in system.input_names])
     u = u.reshape(len(system.input_names), len(record))  # also for a system without inputs
     x_size, u_size = np.std(x, axis=1), np.std(u, axis=1)
@@ -287,8 +308,8 @@ def levels_at_limit(fit: Fit) -> tuple[str, ...]:
 
 
 def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the estimated noise levels, and the lowest and highest value of each: ``(k,)``
-    each.
+    """Return the k estimated noise levels, their lowest and their highest values: three arrays
+    ``(k,)``.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -300,16 +321,16 @@ def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return levels, low, noise_model.high[:count]
 
 
-def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
-    """Return the shared parameters whose sigma is impossibly small for the length and noise of the
-    records. ``std`` are the sigmas ``(s,)``.
+def implausibly_small_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
+    """Return the names of the shared parameters whose sigma is impossibly small for the length and
+    noise of the records. ``std`` are the sigmas ``(s,)``.
 
     A sample whose motion is r times its noise determines a factor on the motion to 1/r, and all
-    samples determine it to 1/sqrt(sum r^2). The noise is that of the third differences of the
-    measurements.
+    samples determine it to 1/sqrt(sum r^2). The noise is taken from third differences of the
+    measured outputs.
     """
     layout = fit.layout
-    noise = third_differences(
+    noise = white_noise_level(
         [problem.z for problem in layout.problems], [problem.valid for problem in layout.problems]
     )
     information = 0.0
@@ -327,8 +348,8 @@ def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
 
 
 def _starts(layout: FitLayout, calm: System, *, stable: bool) -> Iterator[StartOfFit]:
-    """Yield starting layouts and noise levels. A stable motion starts from the declared values, an
-    unstable one from them last.
+    """Yield starting layouts and noise levels. The declared values come first for a stable motion
+    and last for an unstable one.
     """
     records = [problem.record for problem in layout.problems]
     if stable:
@@ -346,8 +367,11 @@ def _starts(layout: FitLayout, calm: System, *, stable: bool) -> Iterator[StartO
 
 
 def _for_unstable_motion(layout: FitLayout, least_damping: float) -> FitLayout:
-    """Return the layout with exact derivatives, whose fit ends when a step gains nothing. The
-    initial state of a motion that grows by e^15 cannot be resolved to a share of its sigma.
+    """Return the layout with exact derivatives and settings by which a fit ends when a step gains
+    nothing.
+
+    A small step is no criterion here: rounding keeps the initial state of a motion that grows by
+    e^15 from settling within a share of its sigma.
     """
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     settings = layout.settings

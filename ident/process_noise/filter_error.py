@@ -1,8 +1,8 @@
 """Filter-error fit: maximum likelihood with process noise, over one or several whole records.
 
-It estimates the parameters of the vehicle, the levels of the measurement noise, and the parameters
-of the process noise (intensity and scale length of turbulence) together. See Maine and Iliff, NASA
-RP-1168 (1985), and Jategaonkar, Flight Vehicle System Identification, ch. 5.
+The parameters of the vehicle, the levels of the measurement noise, and the parameters of the
+process noise (intensity and scale length of turbulence) are estimated together. See Maine and
+Iliff, NASA RP-1168 (1985), and Jategaonkar, Flight Vehicle System Identification, ch. 5.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.best_start import (
     COARSE_TOLERANCE,
-    absurd_sigmas,
     degenerate,
     fit_from_best_start,
     fit_with_process_noise,
+    implausibly_small_sigmas,
     noise_start,
     without_measurement_noise,
 )
@@ -35,12 +35,12 @@ from ident.statistics.residuals import ljung_box
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import (
+    cut_into_pieces,
     failed_estimate,
     fit_covariance,
-    in_pieces,
+    grows_little,
+    join_pieces,
     pieces_message,
-    put_together,
-    quiet,
     with_starting_values,
     with_unstable_start,
 )
@@ -53,12 +53,12 @@ _LJUNG_BOX_LAGS = 25  # lags of the autocorrelation in the whiteness test
 __all__ = [
     "filter_error_estimate",
     "fit_filter_error",
-    "fit_under_held_noise",
+    "fit_with_fixed_noise",
     "fit_with_process_noise",
     "noise_levels",
     "noise_start",
     "one_step_prediction",
-    "turbulence_worth_trying",
+    "residual_whiteness_p_value",
 ]
 
 
@@ -70,8 +70,8 @@ def fit_filter_error(
     calm: System | None = None,
     local: Collection[str] = (),
 ) -> Estimate:
-    """Fit the free parameters of a System with process noise to records by the innovations of a
-    Kalman filter.
+    """Return the maximum-likelihood estimate of a System with process noise, from the innovations
+    of a Kalman filter.
 
     Parameters
     ----------
@@ -79,6 +79,7 @@ def fit_filter_error(
     system : model in its form for whole records. White noise acts on a state: by a noise effect,
         whose free parameters are estimated, or as declared process noise, whose standard deviation
         gets one estimated factor.
+    settings : settings of the fit; None takes the defaults.
     calm : the same model without the noise effect; its equation error gives a second start.
     local : names of further parameters of which each record has its own value.
 
@@ -88,8 +89,8 @@ def fit_filter_error(
     ``process_noise_scale``. ``noise_std`` are the estimated levels of the measurement noise.
     ``log_likelihood`` may be compared with that of an output-error fit of the same data.
     ``fitted`` are one-step predictions, so that measured minus fitted are the innovations. The
-    outcomes are those of `fit_output_error`; ``DEGENERATE`` also where the noise level of an output
-    has run to its limit, or a sigma is smaller than the record can give.
+    outcomes are those of `fit_output_error`. ``DEGENERATE`` is also returned where the noise level
+    of an output is at its limit, or a sigma is smaller than the record can give.
 
     Raises
     ------
@@ -99,13 +100,13 @@ def fit_filter_error(
     settings = settings or FitSettings()
     if not has_process_noise(system):
         raise ModelError(
-            "no white noise forces a state",
+            "no white noise acts on a state",
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
     first, fit = _estimate_and_fit(records, system, settings, calm or system, local)
-    # The settings of a stable start may stop a fit too early that ends at an unstable motion.
-    if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
+    # With the settings of a stable start, a fit that ends at an unstable motion may stop too early.
+    if fit is not None and fit.outcome is Outcome.CONVERGED and grows_little(fit.layout, fit.theta):
         return first
     unstable = with_unstable_start(records, calm or system, settings, local)
     if unstable is None:
@@ -139,7 +140,7 @@ def _estimate_and_fit(
     """Return the estimate from the starting values of the System, and its fit; the fit is None
     where no cost is finite.
     """
-    pieces = in_pieces(records, calm, settings, local)
+    pieces = cut_into_pieces(records, calm, settings, local)
     all_pieces = [piece for record_pieces in pieces for piece in record_pieces]
     layout = lay_out(all_pieces, system, settings, local=local)
     if not layout.shared:
@@ -151,14 +152,16 @@ def _estimate_and_fit(
     fit = fit_from_best_start(layout, calm)
     estimate = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
     estimate = replace(
-        estimate, fitted=put_together(estimate.fitted, pieces), message=pieces_message(pieces)
+        estimate, fitted=join_pieces(estimate.fitted, pieces), message=pieces_message(pieces)
     )
     return estimate, fit
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:
-    """Return the measurement noise of each output and, for a fit with process noise, the scale of
-    declared process noise. Another fit may start from them.
+    """Return output -> standard deviation of its measurement noise, and for a fit with process
+    noise also ``process_noise_scale`` -> scale of declared process noise.
+
+    `fit_with_process_noise` and `fit_with_fixed_noise` take these levels.
     """
     noise_model = fit.noise_model
     if not isinstance(noise_model, ProcessNoise):
@@ -173,22 +176,22 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     """Return the shared parameters of a fit with process noise, and the scale of declared process
     noise, as an Estimate.
 
-    Noise levels and turbulence parameters are those of the adjusted likelihood, see
-    `ident.process_noise.innovations_model`. Sigmas include the uncertainty of the noise levels by
-    Student's quantile.
+    Noise levels and turbulence parameters are those of the restricted likelihood
+    (`ident.process_noise.innovations_model`). Sigmas include the uncertainty of the noise levels:
+    they are multiplied by a ratio of Student's to the normal quantile.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     covariance, determined = fit_covariance(fit)
     levels, variance = restricted_levels(fit, covariance), np.diag(covariance)
-    widening = student_factor(variance, levels.spread * variance**2)
+    widening = student_factor(variance, levels.log_variance * variance**2)
     theta, factor = levels.theta, levels.factor * widening
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
     outcome = fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
     if not without_measurement_noise(fit):
         sigmas = np.sqrt(np.diag(covariance))[: len(layout.shared)]
-        if degenerate(fit) or absurd_sigmas(fit, sigmas):
+        if degenerate(fit) or implausibly_small_sigmas(fit, sigmas):
             outcome = Outcome.DEGENERATE
     returned = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
@@ -201,7 +204,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
         fit.log_likelihood,
         system.output_names,
         noise_model.levels(theta)[0],
-        tuple(one_step_prediction(fit, r) for r in range(len(fit.lines))),
+        tuple(one_step_prediction(fit, r) for r in range(len(fit.linearisations))),
         iterations=fit.iterations,
     )
 
@@ -213,12 +216,14 @@ def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
     predicted = np.zeros_like(state)
     predicted[1:] = motion.Phi @ state[:-1]
     deviation = (motion.H @ predicted)[problem.grid.sample // problem.grid.substeps, :, 0]
-    return np.asarray(fit.lines[r].y + deviation.T)
+    return np.asarray(fit.linearisations[r].y + deviation.T)
 
 
-def turbulence_worth_trying(fit: Fit) -> float:
-    """Return the p-value of white residuals, by the Ljung-Box test and Bonferroni's correction: the
-    smallest p-value over outputs and records, times their number.
+def residual_whiteness_p_value(fit: Fit) -> float:
+    """Return the p-value of the hypothesis that the residuals of a fit are white.
+
+    It is the smallest p-value of the Ljung-Box test over outputs and records, times the number of
+    tests (Bonferroni's correction). A small value speaks for process noise such as turbulence.
     """
     p_values = [
         ljung_box(residual[i], problem.valid[i], name, _LJUNG_BOX_LAGS).p_value
@@ -229,7 +234,7 @@ def turbulence_worth_trying(fit: Fit) -> float:
     return float(min(1.0, len(p_values) * min(p_values)))
 
 
-def fit_under_held_noise(
+def fit_with_fixed_noise(
     records: Sequence[Record],
     system: System,
     values: Mapping[str, float],
@@ -241,34 +246,38 @@ def fit_under_held_noise(
     begin: Sequence[Mapping[str, float]] = (),
     freed: Collection[str] = (),
 ) -> Fit | None:
-    """Return the fit of the local parameters to each held-out record with fixed noise levels; None
-    where no cost is finite. Its log likelihood is that of one-step predictions; of two models it is
-    comparable for the same records, masks and local parameters.
+    """Return the fit of the local parameters to held-out records, with fixed noise levels; None
+    where no cost is finite.
+
+    The log likelihood of the fit is that of one-step predictions. The log likelihoods of two models
+    are comparable for the same records, masks and local parameters.
 
     Parameters
     ----------
-    system : with or without process noise. Without, the predictions are a free simulation.
+    records : held-out records.
+    system : model, with or without process noise. Without it, the predictions are a free
+        simulation.
     values : parameter -> fixed value.
     levels : output -> fixed measurement noise, and the fixed ``process_noise_scale`` where the
         model has one, as `noise_levels` returns them.
     local : names of the parameters that are fitted to each record, as are the initial states and
         ``bias_*``.
     masks : ``(m, N)`` of each record, False where a sample does not count.
-    begin : for each record, local parameter -> starting value; a parameter that is not in it starts
-        at its declared value. A time of an event needs this, since a fit does not find it from far
-        away.
-    freed : names of further parameters. A second fit gives each record its own values of these too,
+    begin : for each record, local parameter -> starting value; other local parameters start at
+        their declared values. The time of an event needs such a start, since a fit does not find it
+        from far away.
+    freed : names of further parameters. A second fit estimates these for each record too, starting
         from ``values``.
     """
-    own = {
+    fitted_names = {
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local
     }
     parameters = system.parameters.with_values(
         {name: value for name, value in values.items() if name in system.parameters}
-    ).only_free(own)
+    ).only_free(fitted_names)
     fixed_system = replace(system, parameters=parameters)
     settings = settings or FitSettings()
-    if not own and not any(item.free for item in system.initial):
+    if not fitted_names and not any(item.free for item in system.initial):
         raise ModelError(
             "no initial state and no bias is free",
             where=f"model with {', '.join(system.parameters.names)}",
@@ -288,17 +297,18 @@ def fit_under_held_noise(
     noise_model = process_noise(fixed_system, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
     fit = fit_whole_records(
         FitProblem(replace(layout, start=output_error_fit.theta), noise_model),
-        [line.states for line in output_error_fit.lines],
+        output_error_fit.trajectories,
     )
     if fit is None or not freed:
         return fit
-    freed_system = replace(fixed_system, parameters=parameters.only_free({*own, *freed}))
-    wider = lay_out(records, freed_system, settings, local=[*local, *freed], masks=masks)
+    freed_system = replace(fixed_system, parameters=parameters.only_free({*fitted_names, *freed}))
+    freed_layout = lay_out(records, freed_system, settings, local=[*local, *freed], masks=masks)
     fitted = dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))
     start = [
-        fitted.get(name, old) for name, old in zip(wider.names, wider.start.tolist(), strict=True)
+        fitted.get(name, declared)
+        for name, declared in zip(freed_layout.names, freed_layout.start.tolist(), strict=True)
     ]
     return fit_whole_records(
-        FitProblem(replace(wider, start=np.array(start)), noise_model),
-        [line.states for line in fit.lines],
+        FitProblem(replace(freed_layout, start=np.array(start)), noise_model),
+        fit.trajectories,
     )

@@ -6,15 +6,15 @@ The parameters and noise levels change this filter. The gradient and the expecte
 likelihood include this change (`ident.process_noise.likelihood_slopes`), so that Fisher scoring
 estimates all unknowns together.
 
-Maximum likelihood underestimates noise levels, since initial states, biases and derivatives fit a
-part of the noise. This bias grows as records get shorter. The adjusted profile likelihood therefore
-adds -0.5 ln det I, with I the information on those unknowns (Cox and Reid, J. Royal Statistical
-Society B 49(1), 1987). One step is made from the maximum of the likelihood towards that of the
-adjusted one.
+Maximum likelihood underestimates noise levels, since initial states, biases and derivatives follow
+a part of the noise. This bias grows as records get shorter. The adjusted profile likelihood
+therefore adds -0.5 ln det I, with I the information on those unknowns (Cox and Reid, J. Royal
+Statistical Society B 49(1), 1987). `restricted_levels` takes one step from the maximum of the
+likelihood towards the maximum of the adjusted profile likelihood.
 
-Sigmas of the other unknowns are computed with these noise levels. `Levels.spread` is the effect of
-uncertain noise levels on the variances (Giesbrecht and Burns, Biometrics 41(2), 1985; Kenward and
-Roger, Biometrics 53(3), 1997).
+Sigmas of the other unknowns are computed with these noise levels. `AdjustedLevels.log_variance` is
+the effect of uncertain noise levels on the variances (Giesbrecht and Burns, Biometrics 41(2), 1985;
+Kenward and Roger, Biometrics 53(3), 1997).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from ident.process_noise.linear_noise import Variation, discretised_noise
 from ident.process_noise.whitener import Filtered, Whitener, filtered, whitener
 from ident.statistics.intervals import inverse_information
 from ident.whole_record.gauss_newton import Fit
-from ident.whole_record.layout import LaidOut, WeightedResiduals
 from ident.whole_record.linearise import Linearisation
+from ident.whole_record.noise_model import LayoutView, WeightedResiduals
 from ident.whole_record.record_problem import DIFFERENCE_STEP_SHARE, RecordProblem
 from sim.declaration.model import System
 
@@ -49,7 +49,7 @@ _DENSITY_CHANGE = 1.01  # factor on a parameter that shows whether it changes th
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """Kalman filter of one record, with the residual through it."""
+    """Kalman filter of one record, and the residual of the record passed through it."""
 
     problem: RecordProblem
     whitener: Whitener
@@ -59,23 +59,24 @@ class Filter:
         """Return the innovations of ``columns (m, N, c)`` over their standard deviations, zero
         where a sample is missing.
         """
-        innovations = filtered(self.whitener, _at_nodes(self.problem, columns)).standard
+        innovations = filtered(self.whitener, _at_nodes(self.problem, columns)).normalised
         return _at_samples(self.problem, innovations)
 
 
 @dataclass(frozen=True, eq=False)
 class ProcessNoise:
-    """White measurement noise, and the process noise that `System.noise` gives.
+    """Noise model with white measurement noise and the process noise that `System.noise` gives.
 
     Attributes
     ----------
     outputs : names of the m outputs.
-    std : ``(m,)`` measurement noise: a starting value where the level is an unknown.
-    estimated : positions of the outputs whose level is an unknown.
+    std : ``(m,)`` standard deviation of the measurement noise (noise level): a starting value where
+        the level is an unknown.
+    estimated : positions of the outputs whose noise level is an unknown.
     scale : factor on the standard deviation of process noise that the model declares on states.
     scaled : whether the scale is an unknown; it then starts at ``scale``.
     quick : neglect that parameters other than those of the noise change the gains.
-    least : ``(m,)`` smallest levels; None sets them from the start.
+    least : ``(m,)`` smallest noise levels; None takes ``_LOWEST_LEVEL`` times the start.
     """
 
     outputs: tuple[str, ...]
@@ -111,33 +112,37 @@ class ProcessNoise:
         )
 
     def levels(self, theta: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the measurement noise ``(m,)`` and the scale at ``theta``."""
-        own = theta[len(theta) - len(self.names) :]
+        """Return the standard deviations of the measurement noise ``(m,)`` and the scale at
+        ``theta``.
+        """
+        noise_unknowns = theta[len(theta) - len(self.names) :]
         std = self.std.copy()
-        std[list(self.estimated)] = own[: len(self.estimated)]
-        return std, float(own[-1]) if self.scaled else self.scale
+        std[list(self.estimated)] = noise_unknowns[: len(self.estimated)]
+        return std, float(noise_unknowns[-1]) if self.scaled else self.scale
 
     def weight_residuals(
         self,
-        layout: LaidOut,
+        layout: LayoutView,
         theta: np.ndarray,
-        lines: Sequence[Linearisation],
+        linearisations: Sequence[Linearisation],
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Return the innovations of residuals and sensitivities; None where an innovation
-        covariance is not positive definite.
+        """Return the normalised innovations of residuals and sensitivities; None where an
+        innovation covariance is not positive definite or a value is not finite.
+
+        The parameters are those of `NoiseModel`.
         """
         try:
-            return self._innovations(layout, theta, lines, residuals, counts)
+            return self._innovations(layout, theta, linearisations, residuals, counts)
         except np.linalg.LinAlgError:
             return None
 
     def covariance_terms(
         self,
-        layout: LaidOut,
+        layout: LayoutView,
         theta: np.ndarray,
-        lines: Sequence[Linearisation],
+        linearisations: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the part of the gradient ``(n,)`` and of the information ``(n, n)`` that is due to
@@ -145,16 +150,16 @@ class ProcessNoise:
         """
         n = len(theta)
         gradient, information = np.zeros(n), np.zeros((n, n))
-        for positions, slopes in self._slopes(layout, theta, lines, weighted):
+        for positions, slopes in self._slopes(layout, theta, linearisations, weighted):
             gradient[positions] += slopes.gradient
             information[np.ix_(positions, positions)] += slopes.information
         return gradient, information
 
     def _slopes(
         self,
-        layout: LaidOut,
+        layout: LayoutView,
         theta: np.ndarray,
-        lines: Sequence[Linearisation],
+        linearisations: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
         """Yield for each record the positions of the unknowns that change its filter, and the
@@ -162,34 +167,37 @@ class ProcessNoise:
         """
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
-        own = np.arange(n - len(self.names), n)
+        noise_unknowns = np.arange(n - len(self.names), n)
         by_variance = np.zeros((len(estimated), len(std)))
         by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
+        # Biases act on the outputs only, so that they do not change the filter.
         acting = [
             position
             for position, index in enumerate(layout.order)
             if not layout.system.parameters.items[index].name.startswith("bias_")
         ]
-        for r, (problem, line, filter) in enumerate(
-            zip(layout.problems, lines, filters_of(weighted), strict=True)
+        for r, (problem, linearisation, filter) in enumerate(
+            zip(layout.problems, linearisations, filters_of(weighted), strict=True)
         ):
             if self.quick:
                 of_noise = set(self.noise_positions(layout, theta).tolist())
-                acting = [q for q in acting if int(layout.columns(r)[q]) in of_noise]
+                acting = [
+                    position for position in acting if int(layout.columns(r)[position]) in of_noise
+                ]
             at = Variation(layout.split(theta, r)[0], scale)
             pairs = slope_pairs(
                 at,
-                [layout.order[q] for q in acting],
+                [layout.order[position] for position in acting],
                 (problem.increment[acting] / DIFFERENCE_STEP_SHARE).tolist(),
                 self.scaled,
             )
-            slopes = noise_slopes(problem, line.states, at, pairs)
+            slopes = noise_slopes(problem, linearisation.states, at, pairs)
             columns = layout.columns(r)
             scale_position = n - 1
             of_process = [
-                columns[acting[i]] if i < len(acting) else scale_position for i in slopes.of
+                columns[acting[i]] if i < len(acting) else scale_position for i in slopes.positions
             ]
-            positions = np.array([*of_process, *own[: len(estimated)]], dtype=int)
+            positions = np.array([*of_process, *noise_unknowns[: len(estimated)]], dtype=int)
             if positions.size:
                 derivatives = likelihood_slopes(
                     filter.whitener, filter.residual, slopes, by_variance
@@ -199,7 +207,7 @@ class ProcessNoise:
                 derivatives = LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
             yield positions, derivatives
 
-    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step_bounds(self, layout: LayoutView, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the bounds ``(n,)`` of all unknowns for one step. A noise level may change by
         ``_LARGEST_NOISE_STEP_FACTOR``: farther away the likelihood is not quadratic in it.
         """
@@ -210,9 +218,11 @@ class ProcessNoise:
                 high[i] = min(high[i], theta[i] * _LARGEST_NOISE_STEP_FACTOR)
         return low, high
 
-    def noise_positions(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
-        """Return the positions in theta of the unknowns of the noise: noise levels, the scale, and
-        the parameters of the System that change the density of the process noise.
+    def noise_positions(self, layout: LayoutView, theta: np.ndarray) -> np.ndarray:
+        """Return the positions in theta of the unknowns of the noise.
+
+        These are the noise levels, the scale, and the parameters of the System that change the
+        density of the process noise.
         """
         n = len(theta)
         positions = set(range(n - len(self.names), n))
@@ -229,38 +239,40 @@ class ProcessNoise:
 
     def _innovations(
         self,
-        layout: LaidOut,
+        layout: LayoutView,
         theta: np.ndarray,
-        lines: Sequence[Linearisation],
+        linearisations: Sequence[Linearisation],
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Return the innovations as `weight_residuals` does; an innovation covariance that is not
-        positive definite raises.
+        """Return the normalised innovations as `weight_residuals` does, but raise ``LinAlgError``
+        where an innovation covariance is not positive definite.
         """
         std, scale = self.levels(theta)
         cost, filters, whitened, jacobians = -0.5 * float(counts.sum()), [], [], []
-        for r, (problem, line, residual) in enumerate(
-            zip(layout.problems, lines, residuals, strict=True)
+        for r, (problem, linearisation, residual) in enumerate(
+            zip(layout.problems, linearisations, residuals, strict=True)
         ):
             motion = discretised_noise(
-                problem, line.states, Variation(layout.split(theta, r)[0], scale)
+                problem, linearisation.states, Variation(layout.split(theta, r)[0], scale)
             )
             record_whitener = whitener(
                 motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0]
             )
             columns = filtered(
                 record_whitener,
-                _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)),
+                _at_nodes(
+                    problem, np.concatenate([residual[:, :, None], linearisation.jacobian], axis=2)
+                ),
             )
             filtered_residual = Filtered(
-                columns.innovation[:, :, 0], columns.standard[:, :, 0], columns.state[:, :, 0]
+                columns.innovation[:, :, 0], columns.normalised[:, :, 0], columns.state[:, :, 0]
             )
             filters.append(Filter(problem, record_whitener, filtered_residual))
-            standard = _at_samples(problem, columns.standard)
+            standard = _at_samples(problem, columns.normalised)
             whitened.append(standard[:, :, 0])
             jacobians.append(standard[:, :, 1:])
-            squares = float(np.sum(filtered_residual.standard**2))
+            squares = float(np.sum(filtered_residual.normalised**2))
             cost += 0.5 * (record_whitener.log_determinant + squares)
         if not (np.isfinite(cost) and all(np.all(np.isfinite(jacobian)) for jacobian in jacobians)):
             return None
@@ -282,6 +294,7 @@ def _density(system: System, p: np.ndarray) -> np.ndarray:
 
 
 def _slightly_changed(p: np.ndarray, index: int) -> np.ndarray:
+    """Return all parameters ``p (np,)`` with one of them multiplied by ``_DENSITY_CHANGE``."""
     changed = p.copy()
     changed[index] *= _DENSITY_CHANGE
     return changed
@@ -304,10 +317,10 @@ def process_noise(
 
     Parameters
     ----------
-    std : output -> measurement noise, or its starting value.
-    present : outputs whose levels are unknowns.
-    fixed : nothing is an unknown. Otherwise the scale is one too, where the model declares process
-        noise on a state.
+    std : output -> standard deviation of the measurement noise, or its starting value.
+    present : names of the outputs whose noise levels are unknowns.
+    fixed : neither levels nor scale are unknowns. Otherwise the scale is an unknown where the model
+        declares process noise on a state.
     scale : factor on the standard deviation of the declared process noise, or its starting value.
     """
     names = system.output_names
@@ -355,38 +368,41 @@ _LARGEST_LOG_CHANGE = 0.7  # largest change of the logarithm of a noise level by
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class AdjustedLevels:
     """Unknowns of a fit with adjusted noise levels.
 
     Attributes
     ----------
     theta : ``(n,)`` all unknowns, the noise levels adjusted.
-    factor : ``(n,)`` factor of the adjustment on each unknown, 1 where it is no noise level.
-    spread : ``(n,)`` variance of the logarithm of the variance of each unknown, from uncertain
-        noise levels; zero for the levels themselves.
+    factor : ``(n,)`` adjusted value over fitted value of each unknown; 1 for all but noise levels.
+    log_variance : ``(n,)`` uncertainty of the variance of each unknown because noise levels are
+        uncertain: variance of its natural logarithm; zero for the noise levels themselves.
     """
 
     theta: np.ndarray
     factor: np.ndarray
-    spread: np.ndarray
+    log_variance: np.ndarray
 
 
-def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
-    """Return the adjusted noise levels, from the ``covariance (n, n)`` of the fit. A level at its
-    bound stays there.
+def restricted_levels(fit: Fit, covariance: np.ndarray) -> AdjustedLevels:
+    """Return the noise levels adjusted by restricted likelihood. A level at its bound stays there.
+
+    ``covariance (n, n)`` is the covariance of all unknowns of the fit.
     """
     noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
     assert isinstance(noise_model, ProcessNoise)
     of_noise = noise_model.noise_positions(fit.layout, theta)
     inside = (theta[of_noise] > low[of_noise]) & (theta[of_noise] < high[of_noise])
     free_levels, others = of_noise[inside], np.setdiff1d(np.arange(len(theta)), of_noise)
-    base, variance = _information_of(fit, theta, others)
+    base_determinant, variance = _log_determinant_and_variances(fit, theta, others)
     slope, log_slopes = np.zeros(len(free_levels)), np.zeros((len(free_levels), len(others)))
     for i, position in enumerate(free_levels):
         changed = theta.copy()
         changed[position] *= 1.0 + _NOISE_DIFFERENCE_SHARE
-        determinant, changed_variance = _information_of(fit, changed, others)
-        slope[i] = 0.5 * (determinant - base) / (_NOISE_DIFFERENCE_SHARE * theta[position])
+        determinant, changed_variance = _log_determinant_and_variances(fit, changed, others)
+        slope[i] = (
+            0.5 * (determinant - base_determinant) / (_NOISE_DIFFERENCE_SHARE * theta[position])
+        )
         log_slopes[i] = np.log(changed_variance / variance) / (
             _NOISE_DIFFERENCE_SHARE * theta[position]
         )
@@ -394,30 +410,35 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
     change = np.clip(
         -level_covariance @ slope / theta[free_levels], -_LARGEST_LOG_CHANGE, _LARGEST_LOG_CHANGE
     )
-    factor, spread = np.ones(len(theta)), np.zeros(len(theta))
+    factor, log_variance = np.ones(len(theta)), np.zeros(len(theta))
     if np.all(np.isfinite(change)):
         factor[free_levels] = np.exp(change)
     if np.all(np.isfinite(log_slopes)):
-        spread[others] = np.maximum(
+        log_variance[others] = np.maximum(
             np.einsum("ij,ik,kj->j", log_slopes, level_covariance, log_slopes), 0.0
         )
     adjusted = np.clip(theta * factor, low, high)
     factor[free_levels] = adjusted[free_levels] / theta[free_levels]
-    return Levels(adjusted, factor, spread)
+    return AdjustedLevels(adjusted, factor, log_variance)
 
 
-def _information_of(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the log determinant of the information on the unknowns at ``positions``, and the
-    diagonal of its inverse, with the noise levels in ``theta``.
+def _log_determinant_and_variances(
+    fit: Fit, theta: np.ndarray, positions: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the log determinant of the information on the unknowns at ``positions``, and their
+    variances, with the noise levels in ``theta``.
 
-    The trajectories are those of the fit. Both are NaN where the likelihood is not finite.
+    The variances are the diagonal of the inverse information. The trajectories are those of the
+    fit. Both results are NaN where the likelihood is not finite.
     """
     layout, n = fit.layout, len(theta)
     residuals = [
-        np.where(problem.valid, problem.z - line.y, 0.0)
-        for problem, line in zip(layout.problems, fit.lines, strict=True)
+        np.where(problem.valid, problem.z - linearisation.y, 0.0)
+        for problem, linearisation in zip(layout.problems, fit.linearisations, strict=True)
     ]
-    weighted = fit.noise_model.weight_residuals(layout, theta, fit.lines, residuals, fit.counts)
+    weighted = fit.noise_model.weight_residuals(
+        layout, theta, fit.linearisations, residuals, fit.counts
+    )
     if weighted is None:
         return float("nan"), np.full(len(positions), np.nan)
     information = np.zeros((n, n))

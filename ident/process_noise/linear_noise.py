@@ -1,11 +1,11 @@
-"""Process noise of a System along a trajectory: linear motion about it, in continuous and discrete
-time.
+"""Process noise of a System along a trajectory: the linearised motion that it drives, in continuous
+and discrete time.
 
 Let x be the deviation of the states from the deterministic trajectory, and y that of the outputs.
 Then x_dot = F x + w and y = H x, with F and H linearised about the trajectory, and white noise w
 with the spectral density of the System. Only the n states that the noise reaches are kept. The
-deviation of a state starts at zero, since its initial value is known or an unknown of the fit.
-States of a noise effect start with their stationary covariance.
+deviation of a state of the vehicle starts at zero, since its initial value is known or an unknown
+of the fit. States of a noise effect start with their stationary covariance.
 
 A sensor with a lag, delay or hold adds a state: see `_through_sensors`.
 """
@@ -22,8 +22,8 @@ from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 
-_TAYLOR_TERMS = 14  # terms of a Taylor series, for results exact to rounding
-_DERIVATIVE_TERMS = 4  # terms where derivatives are wanted at each step, exact to 1e-4 or better
+_TAYLOR_TERMS = 14  # terms of the Taylor series of Phi and Q, for results exact to rounding
+_DERIVATIVE_TERMS = 4  # terms for derivatives at many steps, exact to 1e-4 or better
 _LARGEST_TAYLOR_STEP = 0.25  # longest step of the Taylor series, times the largest row sum of F
 _LARGEST_BATCH = 16_000  # numbers processed together; more do not fit the processor's cache
 # Chebyshev points that interpolate a function of the step to rounding, for steps within a factor
@@ -44,8 +44,8 @@ class DiscretisedNoise:
     ----------
     Phi : ``(K, n, n)`` transition from node k to k + 1.
     Q : ``(K, n, n)`` covariance of the noise that this step adds.
-    H : ``(K + 1, m, n)`` outputs at the nodes.
-    start : ``(n, n)`` covariance at the first node.
+    H : ``(K + 1, m, n)`` derivatives of the outputs with respect to the states, at the nodes.
+    start : ``(n, n)`` covariance of the states at the first node.
     """
 
     Phi: np.ndarray
@@ -68,9 +68,10 @@ class Variation:
     scale: float
 
 
-# F, H, density and which states are stationary, as `linear_motion` returns them
+# F, H, density, and a mask of the stationary states, as `linear_motion` returns them
 LinearMotion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-Reduction = Callable[[np.ndarray], np.ndarray]  # what is kept of matrices ``(K, V, n, n)``
+# function of matrices (K, V, n, n) whose result is kept in their place
+Reduction = Callable[[np.ndarray], np.ndarray]
 
 
 def discretised_noise(
@@ -87,13 +88,16 @@ def discretised_noise(
 def linear_motion(
     problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]
 ) -> LinearMotion:
-    """Return the linear motion about ``states (nx, K + 1)`` for V variations.
+    """Return the linear motion about the trajectory ``states (nx, K + 1)`` for V variations.
 
     Returns
     -------
-    F ``(B, V, n, n)`` in the middle of the intervals, H ``(B, V, m, n)`` at the nodes, the spectral
-    density ``(V, n)``, and which of the n states are stationary. The states are those that the
-    noise of the first variation reaches. B is 1 where a matrix is constant.
+    F : ``(B, V, n, n)`` in the middle of the intervals; B is 1 where a matrix is constant.
+    H : ``(B, V, m, n)`` at the nodes.
+    density : ``(V, n)`` spectral density of the white noise on each state.
+    stationary : ``(n,)`` True where a state starts with its stationary covariance.
+
+    The n states are those that the noise of the first variation reaches.
     """
     system, nodes = problem.system, problem.grid.nodes
     V, m = len(variations), len(system.outputs)
@@ -105,7 +109,7 @@ def linear_motion(
             np.zeros((V, 0)),
             np.zeros(0, dtype=bool),
         )
-    F = _jacobians(system, system.f, _middles(problem, states), variations)
+    F = _jacobians(system, system.f, _interval_middles(problem, states), variations)
     H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
     kept = _states_reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
@@ -119,10 +123,10 @@ def _through_sensors(
 ) -> LinearMotion:
     """Return the motion with a further state for each sensor with a lag, delay or hold.
 
-    A lag is exact. A delay is Pade's approximation of first order, and so is the mean delay of a
-    hold. The deviation of a sensor starts at zero. A time constant much shorter than a node
-    interval is raised to a fifth of it. The motion is then not stiff, and the derivative at a time
-    constant of zero stays finite.
+    A lag is exact. A delay, and the mean delay of a hold, is represented by Pade's approximation of
+    first order. The deviation of a sensor state starts at zero. A time constant much shorter than a
+    node interval is raised to a fifth of the interval. The motion is then not stiff, and the
+    derivative at a time constant of zero stays finite.
 
     ``motion`` is the linear motion without sensors, for the V ``variations``.
     """
@@ -157,15 +161,15 @@ def discrete_motion(
     stationary: np.ndarray,
     reduce: Reduction = np.asarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Phi and Q ``(K or 1, V, n, n)`` over the node intervals, each through ``reduce``, and
-    the covariance ``(V, n, n)`` at the start.
+    """Return ``reduce(Phi)`` and ``reduce(Q)`` of the node intervals, and the covariance ``(V, n,
+    n)`` at the start.
 
-    ``steps (K,)`` are the node intervals, s. The other arguments are as `linear_motion` returns
-    them.
+    Phi and Q are ``(K or 1, V, n, n)``. ``steps (K,)`` are the node intervals, s. The other
+    arguments are as `linear_motion` returns them.
     """
     if F.shape[-1] == 0:
         return reduce(F), reduce(F), F[0]
-    Phi, Q = _over_steps(F, density, steps, reduce)
+    Phi, Q = _discretise_intervals(F, density, steps, reduce)
     return Phi, Q, _stationary_covariance(F[0], density, np.flatnonzero(stationary))
 
 
@@ -179,8 +183,8 @@ def _density(system: System, variation: Variation) -> np.ndarray:
 
 
 def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
-    """Return the recorded inputs ``(nu, len(times))``, interpolated. The input path is left out:
-    lags of actuators hardly change the linearisation.
+    """Return the recorded inputs ``(nu, len(times))``, interpolated at ``times``. The input path is
+    left out, since lags of actuators hardly change the linearisation.
     """
     rows = problem.record.input_array(problem.system.input_names)
     return np.array([np.interp(times, problem.record.time, row) for row in rows]).reshape(
@@ -188,7 +192,7 @@ def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
     )
 
 
-def _middles(
+def _interval_middles(
     problem: RecordProblem, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times, states and inputs in the middle of the node intervals."""
@@ -203,8 +207,11 @@ def _jacobians(
     where: tuple[np.ndarray, np.ndarray, np.ndarray],
     variations: Sequence[Variation],
 ) -> np.ndarray:
-    """Return the derivatives ``(B, V, rows, nx)`` of ``f`` or ``h`` with respect to the states, at
-    the times, states and inputs ``where``. B is 1 where they are constant.
+    """Return the derivatives ``(B, V, rows, nx)`` of ``function`` with respect to the states.
+
+    ``function`` is the right-hand side f or the output equation h of the System. ``where`` are the
+    times ``(B,)``, states ``(nx, B)`` and inputs ``(nu, B)`` of the points. B is 1 where the
+    derivatives are constant.
     """
     base = _jacobian(system, function, where, variations[:1])
     constant_to_rounding = 1e-13
@@ -219,8 +226,8 @@ def _jacobian(
     where: tuple[np.ndarray, np.ndarray, np.ndarray],
     variations: Sequence[Variation],
 ) -> np.ndarray:
-    """Return the derivatives at every time, by complex steps: one column for each state. Times are
-    the last axis, for speed.
+    """Return the derivatives as `_jacobians` does, but at every time, by complex steps in each
+    state. Times are the last axis of the arrays that are computed, for speed.
     """
     t, X, U = where
     n_x, values = len(X), np.array([variation.p for variation in variations])
@@ -258,25 +265,27 @@ def _states_reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
     return np.flatnonzero(reached)
 
 
-def _over_steps(
+def _discretise_intervals(
     F: np.ndarray, density: np.ndarray, steps: np.ndarray, reduce: Reduction
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and Q ``(K or 1, V, n, n)`` over the ``steps (K,)``, each through ``reduce``, from
-    ``F (K or 1, V, n, n)`` and ``density (V, n)``.
+    """Return ``reduce(Phi)`` and ``reduce(Q)`` of the node intervals ``steps (K,)``, from ``F (K or
+    1, V, n, n)`` and ``density (V, n)``.
+
+    Phi and Q are computed once for equal intervals with equal F.
     """
     low, high = float(steps.min()), float(steps.max())
     even = high - low <= _EVEN_SAMPLING_TOLERANCE * high
     if len(F) > 1:
         steps = np.full(len(steps), steps.mean()) if even else steps
-        first, number = _distinct(
+        first, number = _distinct_rows(
             np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1)
         )
-        if len(first) < len(F):  # else all steps differ, whatever the further variations are
-            first, number = _distinct(
+        if len(first) < len(F):  # else all steps differ already in the first variation
+            first, number = _distinct_rows(
                 np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1)
             )
         chosen = slice(None) if len(first) == len(F) else first
-        Phi, Q = discretised(
+        Phi, Q = discretise(
             F[chosen],
             density,
             steps[chosen, None],
@@ -285,21 +294,23 @@ def _over_steps(
         )
         return (Phi, Q) if len(first) == len(F) else (Phi[number], Q[number])
     if even:
-        return discretised(F, density, np.full((1, 1), steps.mean()), reduce=reduce)
+        return discretise(F, density, np.full((1, 1), steps.mean()), reduce=reduce)
     # With one F and many steps, the result is a smooth function of the step: interpolate it.
     angle = np.pi * (np.arange(_CHEBYSHEV_POINTS) + 0.5) / _CHEBYSHEV_POINTS
     points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
-    share = _barycentric(points, (-1.0) ** np.arange(_CHEBYSHEV_POINTS) * np.sin(angle), steps)
-    Phi, Q = discretised(
+    weights = _interpolation_weights(
+        points, (-1.0) ** np.arange(_CHEBYSHEV_POINTS) * np.sin(angle), steps
+    )
+    Phi, Q = discretise(
         np.broadcast_to(F, (_CHEBYSHEV_POINTS, *F.shape[1:])),
         density,
         points[:, None],
         reduce=reduce,
     )
-    return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
+    return np.tensordot(weights, Phi, 1), np.tensordot(weights, Q, 1)
 
 
-def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
+def _distinct_rows(rows: np.ndarray) -> tuple[list[int], list[int]]:
     """Return the first position of each distinct row of ``rows (K, c)``, and for every row the
     number of its distinct row.
 
@@ -316,9 +327,10 @@ def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
     return first, numbers
 
 
-def _barycentric(points: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the shares ``(len(at), len(points))`` by which values at ``points`` are interpolated
-    at the places ``at``, by the barycentric formula.
+def _interpolation_weights(points: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the weights ``(len(at), len(points))`` that interpolate values at ``points`` to the
+    places ``at``, by the barycentric formula. ``weights`` are the barycentric weights of the
+    points.
     """
     distance = at[:, None] - points
     exact = distance == 0
@@ -327,7 +339,7 @@ def _barycentric(points: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.
     return share / share.sum(axis=1, keepdims=True)
 
 
-def discretised(
+def discretise(
     F: np.ndarray,
     density: np.ndarray,
     dt: np.ndarray,
@@ -336,8 +348,8 @@ def discretised(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi = exp(F dt), and Q, the integral of exp(F s) diag(density) exp(F s)^T over a step.
 
-    The Taylor series of Phi, and of the solution of Q_dot = F Q + Q F^T + diag(density), hold for a
-    short step, which is then doubled.
+    Taylor series give Phi, and the solution Q of Q_dot = F Q + Q F^T + diag(density), for a short
+    step. The step is then doubled until it has its full length.
 
     Parameters
     ----------
@@ -345,7 +357,7 @@ def discretised(
     density : ``(..., n)``.
     dt : ``(K, ...)`` steps, s.
     terms : terms of the Taylor series; the default is exact to rounding.
-    reduce : function of Phi and of Q for some of the K steps, whose results are returned.
+    reduce : function of Phi and of Q for a batch of steps; its results are returned in their place.
     """
     batch = max(1, _LARGEST_BATCH // max(1, F[0].size))
     parts = [(F[k : k + batch], dt[k : k + batch]) for k in range(0, len(F), batch)]
@@ -355,18 +367,18 @@ def discretised(
     )
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / _LARGEST_TAYLOR_STEP))))
     reduced = [
-        [reduce(M) for M in _doubled(part, density, steps, halvings, terms)]
+        [reduce(M) for M in _by_doubling(part, density, steps, halvings, terms)]
         for part, steps in parts
     ]
     Phi, Q = (np.concatenate(stack) for stack in zip(*reduced, strict=True))
     return Phi, Q
 
 
-def _doubled(
+def _by_doubling(
     F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and Q as `discretised` does, for a step that is halved ``halvings`` times and then
-    doubled as often.
+    """Return Phi and Q as `discretise` does, by a Taylor series of ``terms`` terms for the step
+    halved ``halvings`` times, which is then doubled as often.
     """
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
@@ -388,9 +400,10 @@ def _doubled(
 
 
 def _stationary_covariance(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the covariances ``(V, n, n)`` at the start, zero but for the stationary states ``at``.
+    """Return the covariances ``(V, n, n)`` of the states at the start.
 
-    Their covariance solves F P + P F^T + diag(density) = 0; it is zero where F is not stable.
+    The covariance P of the stationary states, at the positions ``at``, solves F P + P F^T +
+    diag(density) = 0. It is zero where F is not stable, and for all other states.
     """
     start = np.zeros_like(F)
     block, n = F[:, at[:, None], at], len(at)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.process_noise.filter_error import fit_under_held_noise, noise_levels
+from ident.process_noise.filter_error import fit_with_fixed_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.intervals import (
     add_normal_equations,
@@ -127,7 +127,7 @@ def _one_by_one(
     values, sigma = [], []
     for record, mask, begin in zip(records, masks, own_values, strict=False):
         shared = fitted.values.shared
-        fit = fit_under_held_noise(
+        fit = fit_with_fixed_noise(
             [record],
             fitted.system,
             shared,

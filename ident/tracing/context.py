@@ -23,7 +23,7 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = ()) -> Sea
     outermost hundredth of their samples is left out, as it may hold spikes.
     """
     fit, layout = fitted.fit, fitted.fit.layout
-    problems, lines = layout.problems, fit.lines
+    problems, lines = layout.problems, fit.linearisations
     records = [problem.record for problem in problems]
     longest = max(records, key=lambda record: record.time[-1] - record.time[0])
     peak: dict[str, float] = {}

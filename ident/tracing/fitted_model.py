@@ -19,7 +19,7 @@ from ident.statistics.intervals import inverse_information
 from ident.tracing.diagnosis import Quantity, Trained
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, Prior, lay_out
-from ident.whole_record.output_error import estimate_of, fit_from_best_start, quiet
+from ident.whole_record.output_error import estimate_of, fit_from_best_start, grows_little
 from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
@@ -135,9 +135,14 @@ class FittedModel:
         own, states = [], []
         for r in range(len(layout.problems)):
             mine = fit.theta[layout.columns(r)][n:]
-            names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]
+            names = [
+                *layout.local,
+                *(f"{layout.system.state_names[i]}(0)" for i in layout.free_initial),
+            ]
             own.append(dict(zip(names, mine.tolist(), strict=True)))
-            states.append(dict(zip(layout.system.state_names, fit.lines[r].states, strict=True)))
+            states.append(
+                dict(zip(layout.system.state_names, fit.linearisations[r].states, strict=True))
+            )
         return Values(
             dict(zip(layout.shared, fit.theta[:n].tolist(), strict=True)), tuple(own), tuple(states)
         )
@@ -235,7 +240,7 @@ def fit_as_declared(
     """Return a whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels, least)
-    if projectable(layout) and not quiet(layout):
+    if projectable(layout) and not grows_little(layout):
         return (
             fit_from_best_start(layout)
             if guesses is None and layout.prior is None
@@ -307,7 +312,10 @@ def start_and_guesses(
     guesses: list[np.ndarray] | None = [] if values is not None and values.states else None
     for r in range(len(layout.problems)):
         mine = values.own[r] if values is not None else {}
-        names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]
+        names = [
+            *layout.local,
+            *(f"{layout.system.state_names[i]}(0)" for i in layout.free_initial),
+        ]
         at = layout.columns(r)[n:]
         for position, name in zip(at, names, strict=True):
             start[position] = added.get(name, mine.get(name, start[position]))

@@ -339,7 +339,7 @@ def prior_at_common_point(
             normal, gradient, fit.layout.columns(r), fit.jacobians[r], fit.residuals[r], weight
         )
     # unknowns of the training records: shared ones, then those of each record
-    count = n + len(trained) * fit.layout.own
+    count = n + len(trained) * fit.layout.unknowns_per_record
     normal, gradient = normal[:count, :count], gradient[:count]
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     covariance, _ = inverse_information(normal, fit.theta[:count])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.process_noise.filter_error import (
-    fit_under_held_noise,
+    fit_with_fixed_noise,
     noise_levels,
     one_step_prediction,
 )
@@ -73,7 +73,9 @@ def least_gain(less: Fit, more: Fit) -> float:
     mean E = sum((d/sigma)^2)/2 and variance 2 E.
     """
     mean = 0.0
-    for problem, one, other in zip(more.layout.problems, less.lines, more.lines, strict=True):
+    for problem, one, other in zip(
+        more.layout.problems, less.linearisations, more.linearisations, strict=True
+    ):
         apart = np.where(problem.valid, one.y - other.y, 0.0)
         mean += 0.5 * float(np.sum(apart**2 / more.variance[:, None]))
     return min(0.0, mean - SUPPORTED_Z * math.sqrt(2.0 * mean))
@@ -139,7 +141,7 @@ def _one_step_fit(
     """
     fit = out.informed or out.frozen
     assert fit is not None
-    return fit_under_held_noise(
+    return fit_with_fixed_noise(
         [held.records[r]],
         fitted.system,
         fitted.values.shared,
@@ -200,7 +202,7 @@ def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
 def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return masks of held-out samples without isolated spikes, for error figures only."""
     system = fit.layout.system
-    every = zip(masks, fit.layout.problems, fit.lines, strict=True)
+    every = zip(masks, fit.layout.problems, fit.linearisations, strict=True)
     everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
     blocked = [np.zeros(residual.shape[1], dtype=bool) for residual in everything]
     kept, _ = final_spikes([], system.output_names, everything, list(masks), blocked)
@@ -272,7 +274,9 @@ def prediction(
     of the measurement, or zero.
     """
     if fit is not None:
-        rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
+        rows = dict(
+            zip(fit.layout.system.output_names, fit.linearisations[record_number].y, strict=True)
+        )
         return np.array([rows[name] for name in channels])
     means = [
         float(record[name].values[record[name].valid].mean())

@@ -326,7 +326,7 @@ def _gains_at_every_shift(
         rows = ready.rows[r].start + output * count + np.arange(count)
         others = np.vstack([ready.e[rows], ready.root[rows].T])
         if acting.size:
-            squares, products = ready.noise.products_when_moved(
+            squares, products = ready.noise.products_at_all_shifts(
                 r, output, own[output].T[acting], others
             )
             grams[:, acting[:, None], acting] += squares

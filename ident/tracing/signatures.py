@@ -40,7 +40,11 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
         assert problem.drive is not None
         motions.append(
             base_motion(
-                problem, p, fitted.fit.lines[r].states, len(fitted.system.states), problem.drive
+                problem,
+                p,
+                fitted.fit.linearisations[r].states,
+                len(fitted.system.states),
+                problem.drive,
             )
         )
     return motions
@@ -81,7 +85,9 @@ def signatures_of(
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
         problem = _coarse(old, layout, system, base)
-        states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
+        states = dict(
+            zip(layout.system.state_names, fitted.fit.linearisations[r].states, strict=True)
+        )
         trajectory = np.array(
             [
                 states[name] if name in states else np.zeros(len(old.grid.nodes))

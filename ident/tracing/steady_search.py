@@ -91,7 +91,7 @@ def quiet_vuong(
         _in_blocks(
             np.sum(np.abs(np.diff(line.y, axis=1, prepend=line.y[:, :1])) / noise, axis=0), interval
         )
-        for line in declared.fit.lines
+        for line in declared.fit.linearisations
     ]
     blocks = np.concatenate(moved)
     order = np.argsort(blocks, kind="stable")
@@ -101,7 +101,7 @@ def quiet_vuong(
     records = np.split(inside, np.cumsum([len(each) for each in moved])[:-1])
     quiet = [
         np.repeat(mine, size)[: line.y.shape[1]]
-        for mine, line in zip(records, declared.fit.lines, strict=True)
+        for mine, line in zip(records, declared.fit.linearisations, strict=True)
     ]
     pairs = zip(_densities_within(one, quiet), _densities_within(other, quiet), strict=True)
     gains = np.concatenate([_in_blocks(a - b, interval) for a, b in pairs])[inside]

@@ -38,7 +38,7 @@ def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
     """Return provisional masks without isolated spikes in a fitted model's residuals."""
     masks = []
     for laid, line, record in zip(
-        fitted.fit.layout.problems, fitted.fit.lines, problem.records, strict=True
+        fitted.fit.layout.problems, fitted.fit.linearisations, problem.records, strict=True
     ):
         measured = record.output_array(problem.outputs)[1]
         residual = np.where(measured, laid.z - line.y, 0.0)
@@ -56,7 +56,7 @@ def spike_claims(
     residuals = [
         np.where(valid, laid.z - line.y, 0.0)
         for valid, laid, line in zip(
-            measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True
+            measured, fitted.fit.layout.problems, fitted.fit.linearisations, strict=True
         )
     ]
     blocked = [_near_events(fitted, r, record) for r, record in enumerate(problem.records)]

@@ -1,4 +1,9 @@
-"""Outputs of a record for many alternative parameters at once, linearised about one motion."""
+"""Outputs of a record for many sets of parameters (alternatives) at once, linearised about one
+motion.
+
+The alternatives may have a System with more states than the base. The states of the base come
+first, and the added states follow.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +31,11 @@ _LARGEST_BATCH = 60_000
 class BaseMotion:
     """Motion of the base, about which alternatives are simulated.
 
-    ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known,
-    K + 1)`` of the equations on this grid.
+    Attributes
+    ----------
+    slopes : ``(n_base, n_base, K)`` derivatives of the states at the end of each interval with
+        respect to the states at its beginning (second axis).
+    states : ``(n_base, K + 1)`` trajectory that obeys the equations on the grid of the record.
     """
 
     slopes: np.ndarray
@@ -35,21 +43,24 @@ class BaseMotion:
 
 
 def base_motion(
-    problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, n_base: int, drive: Drive
 ) -> BaseMotion:
-    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, whose
-    first ``known`` states belong to the base; ``drive`` rows ``(M,)``.
+    """Return the motion of the base at parameters ``p (np,)``, about a trajectory ``states (nx, K +
+    1)``.
+
+    The first ``n_base`` states belong to the base. The rows of the ``drive`` are ``(M,)``.
     """
-    size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
+    size = np.sqrt(np.mean(states[:n_base] ** 2, axis=1))
     steps = DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
-    start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
-    start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
+    start = np.repeat(states[:, None, :-1], 1 + n_base, axis=1)
+    start[np.arange(n_base), 1 + np.arange(n_base)] += steps[:, None]
     with np.errstate(all="ignore"):
-        ends = interval_ends(problem, list(start), drive, p.tolist())[:known]
+        ends = interval_ends(problem, list(start), drive, p.tolist())[:n_base]
         A = (ends[:, 1:] - ends[:, :1]) / steps[:, None]
-        defects = ends[:, 0] - states[:known, 1:]
+        defects = ends[:, 0] - states[:n_base, 1:]
         return BaseMotion(
-            A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0]
+            A,
+            states[:n_base] + join_intervals(A, A[:, :0], defects, (), np.zeros(n_base))[:, 0],
         )
 
 
@@ -58,87 +69,93 @@ def alternative_outputs(
     p: np.ndarray,
     states: np.ndarray,
     alternatives: np.ndarray,
-    known: int,
+    n_base: int,
     base: BaseMotion | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs at the samples for alternative parameters.
+    """Return the outputs at the samples for the base and for alternative parameters. Outputs of a
+    divergent alternative are not finite.
 
     Parameters
     ----------
-    problem : the record laid out for a System.
+    problem : the record laid out for the System of the alternatives.
     p : ``(np,)`` parameters of the base.
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
         zero in it.
-    alternatives : ``(np, a)`` all parameters, a column an alternative.
-    known : the number of states of the base; further ones are added.
-    base : its motion under these inputs, if computed before.
+    alternatives : ``(np, a)`` all parameters; each column is one alternative.
+    n_base : number of states of the base; further states are added ones.
+    base : motion of the base under these inputs; None computes it.
 
     Returns
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
-    few = max(1, _LARGEST_BATCH // states.shape[1])
+    batch_size = max(1, _LARGEST_BATCH // states.shape[1])
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
     outputs = np.empty(
         (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
     )
-    # a divergent alternative gives infinite outputs and is dropped
+    # a divergent alternative overflows; the caller drops it
     with np.errstate(all="ignore"):
-        for first in range(0, alternatives.shape[1], few):
-            some = slice(first, first + few)
-            y, outputs[:, some], base = _outputs_of_some(
-                problem, p, states, alternatives[:, some], varied, known, base
+        for first in range(0, alternatives.shape[1], batch_size):
+            batch = slice(first, first + batch_size)
+            y, outputs[:, batch], base = _outputs_of_batch(
+                problem, p, states, alternatives[:, batch], varied, n_base, base
             )
     return y, outputs.swapaxes(1, 2)
 
 
-def _outputs_of_some(
+def _outputs_of_batch(
     problem: RecordProblem,
     p: np.ndarray,
     states: np.ndarray,
     alternatives: np.ndarray,
     varied: np.ndarray,
-    known: int,
+    n_base: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """Return the base outputs, those of a few alternatives ``(m, a, N)``, and the base's motion;
-    ``varied`` are the parameters that differ in any alternative.
+    """Return the base outputs ``(m, N)``, those of a batch of alternatives ``(m, a, N)``, and the
+    motion of the base.
+
+    ``varied`` are the positions of the parameters that differ from the base in any alternative.
     """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
     for index in varied:
         rows[index] = np.concatenate([[p[index]], alternatives[index]])
-    drive = _drive(problem, rows, varied)
+    drive = _vehicle_inputs(problem, rows, varied)
     base = base or base_motion(
         problem,
         p,
         states,
-        known,
+        n_base,
         changed_rows(drive, lambda row: row[0] if np.ndim(row) == 2 else row),
     )
     X = np.zeros((n_x, 1 + a, K + 1))
-    X[:known] = base.states[:, None]
-    if n_x > known:
-        X[known:, 1:] = _added_states(problem, alternatives, varied, states, known)
+    X[:n_base] = base.states[:, None]
+    if n_x > n_base:
+        X[n_base:, 1:] = _added_states(problem, alternatives, varied, states, n_base)
     # Alternatives that differ only in the output equation have the motion of the base.
-    after = all(
+    only_outputs = all(
         problem.system.parameters.items[index].name in problem.system.output_parameters
         for index in varied
     )
-    moving = 0 if after and n_x == known else a
+    moving = 0 if only_outputs and n_x == n_base else a
     if moving:
-        start = [*(row[None, :-1] for row in states[:known]), *(row[1:, :-1] for row in X[known:])]
-        own = [value[1:] if np.ndim(value) else value for value in rows]
+        start = [
+            *(row[None, :-1] for row in states[:n_base]),
+            *(row[1:, :-1] for row in X[n_base:]),
+        ]
+        alternative_values = [value[1:] if np.ndim(value) else value for value in rows]
         ends = interval_ends(
             problem,
             start,
             changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row),
-            own,
+            alternative_values,
             a,
-        )[:known]
-        ends -= states[:known, None, 1:]
-        X[:known, 1:] = states[:known, None] + join_intervals(
-            base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(known)
+        )[:n_base]
+        ends -= states[:n_base, None, 1:]
+        X[:n_base, 1:] = states[:n_base, None] + join_intervals(
+            base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(n_base)
         )
     full = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
     return full[:, 0], full[:, 1:], base
@@ -149,31 +166,34 @@ def _added_states(
     alternatives: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
-    known: int,
+    n_base: int,
 ) -> np.ndarray:
-    """Return trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``;
-    equal alternatives share one.
+    """Return the trajectories ``(nx - n_base, a, K + 1)`` of the added states, driven by the motion
+    of the base.
+
+    Alternatives with equal parameters of the added states share one trajectory. The result is exact
+    where the rates of the added states are linear in these states.
     """
     from scipy.linalg.lapack import dtbtrs
 
-    added, intervals = len(states) - known, states.shape[1] - 1
-    acting = _parameters_of_added_states(problem, alternatives, varied, states, known)
-    keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
-    chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
-    few = alternatives[:, chosen]
+    added, intervals = len(states) - n_base, states.shape[1] - 1
+    acting = _parameters_of_added_states(problem, alternatives, varied, states, n_base)
+    keys, group = np.unique(alternatives[acting], axis=1, return_inverse=True)
+    chosen = [int(np.flatnonzero(group.ravel() == k)[0]) for k in range(keys.shape[1])]
+    distinct = alternatives[:, chosen]
     count, width = len(chosen), len(chosen) * (1 + added)
-    rows: list[Any] = few[:, 0].tolist()
+    rows: list[Any] = distinct[:, 0].tolist()
     for index in varied:
-        rows[index] = np.repeat(few[index], 1 + added)
-    moved = np.repeat(states[known:, None, :-1], width, axis=1)
-    step = 1e-3
+        rows[index] = np.repeat(distinct[index], 1 + added)
+    stepped = np.repeat(states[n_base:, None, :-1], width, axis=1)
+    step = 1e-3  # any size gives the derivatives of linear rates
     for j in range(added):
-        moved[j, 1 + j :: 1 + added] += step
-    start = [*(row[None, :-1] for row in states[:known]), *moved]
-    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows, width)[
-        known:
+        stepped[j, 1 + j :: 1 + added] += step
+    start = [*(row[None, :-1] for row in states[:n_base]), *stepped]
+    ends = interval_ends(problem, start, _vehicle_inputs(problem, rows, varied), rows, width)[
+        n_base:
     ].reshape(added, count, 1 + added, intervals)
-    found = np.empty((added, alternatives.shape[1], intervals + 1))
+    trajectories = np.empty((added, alternatives.shape[1], intervals + 1))
     columns = np.arange(intervals) * added
     for k in range(count):
         base = ends[:, k, 0]
@@ -187,8 +207,8 @@ def _added_states(
         right[1:] = base.T
         solution, _ = dtbtrs(band, right.reshape(-1, 1), uplo="L", diag="U")
         trajectory = solution.reshape(intervals + 1, added).T
-        found[:, share.ravel() == k] = trajectory[:, None]
-    return found
+        trajectories[:, group.ravel() == k] = trajectory[:, None]
+    return trajectories
 
 
 def _parameters_of_added_states(
@@ -196,33 +216,42 @@ def _parameters_of_added_states(
     alternatives: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
-    known: int,
+    n_base: int,
 ) -> list[int]:
-    """Return the varied parameters that act on the rates of the added states."""
+    """Return the positions of the varied parameters that act on the rates of the added states.
+
+    A parameter acts if a change of it changes a rate at one point, whose states and inputs are kept
+    away from zero.
+    """
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
     base = alternatives[:, 0].tolist()
-    reference = system.f(0.0, x.tolist(), u, base)[known:]
-    out = []
+    reference = system.f(0.0, x.tolist(), u, base)[n_base:]
+    acting = []
     for index in varied:
         other = list(base)
         other[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
         if any(
             a != b
-            for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)
+            for a, b in zip(system.f(0.0, x.tolist(), u, other)[n_base:], reference, strict=True)
         ):
-            out.append(int(index))
-    return out
+            acting.append(int(index))
+    return acting
 
 
-def _drive(
+def _vehicle_inputs(
     problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray
 ) -> Drive:
-    """Return the inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
+    """Return the inputs at the vehicle, rows ``(M,)`` or ``(c, M)``.
+
+    ``rows`` are all parameters: a number, or a row ``(c,)`` with one value for each column.
+    """
     system, record = problem.system, problem.record
-    moved = any(system.parameters.items[index].name in system.input_parameters for index in varied)
-    if problem.drive is not None and not moved:
+    inputs_vary = any(
+        system.parameters.items[index].name in system.input_parameters for index in varied
+    )
+    if problem.drive is not None and not inputs_vary:
         return problem.drive
     drive = drive_from_record(
         system, rows, record.input_array(system.input_names), record.time, record.hold, problem.grid

@@ -1,4 +1,6 @@
-"""Noise of each output with a level below a few hertz and one above, over whole records."""
+"""Coloured noise of each output, with one level below a few hertz and another one above, over whole
+records.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,12 @@ from ident.statistics.residuals import LOW_FREQUENCY
 from ident.whole_record.gauss_newton import Fit
 
 FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
-_BATCH = 64  # cosines whose products are computed together
+_BATCH = 64  # cosines of the transform whose products are computed together
 
 
-def blocks_of(n: int) -> tuple[slice, ...]:
-    """Return blocks that cover ``n`` samples, of lengths whose cosine transforms are fast.
+def fast_transform_blocks(n: int) -> tuple[slice, ...]:
+    """Return consecutive slices that cover ``n`` samples, of lengths whose cosine transforms are
+    fast.
 
     The transform of a length with a large prime factor takes five times as long.
     """
@@ -25,28 +28,30 @@ def blocks_of(n: int) -> tuple[slice, ...]:
     return (slice(0, most), slice(most, n)) if most < n else (slice(0, n),)
 
 
-def cosines(values: np.ndarray, inverse: bool = False) -> np.ndarray:
-    """Orthonormal cosine transform along the last axis, block by block, or its inverse."""
+def cosine_transform(values: np.ndarray, inverse: bool = False) -> np.ndarray:
+    """Return the orthonormal cosine transform along the last axis, block by block, or its
+    inverse.
+    """
     transform = idct if inverse else dct
-    out = np.empty(values.shape)
-    for block in blocks_of(values.shape[-1]):
-        out[..., block] = transform(values[..., block], axis=-1, norm="ortho")
-    return out
+    transformed = np.empty(values.shape)
+    for block in fast_transform_blocks(values.shape[-1]):
+        transformed[..., block] = transform(values[..., block], axis=-1, norm="ortho")
+    return transformed
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredNoise:
     """Levels of the noise of a fit's residuals in two bands.
 
-    Filters and least bits of a recorder colour the noise: it has more power at the frequencies of
-    the motion than above. A model of white noise would overstate the evidence. The level below a
-    few hertz is therefore estimated from the periodogram of the residual at these frequencies [1]_.
-    For white noise the two levels are equal.
+    Filters and the resolution of a recorder colour the noise: it has more power at the frequencies
+    of the motion than above. A model of white noise would then overstate the evidence. Therefore
+    the level below a few hertz is estimated from the periodogram of the residual at these
+    frequencies alone [1]_. For white noise the two levels are equal.
 
     Attributes
     ----------
     fit : the fit whose residuals are used.
-    averaged : number of neighbouring samples that are averaged.
+    averaged : number of neighbouring samples that are averaged into one; 1 averages none.
 
     References
     ----------
@@ -59,23 +64,25 @@ class ColouredNoise:
 
     @cached_property
     def _low(self) -> tuple[np.ndarray, ...]:
-        """Mask ``(N,)`` of each record: low coefficients of the cosine transform."""
-        found = []
+        """Mask ``(N,)`` of each record: True for the coefficients of the cosine transform below
+        ``LOW_FREQUENCY``.
+        """
+        masks = []
         for problem in self.fit.layout.problems:
             time, n = problem.record.time, self.samples(problem.valid.shape[1])
             interval = self.averaged * (time[-1] - time[0]) / max(len(time) - 1, 1)
-            lengths = [block.stop - block.start for block in blocks_of(n)]
-            frequency = [np.arange(each) / (2.0 * each * interval) for each in lengths]
-            found.append(np.concatenate(frequency) < LOW_FREQUENCY)
-        return tuple(found)
+            lengths = [block.stop - block.start for block in fast_transform_blocks(n)]
+            frequency = [np.arange(length) / (2.0 * length * interval) for length in lengths]
+            masks.append(np.concatenate(frequency) < LOW_FREQUENCY)
+        return tuple(masks)
 
     def samples(self, count: int) -> int:
-        """Return the number of averages of ``count`` samples."""
+        """Return the number of averages that ``count`` samples give."""
         return -(-count // self.averaged)
 
     def _averages(self, values: np.ndarray) -> np.ndarray:
-        """Return averages of values ``(..., N)``, times the root of their count to keep the noise
-        level.
+        """Return averages of neighbouring ``values (..., N)``, times the square root of the number
+        of averaged values, which keeps the level of white noise.
         """
         if self.averaged == 1:
             return values
@@ -87,23 +94,27 @@ class ColouredNoise:
         return sums / math.sqrt(step)
 
     def _standard(self, r: int, values: np.ndarray) -> np.ndarray:
-        """Values ``(m, N)`` or ``(m, N, c)`` of a record in standard deviations of the fit."""
+        """Return ``values (m, N)`` or ``(m, N, c)`` of record ``r`` over the noise standard
+        deviations of the fit; zero where a sample is missing.
+        """
         valid = self.fit.layout.problems[r].valid
         weight = np.where(valid, 1.0 / np.sqrt(self.fit.variance)[:, None], 0.0)
         return values * (weight if values.ndim == 2 else weight[:, :, None])
 
     @cached_property
     def _bands(self) -> tuple[np.ndarray, np.ndarray]:
-        """Counts and mean squares ``(m, 2)`` of the low and the high band, of all samples."""
+        """Numbers of coefficients, and mean squares of the residual, ``(m, 2)`` each, in the low
+        and the high band over all records. Mean squares are 1 where a band has too few.
+        """
         if self.averaged > 1:
             return ColouredNoise(self.fit)._bands
         m = len(self.fit.variance)
         counts, squares = np.zeros((m, 2)), np.zeros((m, 2))
         for r, (problem, low) in enumerate(zip(self.fit.layout.problems, self._low, strict=True)):
-            e = cosines(self._standard(r, self.fit.residuals[r]))
-            share = problem.valid.mean(axis=1)
+            e = cosine_transform(self._standard(r, self.fit.residuals[r]))
+            valid_share = problem.valid.mean(axis=1)
             for band, inside in enumerate((low, ~low)):
-                counts[:, band] += share * np.count_nonzero(inside)
+                counts[:, band] += valid_share * np.count_nonzero(inside)
                 squares[:, band] += np.sum(e[:, inside] ** 2, axis=1)
         enough = np.all(counts >= FEWEST_COEFFICIENTS, axis=1)[:, None] & (squares > 0.0)
         means = np.where(enough, squares / np.maximum(counts, 1.0), 1.0)
@@ -118,44 +129,52 @@ class ColouredNoise:
     def whitened(
         self, r: int, values: np.ndarray, outputs: np.ndarray | slice = slice(None)
     ) -> np.ndarray:
-        """Cosine transform of values ``(..., m, N)`` of a record in standard deviations of the fit,
-        over the level of each band; of some outputs or all."""
-        found = cosines(self._averages(values))
-        found *= self._scales(r)[outputs]
-        return found
+        """Return the whitened cosine transform of ``values (..., m, N)`` of record ``r``.
+
+        The values are in standard deviations of the fit. Their transform is divided by the level of
+        its band. ``outputs`` are the positions of the outputs that the values have.
+        """
+        transformed = cosine_transform(self._averages(values))
+        transformed *= self._scales(r)[outputs]
+        return transformed
 
     def _scales(self, r: int) -> np.ndarray:
+        """Return the factors ``(m, N)`` that whiten the cosine coefficients of record ``r``."""
         means = self._bands[1]
         low = self._low[r]
         return np.where(low[None, :], means[:, :1], means[:, 1:]) ** -0.5
 
     def residual(self, r: int) -> np.ndarray:
-        """Whitened residual ``(m, N)`` of a record over the frequencies."""
+        """Return the whitened cosine transform ``(m, N)`` of the residual of record ``r``."""
         return self.whitened(r, self._standard(r, self.fit.residuals[r]))
 
     def sensitivities(self, r: int) -> np.ndarray:
-        """Whitened sensitivities ``(m, N, c)`` of a record over the frequencies."""
+        """Return the whitened cosine transform ``(m, N, c)`` of the sensitivities of record
+        ``r``.
+        """
         standard = self._standard(r, self.fit.jacobians[r])
         return np.moveaxis(self.whitened(r, np.moveaxis(standard, 2, 0)), 0, 2)
 
-    def products_when_moved(
+    def products_at_all_shifts(
         self, r: int, output: int, columns: np.ndarray, others: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return inner products of whitened columns that begin later by every number of samples.
+        """Return inner products of whitened columns that are shifted to later times by 0, 1, ... N
+        - 1 samples.
 
-        A product with a fixed row is a correlation over the shifts, computed by Fourier transforms.
-        The squares follow from those of the columns themselves and of their low cosines.
+        The products of a shifted column with a fixed row are their cross-correlation, computed by
+        Fourier transforms. The products of two shifted columns follow from their products as white
+        noise, and from their coefficients at low frequencies.
 
         Parameters
         ----------
-        r, output : position of the record and of the output.
-        columns : ``(k, N)`` signatures in the output's unit, at shift zero.
-        others : ``(c, N)`` whitened rows of this output.
+        r, output : positions of the record and of the output.
+        columns : ``(k, N)`` signatures in the unit of the output, at shift zero.
+        others : ``(c, N)`` whitened cosine transforms of fixed rows of this output.
 
         Returns
         -------
-        Products ``(N, k, k)`` of the columns, and ``(N, k, c)`` of the columns and the others; the
-        first axis is the shift.
+        Products ``(N, k, k)`` of the shifted columns with each other, and ``(N, k, c)`` of the
+        shifted columns with the others. The first axis is the shift.
         """
         problem, sigma = self.fit.layout.problems[r], math.sqrt(self.fit.variance[output])
         valid, n = problem.valid[output].astype(float), columns.shape[1]
@@ -165,30 +184,33 @@ class ColouredNoise:
             spectrum = rfft(rows, length)[:, None] * np.conj(rfft(moved, length))
             return np.asarray(irfft(spectrum, length)[..., :n])
 
-        in_time = valid * cosines(others * self._scales(r)[output], inverse=True) / sigma
+        in_time = valid * cosine_transform(others * self._scales(r)[output], inverse=True) / sigma
         with_others = correlated(in_time, columns).transpose(2, 1, 0)
         k = len(columns)
         pairs = (columns[:, None] * columns[None]).reshape(k * k, n)
         low, high = (1.0 / (self._bands[1][output] * self.fit.variance[output])).tolist()
         squares = high * correlated(valid[None], pairs)[0].reshape(k, k, n)
-        at = np.flatnonzero(self._low[r]) if low != high else np.zeros(0, dtype=int)
-        for first in range(0, len(at), _BATCH):
-            chosen = at[first : first + _BATCH]
+        low_positions = np.flatnonzero(self._low[r]) if low != high else np.zeros(0, dtype=int)
+        for first in range(0, len(low_positions), _BATCH):
+            chosen = low_positions[first : first + _BATCH]
             unit = np.zeros((len(chosen), n))
             unit[np.arange(len(chosen)), chosen] = 1.0
-            inside = correlated(valid * cosines(unit, inverse=True), columns)
+            inside = correlated(valid * cosine_transform(unit, inverse=True), columns)
             squares += (low - high) * np.einsum("fkn,fln->kln", inside, inside)
         return squares.transpose(2, 0, 1), with_others
 
     def in_time(self, r: int) -> np.ndarray:
-        """Whitened residual ``(m, N)`` of a record over the samples."""
-        return cosines(self.residual(r), inverse=True)
+        """Return the whitened residual ``(m, N)`` of record ``r`` over the samples."""
+        return cosine_transform(self.residual(r), inverse=True)
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood at the fit."""
-        normal, gradient = (each.copy() for each in self.fit.normal_equations())
+        """Return the information ``(n, n)`` and the gradient ``(n,)`` of the log likelihood at the
+        fit.
+        """
+        normal, gradient = (array.copy() for array in self.fit.normal_equations())
         for r in range(len(self.fit.layout.problems)):
-            at = np.arange(len(gradient))[self.fit.layout.columns(r)]
+            columns = np.arange(len(gradient))[self.fit.layout.columns(r)]
+            # add the terms of the coloured residual, and subtract those of the white one
             for sign, e, A in (
                 (1.0, self.residual(r), self.sensitivities(r)),
                 (
@@ -198,6 +220,6 @@ class ColouredNoise:
                 ),
             ):
                 flat = A.reshape(-1, A.shape[2])
-                normal[np.ix_(at, at)] += sign * (flat.T @ flat)
-                gradient[at] += sign * (flat.T @ e.ravel())
+                normal[np.ix_(columns, columns)] += sign * (flat.T @ flat)
+                gradient[columns] += sign * (flat.T @ e.ravel())
         return normal, gradient

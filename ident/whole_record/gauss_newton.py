@@ -1,8 +1,9 @@
-"""Levenberg-Marquardt over whole records, and profiled refits.
+"""Levenberg-Marquardt over whole records, and refits with one fixed parameter.
 
 The cost is minus the log likelihood of the noise model, plus the term of the prior. By default the
 noise variance of each output is concentrated out, which leaves 0.5 sum_i N_i ln(sigma_i^2). The
-cost of a step is that of the defect-corrected residuals, see `ident.whole_record.linearise`.
+cost after a step is computed from the defect-corrected residuals, see
+`ident.whole_record.linearise`.
 """
 
 from __future__ import annotations
@@ -28,24 +29,18 @@ from ident.statistics.minimise import (
     minimise,
     unresolved,
 )
-from ident.whole_record.layout import (
-    ROUNDING_SHARE,
-    FitLayout,
-    FitProblem,
-    FitSettings,
-    NoiseModel,
-    WeightedResiduals,
-)
+from ident.whole_record.layout import ROUNDING_SHARE, FitLayout, FitProblem, FitSettings
 from ident.whole_record.linearise import Linearisation, linearise
+from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
-# ---- Levenberg-Marquardt over whole records, for every maximum-likelihood fit
+# ---- Levenberg-Marquardt over whole records, for all maximum-likelihood fits
 
 # number of recent steps whose changes of gradient correct the information matrix
 _REMEMBERED_STEPS = 4
 # largest gain of log likelihood that is negligible (0.04 sigmas along a poorly known direction)
 _NEGLIGIBLE_GAIN = 1e-3
-# largest gain of log likelihood by a step near the optimum; only the changes of gradient of these
-# steps correct the information matrix
+# a step is near the optimum if it gains less log likelihood than this; only such steps correct the
+# information matrix by their changes of gradient
 _CURVATURE_GAIN = 1.0
 # smallest measured curvature along a step that is used, over that of the information matrix
 _LEAST_CURVATURE = 0.1
@@ -58,8 +53,8 @@ _CURVATURE_STEP_SHARE = 0.1
 _CURVED_STEP_SHARES = (1.0, 0.5, 0.25, 0.125)
 # most successive trials without progress before the fit of a model comparison ends
 _MOST_IDLE_TRIALS = 3
-# largest difference of guess and corrected trajectory at the end of a fit, over the largest state;
-# and the same for a model comparison
+# largest difference of guess and corrected trajectory at the end of a fit, over the largest state:
+# of an ordinary fit, and of a fit for a model comparison
 _CLOSED_GAP, _COMPARISON_GAP = 1e-13, 1e-6
 _MOST_CORRECTIONS = 3  # most corrections of a trajectory at the end of a fit
 
@@ -70,18 +65,21 @@ class Fit:
 
     Attributes
     ----------
+    problem : the problem of the fit.
     theta : ``(n,)`` unknowns of the layout, then those of the noise model.
     guesses : trajectory ``(nx, K + 1)`` of each record about which it was linearised.
-    lines : outputs and sensitivities of each record.
+    linearisations : outputs and sensitivities of each record.
     weighted : whitened residuals and sensitivities.
-    counts : ``(m,)`` valid samples of each output in all records.
-    cost : minus the log likelihood, as in the head of this module.
+    counts : ``(m,)`` numbers of valid samples of each output in all records.
+    cost : minus the log likelihood and the term of the prior, without constants.
+    outcome : result of the iteration; ``MAX_ITERATIONS`` for a fit that was evaluated only.
+    iterations : number of steps that were made.
     """
 
     problem: FitProblem
     theta: np.ndarray
     guesses: tuple[np.ndarray, ...]
-    lines: tuple[Linearisation, ...]
+    linearisations: tuple[Linearisation, ...]
     weighted: WeightedResiduals
     counts: np.ndarray
     cost: float
@@ -97,6 +95,11 @@ class Fit:
     def noise_model(self) -> NoiseModel:
         """The noise model."""
         return self.problem.noise_model
+
+    @property
+    def trajectories(self) -> list[np.ndarray]:
+        """Corrected trajectories ``(nx, K + 1)`` of the records."""
+        return [linearisation.states for linearisation in self.linearisations]
 
     @property
     def residuals(self) -> tuple[np.ndarray, ...]:
@@ -118,8 +121,8 @@ class Fit:
         return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
-        """Return columns ``(m, N, c)`` of record ``r``, whitened to unit variance; ``columns`` are
-        in the units of the outputs.
+        """Return ``columns (m, N, c)`` of record ``r``, given in the units of the outputs, whitened
+        to unit variance.
         """
         return self.weighted.filters[r].whiten(columns)
 
@@ -147,7 +150,7 @@ class Fit:
                 prior.mean - self.theta[prior.positions]
             )
         covariance_terms = self.noise_model.covariance_terms(
-            self.layout, self.theta, self.lines, self.weighted
+            self.layout, self.theta, self.linearisations, self.weighted
         )
         if covariance_terms is not None:
             noise_gradient, noise_information = covariance_terms
@@ -166,7 +169,7 @@ class Fit:
 def fit_whole_records(
     problem: FitProblem, guesses: list[np.ndarray] | None = None, start_fit: Fit | None = None
 ) -> Fit | None:
-    """Minimise the cost from ``problem.start``.
+    """Return the fit of minimum cost that is reached from ``problem.start``.
 
     Parameters
     ----------
@@ -189,8 +192,8 @@ def fit_whole_records(
     fit = minimum.point
     # Steps along an undetermined direction may stay long; then the gain of likelihood decides.
     ended = minimum.steps == settings.iterations or search.idle == _MOST_IDLE_TRIALS
-    stands_still = search.near or minimum.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
-    converged = stands_still and has_converged(minimum.model, fit.theta, settings)
+    no_progress = search.small_step or minimum.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
+    converged = no_progress and has_converged(minimum.model, fit.theta, settings)
     return replace(
         _finite_or_none(with_exact_trajectory(fit)) or fit,
         outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
@@ -205,10 +208,10 @@ class _Search:
     Attributes
     ----------
     gain : gain of log likelihood by the last accepted step; infinite before the first one.
-    near : whether the last accepted step was small.
-    idle : successive trials without a change of the likelihood worth another step.
-    refused : damping of the last rejected step; 0 after an accepted one.
-    moves : recent steps ``(n,)``, each with its change of gradient ``(n,)``.
+    small_step : whether the last accepted step was below the tolerance.
+    idle : number of successive trials with a negligible change of the likelihood.
+    rejected_damping : damping of the last rejected step; 0 after an accepted one.
+    moves : recent steps ``(n,)``, each with its change of the gradient ``(n,)``.
     noise_unknowns : whether noise levels are unknowns; only then ``moves`` are used.
     bare : the fit problem without sensitivities.
     used_moves : those of ``moves`` that correct the information matrix; none after a curved step.
@@ -216,9 +219,9 @@ class _Search:
 
     problem: FitProblem
     gain: float = np.inf
-    near: bool = False
+    small_step: bool = False
     idle: int = 0
-    refused: float = 0.0
+    rejected_damping: float = 0.0
     moves: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -228,16 +231,16 @@ class _Search:
         self.used_moves: list[tuple[np.ndarray, np.ndarray]] = []
 
     def model(self, fit: Fit) -> LocalModel:
-        """Return the quadratic model of the cost at a fit; recent steps correct its information
-        matrix.
+        """Return the quadratic model of the cost at a fit, with an information matrix that recent
+        steps correct.
         """
         information, gradient = fit.normal_equations()
         information = _with_curvature(information, self.used_moves)
         return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
 
     def least(self) -> float:
-        """Return the least damping. Near the optimum it is nearly zero, since damping slows
-        progress in poorly determined directions.
+        """Return the smallest damping of the next step. Near the optimum it is nearly zero, since
+        damping slows progress in poorly determined directions.
         """
         near_optimum = not self.noise_unknowns or self.gain <= _CURVATURE_GAIN
         return LEAST_DAMPING if near_optimum else self.problem.layout.settings.least_damping
@@ -252,21 +255,21 @@ class _Search:
         settings = self.problem.layout.settings
         if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
             return True
-        return self.near and has_converged(model, fit.theta, settings)
+        return self.small_step and has_converged(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
         """Return the fit after a curved step along a valley of the cost; None where no curved step
-        gains. Fits with unknown noise levels take none: the curvature of their innovations is not
-        that of the residuals.
+        gains. Fits with unknown noise levels take no curved step, since the curvature of their
+        innovations differs from the curvature of the residuals.
         """
         if self.noise_unknowns:
             return None
         problem = self.problem
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)
-        curved_fit = self.valley.along(fit, model, low, high)
+        curved_fit = self.valley.curved_step(fit, model, low, high)
         if curved_fit is not None:
-            self.gain, self.near, self.used_moves = fit.cost - curved_fit.cost, False, []
+            self.gain, self.small_step, self.used_moves = fit.cost - curved_fit.cost, False, []
         return curved_fit
 
     def trial(self, fit: Fit, model: LocalModel, damping: float) -> Fit | None:
@@ -274,8 +277,8 @@ class _Search:
         problem, settings = self.problem, self.problem.layout.settings
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        # A damping that was rejected may fail again. The cost alone is cheaper to compute.
-        cost_first = damping <= self.refused
+        # A damping up to a rejected one may fail again: compute the cost alone, which is cheaper.
+        cost_first = damping <= self.rejected_damping
         trial = evaluate(
             self.bare if cost_first else problem, theta, predicted_trajectories(fit, theta)
         )
@@ -285,15 +288,18 @@ class _Search:
         )
         self.idle = self.idle + 1 if no_change else 0
         if cost_first and trial is not None and trial.cost <= highest_cost:
-            trial, self.refused = evaluate(problem, theta, predicted_trajectories(fit, theta)), 0.0
+            trial, self.rejected_damping = (
+                evaluate(problem, theta, predicted_trajectories(fit, theta)),
+                0.0,
+            )
         if trial is None or not trial.cost <= highest_cost or _finite_or_none(trial) is None:
-            self.refused = damping
+            self.rejected_damping = damping
             return None
         small = np.abs(trial.theta - fit.theta) < np.maximum(
             settings.tolerance * model.scale, ROUNDING_SHARE * np.abs(fit.theta)
         )
         self.gain = self.valley.last_gain = fit.cost - trial.cost
-        self.near = bool(np.all(small)) or self.gain < settings.enough
+        self.small_step = bool(np.all(small)) or self.gain < settings.enough
         if self.noise_unknowns and self.gain < _CURVATURE_GAIN:
             change = fit.normal_equations()[1] - trial.normal_equations()[1]
             self.moves = [*self.moves[-_REMEMBERED_STEPS + 1 :], (trial.theta - fit.theta, change)]
@@ -315,8 +321,8 @@ def _evaluated_start(problem: FitProblem, guesses: list[np.ndarray] | None) -> F
 
 @dataclass(eq=False)
 class _Valley:
-    """Curved steps along a valley of the cost, where straight steps are slow (geodesic acceleration
-    [1]_).
+    """State of the curved steps along a valley of the cost, where straight steps are slow (geodesic
+    acceleration [1]_).
 
     Strongly correlated unknowns make a curved valley. Straight steps along it must be short, and a
     fit may take hundreds of them.
@@ -325,9 +331,10 @@ class _Valley:
     ----------
     bare : the fit problem without sensitivities.
     last_gain : gain of log likelihood by the last straight step; 0 after a curved one.
-    straight : number of straight steps until the next curved one.
-    wait : value of ``straight`` after the next failure; each failure doubles it.
-    share : share of the last successful curved step, one of ``_CURVED_STEP_SHARES``.
+    straight_steps_left : number of straight steps before the next curved one is tried.
+    next_wait : value of ``straight_steps_left`` after the next failure; each failure doubles it.
+    share : share of the full step in the last successful curved step, one of
+        ``_CURVED_STEP_SHARES``.
 
     References
     ----------
@@ -337,19 +344,21 @@ class _Valley:
 
     bare: FitProblem
     last_gain: float = np.inf
-    straight: int = 0
-    wait: int = 1
+    straight_steps_left: int = 0
+    next_wait: int = 1
     share: float = _CURVED_STEP_SHARES[0]
 
-    def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
+    def curved_step(
+        self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray
+    ) -> Fit | None:
         """Return the fit after a curved step within the bounds ``low`` and ``high``, ``(n,)`` each;
         None where the last straight step gained enough, or no curved step gains.
         """
-        self.straight -= 1
+        self.straight_steps_left -= 1
         least_gain = max(
             fit.layout.settings.enough, self.last_gain / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN
         )
-        if self.straight >= 0 or model.promised <= least_gain:
+        if self.straight_steps_left >= 0 or model.promised <= least_gain:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
         acceleration = self._second_order_term(fit, model, step, low, high)
@@ -362,28 +371,37 @@ class _Valley:
             required_gain = 0.5 * (2.0 - share) * share * model.promised
             if trial is not None and fit.cost - trial.cost > required_gain:
                 curved_fit = _finite_or_none(
-                    evaluate(fit.problem, theta, [line.states for line in trial.lines])
+                    evaluate(
+                        fit.problem,
+                        theta,
+                        trial.trajectories,
+                    )
                 )
                 if curved_fit is not None and curved_fit.cost < fit.cost:
-                    self.last_gain, self.wait, self.share = 0.0, 1, share
+                    self.last_gain, self.next_wait, self.share = 0.0, 1, share
                     return curved_fit
-        self.straight, self.wait, self.share = self.wait, 2 * self.wait, _CURVED_STEP_SHARES[0]
+        self.straight_steps_left, self.next_wait, self.share = (
+            self.next_wait,
+            2 * self.next_wait,
+            _CURVED_STEP_SHARES[0],
+        )
         return None
 
     def _cost_at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
-        """Return the fit at ``theta`` without sensitivities. A second correction of its trajectory
-        makes the defects negligible.
+        """Return the fit at ``theta`` without sensitivities; None where it is not finite. A second
+        correction of its trajectory makes the defects negligible.
         """
         first_pass = evaluate(self.bare, theta, predicted_trajectories(fit, theta))
         if first_pass is None:
             return None
-        return evaluate(self.bare, theta, [line.states for line in first_pass.lines])
+        return evaluate(self.bare, theta, first_pass.trajectories)
 
     def _second_order_term(
         self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> np.ndarray | None:
-        """Return the second-order term ``(n,)`` of the curve that starts along ``step``: the
-        geodesic acceleration, by finite differences of the residuals.
+        """Return the second-order term ``(n,)`` of the curve that starts along ``step (n,)``; None
+        where a cost is not finite. It is the geodesic acceleration, from finite differences of the
+        residuals.
         """
         nearby = self._cost_at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
         if nearby is None:
@@ -399,8 +417,8 @@ class _Valley:
 
 
 def has_converged(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Return whether the quadratic model predicts no gain worth another step: the undamped step is
-    shorter than the tolerance or rounding, or its gain is negligible.
+    """Return whether a fit has converged: the quadratic model predicts that the undamped step is
+    shorter than the tolerance or rounding, or that its gain is negligible.
     """
     rounding = float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
     shortest_step = max(settings.tolerance, rounding)  # in sigmas
@@ -408,37 +426,41 @@ def has_converged(model: LocalModel, theta: np.ndarray, settings: FitSettings) -
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
-    """Return the fit at ``theta`` ``(n,)`` by linearising each record about its trajectory in
+    """Return the fit at ``theta (n,)``, with each record linearised about its trajectory in
     ``guesses``; None where outputs, sensitivities or the likelihood are not finite.
     """
     layout = problem.layout
-    lines: list[Linearisation] = []
+    linearisations: list[Linearisation] = []
     residuals: list[np.ndarray] = []
     with np.errstate(all="ignore"):
         for r, recorded in enumerate(layout.problems):
-            line = linearise(recorded, *layout.split(theta, r), guesses[r])
+            linearisation = linearise(recorded, *layout.split(theta, r), guesses[r])
             if not (
-                np.all(np.abs(line.y) < LARGEST_NUMBER)
-                and np.all(np.abs(line.jacobian) < LARGEST_NUMBER)
+                np.all(np.abs(linearisation.y) < LARGEST_NUMBER)
+                and np.all(np.abs(linearisation.jacobian) < LARGEST_NUMBER)
             ):
                 return None
-            lines.append(line)
-            residuals.append(np.where(recorded.valid, recorded.z - line.y, 0.0))
+            linearisations.append(linearisation)
+            residuals.append(np.where(recorded.valid, recorded.z - linearisation.y, 0.0))
         counts = np.sum([recorded.valid.sum(axis=1) for recorded in layout.problems], axis=0)
-        weighted = problem.noise_model.weight_residuals(layout, theta, lines, residuals, counts)
+        weighted = problem.noise_model.weight_residuals(
+            layout, theta, linearisations, residuals, counts
+        )
     if weighted is None:
         return None
     cost = weighted.cost
     if layout.prior is not None:
         deviation = theta[layout.prior.positions] - layout.prior.mean
         cost += 0.5 * float(deviation @ layout.prior.information @ deviation)
-    return Fit(problem, theta, tuple(guesses), tuple(lines), weighted, counts, cost)
+    return Fit(problem, theta, tuple(guesses), tuple(linearisations), weighted, counts, cost)
 
 
 def without_sensitivities(problem: FitProblem) -> FitProblem:
     """Return the fit problem without sensitivities; its cost is the same."""
     bare_problems = tuple(
-        replace(recorded, free=(), starts=(), moving=(), increment=recorded.increment[:0])
+        replace(
+            recorded, free=(), free_initial=(), in_dynamics=(), increment=recorded.increment[:0]
+        )
         for recorded in problem.layout.problems
     )
     return replace(problem, layout=replace(problem.layout, problems=bare_problems))
@@ -448,19 +470,22 @@ def with_exact_trajectory(fit: Fit) -> Fit:
     """Return the fit at the same parameters, with trajectories that obey the equations.
 
     At most ``_MOST_CORRECTIONS`` corrections are made. They end when the trajectory changes by less
-    than ``_CLOSED_GAP``; a model comparison stops at ``_COMPARISON_GAP``, since the gap changes the
-    cost to second order only.
+    than ``_CLOSED_GAP`` of its size; in a model comparison by less than ``_COMPARISON_GAP``, since
+    the change affects the cost to second order only.
     """
     closed = _CLOSED_GAP if fit.layout.settings.enough == 0.0 else _COMPARISON_GAP
     for _ in range(_MOST_CORRECTIONS):
         gap = max(
-            np.max(np.abs(line.states - guess), initial=0.0)
-            for line, guess in zip(fit.lines, fit.guesses, strict=True)
+            np.max(np.abs(linearisation.states - guess), initial=0.0)
+            for linearisation, guess in zip(fit.linearisations, fit.guesses, strict=True)
         )
-        size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
+        size = max(
+            np.max(np.abs(linearisation.states), initial=0.0)
+            for linearisation in fit.linearisations
+        )
         if not gap > closed * size:
             break
-        corrected = evaluate(fit.problem, fit.theta, [line.states for line in fit.lines])
+        corrected = evaluate(fit.problem, fit.theta, fit.trajectories)
         if corrected is None:
             break
         fit = corrected
@@ -477,23 +502,23 @@ def _finite_or_none(fit: Fit | None) -> Fit | None:
 
 
 def predicted_trajectories(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
-    """Return trajectories ``(nx, K + 1)`` of the records at ``theta``, extrapolated from a fit by
-    its sensitivities.
+    """Return the trajectories ``(nx, K + 1)`` of the records at ``theta``, extrapolated linearly
+    from a fit by its sensitivities.
     """
     step = theta - fit.theta
     return [
-        np.array(line.states + line.by_state @ step[fit.layout.columns(r)])
-        for r, line in enumerate(fit.lines)
+        np.array(linearisation.states + linearisation.by_state @ step[fit.layout.columns(r)])
+        for r, linearisation in enumerate(fit.linearisations)
     ]
 
 
 def _with_curvature(
     information: np.ndarray, moves: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Return the information matrix with a BFGS update by each of the recent steps, so that it maps
-    a step to its change of gradient.
+    """Return the information matrix with a BFGS update by each of the recent steps in ``moves``.
 
-    With unknown noise levels, a fit with the expected information alone converges slowly.
+    The updated matrix maps a step to its change of gradient. With unknown noise levels, a fit with
+    the expected information alone converges slowly.
     """
     for step, change in moves:
         expected_change = information @ step
@@ -509,9 +534,10 @@ def _with_curvature(
 
 # ---- Refits with one fixed parameter, for profile-likelihood intervals
 
-# a refit ends when a step gains less log likelihood; this moves an end of the interval by 1/4000
+# a refit ends when a step gains less log likelihood; this moves an end of the interval by 1/4000 of
+# its distance from the estimate
 SETTLED_LOG_LIKELIHOOD = 1e-3
-MOST_ITERATIONS = 30  # of a refit
+MOST_ITERATIONS = 30  # largest number of steps of a refit
 
 
 def profile_intervals(
@@ -531,21 +557,22 @@ def profile_intervals(
         at this theta; None keeps the noise model of the fit.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
-    layout, noise_model_at = fit.layout, noise_at or (lambda at, theta: at.noise_model)
-    places = {name: layout.shared.index(name) for name in names}
+    layout, noise_model_at = fit.layout, noise_at or (lambda fit, theta: fit.noise_model)
+    positions = {name: layout.shared.index(name) for name in names}
     refits = partial(_refit, fit, noise_at=noise_model_at)
     return intervals.profile_intervals(
-        places, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits
+        positions, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits
     )
 
 
 def _refit(
     fit: Fit, j: int, along: np.ndarray, noise_at: Callable[[Fit, np.ndarray], NoiseModel]
 ) -> Callable[[float, Fit | None], tuple[float, Fit] | None]:
-    """Return a function that fits all other unknowns with unknown ``j`` fixed at a value.
+    """Return a function that fits all other unknowns with unknown ``j`` fixed at a value. It takes
+    the value and a neighbouring refit, and returns the cost and the fit, or None.
 
-    ``along`` ``(n,)`` is the change of all unknowns for a unit change of unknown ``j``, by the
-    quadratic model: each refit starts there.
+    ``along (n,)`` is the change of all unknowns for a unit change of unknown ``j`` by the quadratic
+    model. Each refit starts on this line.
     """
     settings = replace(
         fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS

@@ -1,7 +1,8 @@
-"""A whole record linearised at once: outputs and all their sensitivities about a trajectory guess.
+"""Linearisation of a whole record at once: outputs and all their sensitivities about a guessed
+trajectory.
 
-All node intervals are integrated at the same time, for the base and for a complex step in each
-state and parameter. One banded triangular solve then joins the intervals. The guess need not obey
+All node intervals are integrated at the same time, for the base and for a small step in each state
+and parameter. One banded triangular solve then joins the intervals. The guess need not obey
 the equations: the same solve corrects its defects to first order. This is a Gauss-Newton step of
 multiple shooting with the intermediate states condensed out (Bock 1981). One correction is exact
 for equations linear in the states. At convergence the trajectory equals the sequential simulation
@@ -21,36 +22,36 @@ import numpy as np
 
 from ident.estimate import LARGEST_NUMBER
 from ident.regression.state_histories import rate_relations, windows
+from ident.whole_record.linear_record import linear_record
 from ident.whole_record.record_problem import (
     DIFFERENCE_STEP_SHARE,
     RecordProblem,
     changed_rows,
-    driven_by,
     interval_ends,
-    linear_record,
     sample_outputs,
+    vehicle_inputs,
 )
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-# the half-width of the window of a slope is the length of the record over this
+# samples of a record over the half-width of the window in which a slope is fitted
 SLOPE_PARTS = 60
-_FEWEST_SLOPE_SAMPLES = 12  # a record with no more samples of a state gives no slopes
-_MEDIAN_SAMPLES = 5  # samples of the running median before a slope is taken
+_FEWEST_SLOPE_SAMPLES = 12  # slopes are taken of states with more samples than this
+_MEDIAN_SAMPLES = 5  # samples of the running median that is taken before slopes
 _LARGEST_GUESS = 1e12  # largest size of a state in a guessed trajectory
 
 
 def known_states(
     record: Record, system: System, p: Sequence[float] | np.ndarray | None = None
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return times ``(k,)`` and values ``(k,)`` of the states that the record shows, by the
-    position of the state. They are accurate enough to start a fit.
+    """Return position -> times ``(k,)`` and values ``(k,)`` of the states that the record
+    determines directly. The values are accurate enough to start a fit.
 
-    A state is measured, or is the rate of a measured one. Sensor biases at parameters ``p`` (None:
-    those of the System) are subtracted. A rate is the slope of a line over a window, after a
-    running median.
+    Such a state is measured, or it is the rate of a measured state. Sensor biases at parameters
+    ``p`` (None: those of the System) are subtracted. A rate is the slope of a line fitted over a
+    window, after a running median.
     """
     names = system.state_names
     known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -84,16 +85,16 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
     return parameters[bias].value if p is None else float(p[parameters.index(bias)])
 
 
-# largest defect after one correction, relative to the state, where the rates of the simulated
-# states are linear in these states
+# the rates of the simulated states count as linear in these states where the defect after one
+# correction is at most this share of the state
 LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
     problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Return a starting trajectory ``(nx, K + 1)``: the record gives the measured states, and the
-    others are simulated with these as inputs.
+    """Return a starting trajectory ``(nx, K + 1)``. Its measured states are taken from the record,
+    and the others are simulated with these as inputs.
 
     It stays bounded even where a simulation of all states from a wrong start would diverge.
     """
@@ -104,22 +105,22 @@ def guess_states(
     }
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
-    drive = driven_by(record, system, p, grid)
-    states = simulated_at_once(problem, measured, drive, p, x0) if measured else None
+    drive = vehicle_inputs(record, system, p, grid)
+    states = simulate_by_banded_solve(problem, measured, drive, p, x0) if measured else None
     if states is None:
-        states = simulated_in_turn(problem, measured, drive, p, x0)
+        states = simulate_node_by_node(problem, measured, drive, p, x0)
     return np.nan_to_num(np.clip(states, -_LARGEST_GUESS, _LARGEST_GUESS))
 
 
-def simulated_at_once(
+def simulate_by_banded_solve(
     problem: RecordProblem,
     measured: Mapping[int, np.ndarray],
     drive: Drive,
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray | None:
-    """Return the states ``(nx, K + 1)``, the unmeasured ones by one banded solve; None where the
-    rates of these are not linear in them, or the simulation diverges.
+    """Return the states ``(nx, K + 1)``, with the unmeasured ones simulated by one banded solve;
+    None where their rates are not linear in them, or the simulation diverges.
 
     ``measured`` maps the position of a measured state to its values at the nodes, ``(K + 1,)``.
     """
@@ -151,23 +152,25 @@ def _interval_ends(
     p: Sequence[float] | np.ndarray,
     free: Sequence[int],
 ) -> np.ndarray:
-    """Return the f states ``free`` at the end of each interval, ``(f, 1 + f, K)``: from the states
-    ``X`` at its beginning, and with a complex step in each free state.
+    """Return the f states at the positions ``free`` at the end of each interval, ``(f, 1 + f, K)``.
+
+    Column 0 starts from the states ``X (nx, K + 1)`` at the beginning of the interval. Each further
+    column has a complex step in one free state.
     """
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
     return interval_ends(problem, list(start), drive, [float(v) for v in p])[list(free)]
 
 
-def simulated_in_turn(
+def simulate_node_by_node(
     problem: RecordProblem,
     measured: Mapping[int, np.ndarray],
     drive: Drive,
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray:
-    """Return the states ``(nx, K + 1)``, the unmeasured ones simulated node by node; on overflow
-    they keep their values. ``measured`` is as in `simulated_at_once`.
+    """Return the states ``(nx, K + 1)``, with the unmeasured ones simulated node by node; after an
+    overflow they keep their values. ``measured`` is as in `simulate_by_banded_solve`.
     """
     grid = problem.grid
     stages = [[row.tolist() for row in stage] for stage in drive.stages]
@@ -215,41 +218,41 @@ def linearise(
     about the trajectory ``guess (nx, K + 1)``.
 
     All columns are integrated in one batch: column 0 is the base, then each state is changed in one
-    column, then each parameter of the dynamics. The order ``(c, K)`` in memory is the fastest.
+    column, then each parameter that changes the motion.
     """
-    linear_line = linear_record(problem, p, x0, guess)
-    if linear_line is not None:
-        return Linearisation(*linear_line)
-    n_x, n_p, moving = len(problem.system.states), len(problem.free), list(problem.moving)
+    linear_result = linear_record(problem, p, x0, guess)
+    if linear_result is not None:
+        return Linearisation(*linear_result)
+    n_x, n_p, in_dynamics = len(problem.system.states), len(problem.free), list(problem.in_dynamics)
     by_parameter, by_state = _increments(problem, guess)
-    width = 1 + n_x + len(moving)
-    columns = {position: 1 + n_x + column for column, position in enumerate(moving)}
+    width = 1 + n_x + len(in_dynamics)
+    columns = {position: 1 + n_x + column for column, position in enumerate(in_dynamics)}
     X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
-    driven = _driven_inputs(problem, p, by_parameter)
+    inputs = _inputs_with_changes(problem, p, by_parameter)
     ends = interval_ends(
         problem,
         list(X),
-        driven.spread(columns, width),
+        inputs.in_columns(columns, width),
         _changed_parameters(problem, p, columns, by_parameter, width),
     )
     base = ends[:, 0].real
     A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))
-    B[:, moving] = _slopes(problem, ends[:, 1 + n_x :], base, by_parameter[moving])
-    corrections = join_intervals(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
+    B[:, in_dynamics] = _slopes(problem, ends[:, 1 + n_x :], base, by_parameter[in_dynamics])
+    corrections = join_intervals(A, B, base - guess[:, 1:], problem.free_initial, x0 - guess[:, 0])
     states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
-    steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
-    y, jacobian = _outputs(problem, p, driven, states, sensitivity, steps)
+    steps = np.concatenate([by_parameter, by_state[list(problem.free_initial)]])
+    y, jacobian = _outputs(problem, p, inputs, states, sensitivity, steps)
     return Linearisation(
         y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2)
     )
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the differentiation steps of the unknown parameters ``(np,)`` and of the states
-    ``(nx,)``.
+    """Return the differentiation steps of the unknown parameters ``(len(problem.free),)`` and of
+    the states ``(nx,)``.
     """
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
@@ -260,8 +263,8 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
 def _slopes(
     problem: RecordProblem, changed: np.ndarray, base: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Return the derivatives ``(..., c, n)`` from the columns ``changed (..., c, n)`` by ``steps
-    (c,)`` and from the unchanged ``base (..., n)``.
+    """Return the derivatives ``(..., c, n)`` from values at the base, ``base (..., n)``, and from
+    values that are changed by one of the ``steps (c,)`` each, ``changed (..., c, n)``.
     """
     if problem.exact:
         return np.asarray(changed.imag / COMPLEX_STEP)
@@ -271,9 +274,11 @@ def _slopes(
 def _changed_parameters(
     problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
 ) -> list[Any]:
-    """Return all parameters for a batch of ``width`` columns: numbers, and a row ``(width,)`` for
-    each changed one. ``columns`` maps the position of an unknown parameter to the column in which
-    it is changed by its step.
+    """Return all parameters for a batch of ``width`` columns: a number, or a row ``(width,)`` for a
+    changed parameter.
+
+    ``columns`` maps the position of an unknown parameter to the column in which it is changed by
+    its step, one of ``steps (len(problem.free),)``.
     """
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
@@ -284,37 +289,40 @@ def _changed_parameters(
 
 
 @dataclass(frozen=True, eq=False)
-class _Driven:
+class _VehicleInputs:
     """Inputs at the vehicle, with one further column for each unknown parameter of the input path.
 
     Attributes
     ----------
-    drive : rows ``(M,)``, or ``(M, 1 + a)`` with one column for each of the a parameters.
+    drive : rows ``(M,)``, or ``(M, 1 + a)`` where a unknown parameters act in the input path: the
+        base, then one column with each of them changed.
     acting : positions of these a parameters among the unknown ones.
     """
 
     drive: Drive
     acting: tuple[int, ...]
 
-    def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """Return the inputs in the ``width`` columns of a batch, rows ``(c, M)``; ``columns`` maps
-        the position of an unknown parameter to its column.
+    def in_columns(self, columns: Mapping[int, int], width: int) -> Drive:
+        """Return the inputs in the ``width`` columns of a batch, rows ``(width, M)`` or ``(M,)``;
+        ``columns`` maps the position of an unknown parameter to its column in the batch.
         """
         if not self.acting:
             return self.drive
-        take = np.zeros(width, dtype=int)
+        source = np.zeros(width, dtype=int)  # column of the drive for each column of the batch
         for column, position in enumerate(self.acting):
             if position in columns:
-                take[columns[position]] = 1 + column
-        return changed_rows(self.drive, lambda row: row.T[take] if np.ndim(row) == 2 else row)
+                source[columns[position]] = 1 + column
+        return changed_rows(self.drive, lambda row: row.T[source] if np.ndim(row) == 2 else row)
 
 
-def _driven_inputs(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
+def _inputs_with_changes(
+    problem: RecordProblem, p: np.ndarray, steps: np.ndarray
+) -> _VehicleInputs:
     """Return the inputs at the vehicle for the base and with each unknown parameter of the input
     path changed by its step.
     """
     if problem.drive is not None:
-        return _Driven(problem.drive, ())
+        return _VehicleInputs(problem.drive, ())
     system = problem.system
     acting = tuple(
         position
@@ -323,20 +331,25 @@ def _driven_inputs(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> 
     )
     columns = {position: 1 + column for column, position in enumerate(acting)}
     parameters = _changed_parameters(problem, p, columns, steps, 1 + len(acting))
-    return _Driven(driven_by(problem.record, system, parameters, problem.grid), acting)
+    return _VehicleInputs(vehicle_inputs(problem.record, system, parameters, problem.grid), acting)
 
 
 def join_intervals(
-    A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray
+    A: np.ndarray,
+    B: np.ndarray,
+    defects: np.ndarray,
+    free_initial: Sequence[int],
+    first: np.ndarray,
 ) -> np.ndarray:
-    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] at all nodes.
+    """Return the corrections dx that solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] at all nodes, with
+    their derivatives.
 
     Parameters
     ----------
     A : ``(nx, nx, K)`` transition of each interval; the second axis is the state at its beginning.
     B : ``(nx, np, K)`` derivatives of the state at the end with respect to the parameters.
-    defects : ``(nx, K)`` the d[k].
-    starts : positions of the ns unknown initial states.
+    defects : ``(nx, K)`` the d[k]: end of an interval minus the guess at its end.
+    free_initial : positions of the ns unknown initial states.
     first : ``(nx,)`` dx[0].
 
     Returns
@@ -354,11 +367,11 @@ def join_intervals(
     for i in range(n_x):
         for j in range(n_x):
             band[n_x + i - j, columns + j] = -A[i, j]
-    right = np.zeros((1 + n_p + len(starts), intervals + 1, n_x))
+    right = np.zeros((1 + n_p + len(free_initial), intervals + 1, n_x))
     right[0, 0] = first
     right[0, 1:] = defects.T
     right[1 : 1 + n_p, 1:] = B.transpose(1, 2, 0)
-    for column, i in enumerate(starts):
+    for column, i in enumerate(free_initial):
         right[1 + n_p + column, 0, i] = 1.0
     solution, _ = dtbtrs(band, right.reshape(-1, size).T, uplo="L", diag="U", overwrite_b=True)
     return solution.T.reshape(right.shape).transpose(2, 0, 1)
@@ -367,22 +380,31 @@ def join_intervals(
 def _outputs(
     problem: RecordProblem,
     p: np.ndarray,
-    driven: _Driven,
+    inputs: _VehicleInputs,
     states: np.ndarray,
     by_state: np.ndarray,
     steps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the outputs ``(m, N)`` and their derivatives ``(m, c, N)`` with respect to the c
-    unknowns, from those of the states, ``by_state (nx, c, K + 1)``; ``steps (c,)`` are the
-    differentiation steps.
+    unknowns.
+
+    ``by_state (nx, c, K + 1)`` are the derivatives of the ``states (nx, K + 1)``. ``steps (c,)``
+    are the differentiation steps of the unknowns.
     """
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
-    rows_p, drive = _changed_parameters(problem, p, columns, steps, c), driven.spread(columns, c)
+    rows_p, drive = (
+        _changed_parameters(problem, p, columns, steps, c),
+        inputs.in_columns(columns, c),
+    )
     X = np.empty((len(states), c, states.shape[1]), dtype=np.result_type(states, steps))
     X[:, 0] = states
     X[:, 1:] = states[:, None] + by_state * steps[:, None]
-    apart = [0, *(1 + position for position in problem.moving), *range(1 + len(problem.free), c)]
-    full = sample_outputs(problem, rows_p, list(X), drive, apart)
+    moving_columns = [
+        0,
+        *(1 + position for position in problem.in_dynamics),
+        *range(1 + len(problem.free), c),
+    ]
+    full = sample_outputs(problem, rows_p, list(X), drive, moving_columns)
     base = full[:, 0].real.copy()
     return base, _slopes(problem, full[:, 1:], base, steps)

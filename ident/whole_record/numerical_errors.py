@@ -5,9 +5,9 @@ Let y_h be the outputs of an integrator of order 4 with step h. Its error is y -
 (y_{h/2} - y_h) to leading order (Richardson extrapolation). An error dy of the outputs changes an
 output-error estimate by (J' W J)^-1 J' W dy.
 
-Equation error has sampling errors, since it takes slopes and means over windows of samples. The
-records are therefore simulated at the estimate with the same sampling. The estimate from the
-simulation differs from its known true values by the sampling error.
+Equation error has sampling errors, since it takes slopes and means over windows of samples. To find
+these errors, the records are simulated at the estimate with the same sampling, and the simulation
+is identified again. The second estimate differs from the first by the sampling error.
 """
 
 from __future__ import annotations
@@ -34,16 +34,18 @@ from sim.record import Channel, Record
 # integration errors matter where the noise is less than this share of the motion
 QUIET_NOISE_SHARE = 1e-3
 RICHARDSON_FACTOR = 16.0 / 15.0  # factor on the difference between steps h and h/2, order 4
-# a record has noise where its residuals exceed this times those of a simulation without noise
+# a record has hardly any noise where the equation-error residuals are below this times the
+# residuals of a simulation without noise
 LARGEST_SMOOTHING_RATIO = 3.0
 
 
 def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an output-error estimate; where a record has hardly any noise, its covariance includes
-    the integration error.
+    """Return an output-error estimate whose covariance includes the integration error, where the
+    record has hardly any noise.
 
-    The message says so where an error exceeds the sigma. This also serves a fit at its iteration
-    limit: its last steps are shorter than the integration error.
+    The estimate has a message where the error of a parameter exceeds its sigma. A fit at its
+    iteration limit is treated in the same way, since its last steps are shorter than the
+    integration error.
     """
     error = None
     if estimate.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
@@ -60,7 +62,7 @@ def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
 
 
 def integration_error(fit: Fit) -> np.ndarray | None:
-    """Return the error of all unknowns ``(n,)`` from the finite steps of the integration; None
+    """Return the error ``(n,)`` of all unknowns due to the finite steps of the integration; None
     where every output has noise, the fit has priors, or the error is not finite.
     """
     layout = fit.layout
@@ -72,7 +74,7 @@ def integration_error(fit: Fit) -> np.ndarray | None:
             problem.system,
             0.5 * float(np.max(problem.grid.steps)),
             problem.free,
-            problem.starts,
+            problem.free_initial,
             valid=problem.valid,
             at=layout.split(fit.theta, r)[0],
             exact=problem.exact,
@@ -86,7 +88,7 @@ def integration_error(fit: Fit) -> np.ndarray | None:
     half_step_fit, gradient = with_exact_trajectory(half_step_fit), np.zeros(len(fit.theta))
     for r, problem in enumerate(layout.problems):
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
-        difference = weight * (half_step_fit.lines[r].y - fit.lines[r].y)
+        difference = weight * (half_step_fit.linearisations[r].y - fit.linearisations[r].y)
         gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], difference)
     error = RICHARDSON_FACTOR * (
         inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient
@@ -107,11 +109,11 @@ def _has_quiet_output(fit: Fit) -> bool:
 def with_sampling_error(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> Estimate:
-    """Return an equation-error estimate; where a record has hardly any noise, its covariance
-    includes the sampling error.
+    """Return an equation-error estimate whose covariance includes the sampling error, where the
+    records have hardly any noise.
 
-    The estimate is unchanged where the records have noise or their simulation overflows. The
-    message says so where an error exceeds the sigma.
+    The estimate is unchanged where the records have noise or their simulation overflows. It has a
+    message where the error of a parameter exceeds its sigma.
     """
     if estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return estimate
@@ -119,13 +121,13 @@ def with_sampling_error(
     if simulated is None:
         return estimate
     second = run_equation_error(simulated, system)
-    quiet = np.any(
+    hardly_noisy = np.any(
         (estimate.noise_std < LARGEST_SMOOTHING_RATIO * second.noise_std) & (second.noise_std > 0.0)
     )
     error = second.values - estimate.values
     if (
         second.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-        or not quiet
+        or not hardly_noisy
         or not np.all(np.isfinite(error))
     ):
         return estimate
@@ -138,8 +140,8 @@ def with_sampling_error(
 
 
 def _widened(estimate: Estimate, error: np.ndarray, warning: str) -> Estimate:
-    """Return an estimate with an error ``(n,)`` added to its covariance; the ``warning`` is its
-    message where the error of a parameter exceeds the sigma.
+    """Return the estimate with the ``error (n,)`` of its parameters added to its covariance. The
+    ``warning`` becomes its message where the error of a parameter exceeds its sigma.
     """
     message = warning if np.any(np.abs(error) > estimate.std) else ""
     return replace(
@@ -165,10 +167,10 @@ def _simulated(
     simulation = evaluate(bare, layout.start, layout.guesses(layout.start))
     if simulation is None:
         return None
-    lines = with_exact_trajectory(simulation).lines
+    linearisations = with_exact_trajectory(simulation).linearisations
     simulated = []
-    for record, line in zip(records, lines, strict=True):
-        rows = dict(zip(fitted_system.output_names, line.y, strict=True))
+    for record, linearisation in zip(records, linearisations, strict=True):
+        rows = dict(zip(fitted_system.output_names, linearisation.y, strict=True))
         outputs = tuple(
             _replaced(channel, rows[channel.name]) if channel.name in rows else channel
             for channel in record.outputs

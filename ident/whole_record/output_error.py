@@ -1,10 +1,11 @@
-"""Output-error fit: maximum likelihood without process noise; its starts, and failed fits.
+"""Output-error fit: maximum likelihood without process noise. Starts of the fit, and tests for
+failed fits.
 
 See Maine and Iliff, NASA RP-1138, and Jategaonkar, Flight Vehicle System Identification, ch. 4.
 All records share the parameters. Each record has its own initial states and local parameters.
 
-A fit may start from the result of equation error, which simulates nothing and so also works for an
-unstable aircraft.
+A fit may start from the result of equation error. This works for an unstable aircraft too, since
+equation error simulates nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_ou
 from ident.whole_record.numerical_errors import with_integration_error
 from ident.whole_record.unstable_motion import (
     MOST_EFOLDINGS_AT_ONCE,
-    fastest,
+    fastest_growth_rate,
     fit_unstable,
     growth,
     projected_covariance,
@@ -43,31 +44,31 @@ from sim.record import Record
 
 # ---- Starts of an output-error fit
 
-# largest growth, in e-foldings, of a record that is not cut: a record that grows by 15 takes 50
-# steps as a whole and 4 steps in two pieces
+# largest growth of the motion, in e-foldings, along a record that is not cut: with 15 e-foldings, a
+# fit takes 50 steps for the whole record and 4 steps for two pieces
 MOST_EFOLDINGS_IN_ONE_FIT = 10.0
-# largest growth of a piece, in e-foldings: cutting then raises sigmas by at most a tenth; pieces
-# that grow by 6 would raise them by half
+# largest growth along a piece, in e-foldings: cutting then raises sigmas by at most a tenth; pieces
+# with 6 e-foldings would raise them by half
 MOST_EFOLDINGS_PER_PIECE = 8.0
-FEWEST_PIECE_SAMPLES = 50  # fewest samples of a piece, which has five or more unknowns of its own
+FEWEST_PIECE_SAMPLES = 50  # fewest samples of a piece, which adds five or more unknowns
 # largest difference of log likelihood between fits in the same minimum
 SAME_MINIMUM_LOG_LIKELIHOOD = 0.1
-# a simulation diverges where the rms residual of a channel is larger than this times the rms of
-# the channel about its mean; a simulation at rest gives about 1
+# a simulation diverges where the rms residual of a channel exceeds this times the rms of the
+# channel about its mean; a constant output gives a ratio of about 1
 RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
     """Return the output-error fit of a layout; None where no start has a finite cost.
 
-    The first start are the declared values, provided that their simulation follows the record. If
-    this fit does not converge, a second one starts from equation error. This needs a record with
-    all states, and no priors. The first converged fit is returned, else the one of least cost.
+    The fit starts from the declared values, provided that the simulation with these follows the
+    record. If it does not converge, a second fit starts from equation error. This needs a record
+    with all states, and no priors. The first converged fit is returned, else the fit of least cost.
     """
     if not layout.shared or layout.prior is not None:
         return fit_whole_records(FitProblem(layout))
     start_fit = None
-    if quiet(layout):
+    if grows_little(layout):
         start_fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
     if start_fit is None or simulation_diverges(start_fit):
         return _first_converged([], regression_starts(layout), iter([layout]))
@@ -103,7 +104,9 @@ def fits_at_lowest_minimum(first: FitLayout, second: FitLayout) -> tuple[Fit | N
 
 
 def _same_minimum(fit: Fit | None, best: Fit | None) -> bool:
-    """Return whether the best fit is hardly better than a fit: both are in the same minimum."""
+    """Return whether two fits are in the same minimum: ``best`` has hardly less cost than
+    ``fit``.
+    """
     if fit is best:
         return True
     if fit is None or best is None:
@@ -112,7 +115,7 @@ def _same_minimum(fit: Fit | None, best: Fit | None) -> bool:
 
 
 def _least_cost(fit: Fit | None, started: FitLayout) -> Fit | None:
-    """Return the better one of a fit and the fit from a further start."""
+    """Return the fit of least cost: ``fit``, or the fit from the further start ``started``."""
     fits = [candidate for candidate in (fit, _fit_from(started)) if candidate is not None]
     return min(
         (candidate for candidate in fits if np.isfinite(candidate.cost)),
@@ -122,12 +125,14 @@ def _least_cost(fit: Fit | None, started: FitLayout) -> Fit | None:
 
 
 def _fit_from(layout: FitLayout) -> Fit | None:
-    """Return the fit from the start of a layout, by parts where its motion is unstable."""
-    return fit_whole_records(FitProblem(layout)) if quiet(layout) else fit_unstable(layout)
+    """Return the fit from the start of a layout; where the motion is unstable, by fits of longer
+    and longer parts of the records.
+    """
+    return fit_whole_records(FitProblem(layout)) if grows_little(layout) else fit_unstable(layout)
 
 
 def _values(fit: Fit) -> dict[str, float]:
-    """Return the estimates of the shared parameters by name."""
+    """Return name -> estimate of the shared parameters."""
     return dict(zip(fit.layout.shared, fit.theta.tolist(), strict=False))
 
 
@@ -139,40 +144,40 @@ def _with_starts(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
     return replace(layout, start=start)
 
 
-def in_pieces(
+def cut_into_pieces(
     records: Sequence[Record],
     system: System,
     settings: FitSettings,
     local: Collection[str] = (),
     whole: FitLayout | None = None,
 ) -> list[list[Record]]:
-    """Return the pieces of each record: the record itself, or short pieces where an unstable motion
-    grows too much along it.
+    """Return the list of pieces of each record: the record itself, or short pieces where an
+    unstable motion grows too much along it.
 
-    Each piece has its own initial state and biases. Records are not cut for models with lags or
-    delays of inputs, nor for fits with priors. ``whole`` is the layout of the uncut records; None
-    makes it.
+    A fit gives each piece its own initial state and biases. Records are not cut for models with
+    lags or delays of inputs, nor for fits with priors. ``whole`` is the layout of the uncut
+    records; None makes it.
     """
     layout = whole or lay_out(records, system, settings, local=local)
-    if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
+    if not layout.shared or layout.prior is not None or system.input_stages or grows_little(layout):
         return [[record] for record in records]
-    rate = fastest(next(regression_starts(layout), layout))
+    rate = fastest_growth_rate(next(regression_starts(layout), layout))
     return [_cut(record, rate * _duration(record)) for record in records]
 
 
 def with_unstable_start(
     records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()
 ) -> System | None:
-    """Return the System with the estimates of equation error as starting values, where the aircraft
-    is unstable at these and stable at the declared values; else None.
+    """Return the System with the estimates of equation error as starting values, if the aircraft is
+    unstable at these and stable at the declared values; else None.
 
-    It serves where a fit from the declared values has not converged.
+    A fit starts from it after a fit from the declared values has not converged.
     """
     layout = lay_out(records, system, settings, local=local)
-    if not layout.shared or layout.prior is not None or not quiet(layout):
+    if not layout.shared or layout.prior is not None or not grows_little(layout):
         return None
     started = next(regression_starts(layout), None)
-    if started is None or quiet(started):
+    if started is None or grows_little(started):
         return None
     values = dict(zip(started.shared, started.start.tolist(), strict=False))
     return with_starting_values(system, values)
@@ -183,10 +188,12 @@ def with_starting_values(system: System, values: Mapping[str, float]) -> System:
     return replace(system, parameters=system.parameters.with_values(values))
 
 
-def put_together(
+def join_pieces(
     rows: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
 ) -> tuple[np.ndarray, ...]:
-    """Return rows ``(m, N)`` of each record from the ``rows`` of its pieces."""
+    """Return one array ``(m, N)`` for each record, joined from the arrays ``rows`` of all
+    ``pieces`` in turn.
+    """
     remaining = iter(rows)
     return tuple(
         np.concatenate([next(remaining) for _ in record_pieces], axis=1) for record_pieces in pieces
@@ -194,19 +201,19 @@ def put_together(
 
 
 def pieces_message(pieces: Sequence[Sequence[Record]]) -> str:
-    """Return a sentence on the pieces if a record was cut, else an empty text."""
+    """Return a sentence that reports the pieces if a record was cut, else an empty text."""
     count = sum(len(record_pieces) for record_pieces in pieces)
     if count == len(pieces):
         return ""
     return (
-        f"the motion is unstable by itself: it is followed in {count} pieces, each with its own "
+        f"the motion is unstable: the records are cut into {count} pieces, each with its own "
         "initial state and biases"
     )
 
 
 def _cut(record: Record, efoldings: float) -> list[Record]:
-    """Return pieces of a record whose motion grows by ``efoldings``, each with at least
-    ``FEWEST_PIECE_SAMPLES`` samples.
+    """Return the pieces of a record along which the motion grows by ``efoldings``. Each piece has
+    at least ``FEWEST_PIECE_SAMPLES`` samples.
     """
     count = min(
         ceil(min(efoldings, 1e6) / MOST_EFOLDINGS_PER_PIECE), len(record) // FEWEST_PIECE_SAMPLES
@@ -220,12 +227,13 @@ def _cut(record: Record, efoldings: float) -> list[Record]:
 
 
 def _duration(record: Record) -> float:
+    """Return the time from the first to the last sample, s."""
     return float(record.time[-1] - record.time[0])
 
 
-def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Return whether the motion at ``theta`` (None: at the start) grows so little that no fit by
-    parts is needed.
+def grows_little(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
+    """Return whether the motion at ``theta (n,)`` (None: at the start) grows so little along the
+    records that they can be fitted at once.
     """
     efoldings = _start_growth(layout) if theta is None else growth(layout, theta)
     return efoldings <= MOST_EFOLDINGS_AT_ONCE
@@ -233,12 +241,13 @@ def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
 
 @lru_cache(maxsize=2)  # a fit needs its start several times
 def _start_growth(layout: FitLayout) -> float:
+    """Return the growth of the motion at the start of a layout, in e-foldings."""
     return growth(layout)
 
 
 def simulation_diverges(fit: Fit) -> bool:
-    """Return whether the simulation differs from the measurement of an output by more than
-    ``RUNAWAY_RESIDUAL_RATIO`` times its motion.
+    """Return whether the simulation diverges from the record: the rms residual of an output exceeds
+    ``RUNAWAY_RESIDUAL_RATIO`` times the rms of its motion.
     """
     layout = fit.layout
     for i in np.flatnonzero(layout.used):
@@ -276,8 +285,8 @@ def regression_starts(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _first_converged(earlier: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """Return the first fit over the starts that converged at the lowest cost so far, else the fit
-    of least cost. The ``earlier`` fits count too.
+    """Return the fit from the first of the ``starts`` with which it converges at the lowest cost so
+    far; else the fit of least cost. The ``earlier`` fits are included in both comparisons.
     """
     fits = list(earlier)
     for start in chain(*starts):
@@ -296,7 +305,7 @@ def _first_converged(earlier: list[Fit | None], *starts: Iterator[FitLayout]) ->
 # ---- Output-error fit
 
 METHOD = "output-error"
-_LEAST_NOISE_ROUNDINGS = 1e3  # a larger residual, over the rounding error, is noise
+_LEAST_NOISE_ROUNDINGS = 1e3  # a residual of more than this times the rounding error is noise
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -307,22 +316,23 @@ def fit_output_error(
     *,
     local: Collection[str] = (),
 ) -> Estimate:
-    """Fit the free parameters of a System to records by whole-record simulation.
+    """Return the output-error estimate of the free parameters of a System from records.
 
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
     system : model in its form for whole records; its declaration has the bounds and priors.
+    settings : settings of the fit; None takes the defaults.
     local : names of further parameters of which each record has its own value.
 
     Returns
     -------
-    Estimate of the shared free parameters. Biases, initial states and local parameters are
-    nuisances: they are projected out of the covariance. The outcome is ``NOT_IDENTIFIABLE`` where a
-    direction of the parameters has no influence, ``DIVERGED`` where no start has a finite cost,
+    Estimate of the shared free parameters. Biases, initial states and local parameters are nuisance
+    parameters: they are projected out of the covariance. The outcome is ``NOT_IDENTIFIABLE`` where
+    a direction of the parameters has no influence, ``DIVERGED`` where no start has a finite cost,
     ``MAX_ITERATIONS`` where the fit has not converged, and ``DEGENERATE`` where one output is
-    fitted exactly and another is not. The ``message`` says so where records of an unstable motion
-    were cut into pieces.
+    fitted exactly and another is not. Where records of an unstable motion were cut into pieces, the
+    ``message`` reports it.
 
     Raises
     ------
@@ -344,7 +354,7 @@ def _fit_in_pieces(
 ) -> Estimate:
     """Return the estimate from records that are cut where an unstable motion grows too much."""
     layout = lay_out(records, system, settings, local=local)
-    pieces = in_pieces(records, system, settings, local, layout)
+    pieces = cut_into_pieces(records, system, settings, local, layout)
     all_pieces = list(chain(*pieces))
     if len(all_pieces) > len(records):
         layout = lay_out(all_pieces, system, settings, local=local)
@@ -358,33 +368,33 @@ def _fit_in_pieces(
     estimate = failed_estimate(layout) if fit is None else estimate_of(fit)
     sentences = (pieces_message(pieces), estimate.message)
     message = "; ".join(sentence for sentence in sentences if sentence)
-    return replace(estimate, fitted=put_together(estimate.fitted, pieces), message=message)
+    return replace(estimate, fitted=join_pieces(estimate.fitted, pieces), message=message)
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined.
 
-    For an unstable motion the other unknowns are projected out of the sensitivities, since the
-    information matrix would lose the digits.
+    For an unstable motion the other unknowns are projected out of the sensitivities, since all
+    digits would be lost in the information matrix.
     """
     n = len(fit.layout.shared)
-    if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
+    if fit.layout.prior is None and n and not grows_little(fit.layout, fit.theta):
         return projected_covariance(fit)
     covariance, determined = fit_covariance(fit)
     return covariance[:n, :n], determined
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether an output is fitted to rounding and another is not: the exact one then has
-    unlimited weight.
+    """Return whether a fit is degenerate: an output is fitted to rounding and another is not. The
+    weight of the exact output is then unlimited.
     """
     roundings = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
     return bool(np.any(roundings <= 1.0) and np.any(roundings > _LEAST_NOISE_ROUNDINGS))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Return the covariance of all unknowns ``(n, n)`` and whether all are determined; with the
-    setting ``coloured`` it is corrected for coloured residuals.
+    """Return the covariance of all unknowns ``(n, n)`` and whether all are determined. With the
+    setting ``coloured``, the covariance is corrected for coloured residuals.
     """
     normal, _ = fit.normal_equations()
     inverse, determined = inverse_information(normal, fit.theta)
@@ -397,8 +407,8 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     ]
     fixed_information = prior_information(fit)
     if fit.noise_model.names:
-        # Coloured residuals do not change the information from innovation covariances and priors:
-        # it is all information without that from the residuals.
+        # The information that coloured residuals do not change (from innovation covariances and
+        # priors) is all information minus the information from the residuals.
         fixed_information = np.array(normal)
         for r, problem in enumerate(layout.problems):
             weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
@@ -447,10 +457,10 @@ def estimate_of(fit: Fit) -> Estimate:
         fit.log_likelihood,
         layout.system.output_names,
         np.sqrt(fit.variance),
-        tuple(line.y for line in fit.lines),
+        tuple(linearisation.y for linearisation in fit.linearisations),
         iterations=fit.iterations,
     )
-    return with_integration_error(estimate, fit) if quiet(layout, fit.theta) else estimate
+    return with_integration_error(estimate, fit) if grows_little(layout, fit.theta) else estimate
 
 
 def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
@@ -472,7 +482,7 @@ def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
     )
 
 
-# ---- Failed fits by free simulation
+# ---- Tests for failed fits
 
 UNDETERMINED = "the records determine none of the derivatives"
 
@@ -480,16 +490,17 @@ UNDETERMINED = "the records determine none of the derivatives"
 def failed_simulation(
     channels: Mapping[str, str], measured: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
 ) -> str:
-    """Return why simulated outputs do not fit the measurement; empty if they do.
+    """Return the reason why simulated outputs do not fit the measurement; empty if they do.
 
     A simulation has diverged where the rms residual of a channel exceeds
     ``RUNAWAY_RESIDUAL_RATIO`` times the rms of its motion. A fit has also failed where constant
-    channels would be likelier, since a model at rest would give a lower cost.
+    outputs would have a higher likelihood.
 
     Parameters
     ----------
     channels : name of each channel -> its unit.
-    measured : ``(K,)`` of each channel: valid samples of all records, minus each record's mean.
+    measured : ``(K,)`` of each channel: valid samples of all records, minus the mean over each
+        record.
     residuals : ``(K,)`` of each channel: residuals of these samples.
     """
     moving = []
@@ -502,28 +513,29 @@ def failed_simulation(
     name, unit, motion, error, _ = max(moving, key=lambda channel: channel[3] / channel[2])
     worst_error = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
     if not error <= RUNAWAY_RESIDUAL_RATIO * motion:
-        return f"the free simulation runs away from the record ({worst_error})"
+        return f"the free simulation diverges from the record ({worst_error})"
     gain_of_constants = sum(
         count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in moving
     )
     if gain_of_constants > 0.0:
-        return f"the fit explains nothing: constant levels are likelier ({worst_error})"
+        return f"the fit is worse than constant outputs ({worst_error})"
     return ""
 
 
 def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
     """Return whether the sigma of every derivative exceeds three times its declared size.
 
-    A vehicle file may be 30 % wrong; a sigma of ten times that adds no information. Derivatives
-    declared as zero do not count. ``sigmas`` are pairs of a sigma and the declared value.
+    Declared values may be 30 % wrong. An estimate with a sigma of ten times that adds no
+    information. Derivatives declared as zero are left out. ``sigmas`` are pairs of a sigma and the
+    declared value.
     """
     pairs = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
     return bool(pairs) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in pairs)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
-    """Return why an output-error fit has failed, and a remedy; both are empty if it has not.
-    ``declared`` maps a parameter to its declared value.
+    """Return the reason why an output-error fit has failed, and a remedy; both are empty if it has
+    not failed. ``declared`` maps the name of a parameter to its declared value.
     """
     layout = fit.layout
     names, problems = layout.system.output_names, layout.problems
@@ -538,8 +550,8 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
             np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(masks)])
         )
     channels = {names[i]: units[names[i]] for i in used}
-    why = failed_simulation(channels, measured, residuals)
-    if not why:
+    reason = failed_simulation(channels, measured, residuals)
+    if not reason:
         with np.errstate(all="ignore"):
             covariance, _ = fit_covariance(fit)
         sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -548,16 +560,16 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
             for i, name in enumerate(layout.shared)
             if name in declared
         ]
-        why = UNDETERMINED if none_determined(pairs) else ""
-    return (why, _remedy(fit)) if why else ("", "")
+        reason = UNDETERMINED if none_determined(pairs) else ""
+    return (reason, _remedy(fit)) if reason else ("", "")
 
 
 def _remedy(fit: Fit) -> str:
-    """Return the remedy for a failed fit; for an unstable motion it says how long a record may
-    be.
+    """Return the remedy for a failed fit. For an unstable motion it includes the longest possible
+    record.
     """
     layout = fit.layout
-    rate = max(fastest(layout), fastest(layout, fit.theta))
+    rate = max(fastest_growth_rate(layout), fastest_growth_rate(layout, fit.theta))
     longest = max(_duration(problem.record) for problem in layout.problems)
     if MOST_EFOLDINGS_AT_ONCE < rate * longest < math.inf:
         longest_fit = MOST_EFOLDINGS_IN_ONE_FIT / rate

@@ -1,12 +1,12 @@
-"""Whole-record fits of a motion that grows by itself: an aircraft that only its flight control
-system holds.
+"""Whole-record fits of an unstable motion: an aircraft that only its flight control system
+stabilises.
 
-A mode may grow by e^15 along a record. A small change of any unknown then changes the end of the
-trajectory much, and in nearly the same direction, so that Levenberg-Marquardt in all unknowns is
-slow. Here the unknowns of single records (initial states, biases) are projected out of the
-sensitivities to the shared parameters, and solved for again after every step. This is variable
-projection (Golub and Pereyra 1973; Kaufman 1975). The fit begins with a short part at the beginning
-of the records, and each further part is twice as long.
+A mode may grow by e^15 along a record. A small change of any unknown then has a large effect at the
+end of the trajectory, in nearly the same direction for all unknowns, so that Levenberg-Marquardt in
+all unknowns is slow. Here the unknowns of single records (initial states, biases) are projected out
+of the sensitivities to the shared parameters, and solved for again after every step. This is
+variable projection (Golub and Pereyra 1973; Kaufman 1975). The first fit uses a short part at the
+beginning of each record, and each further fit a part twice as long.
 """
 
 from __future__ import annotations
@@ -37,15 +37,19 @@ from sim.maths import complex_step_jacobian
 MOST_EFOLDINGS_AT_ONCE = 3.0
 _FIRST_PART_EFOLDINGS = 3.0  # growth of the first part, in e-foldings
 _PART_TOLERANCE = 0.3  # tolerance of the fits of parts before the last, in sigmas
-_OWN_STEPS = 12  # most steps in the unknowns of single records, after a step in the shared ones
-_OWN_GAIN = 0.1  # these steps end when one gains less log likelihood
+# after a step in the shared parameters: most steps in the unknowns of single records; they end when
+# one gains less log likelihood than the second value
+_MOST_RECORD_STEPS, _NEGLIGIBLE_RECORD_GAIN = 12, 0.1
 # smallest singular value of the scaled sensitivities, over the largest, of a determined direction
 _RESOLVED_SHARE = 1e-13
 
 
-def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Return the growth rate (1/s) of the fastest unstable mode without inputs, at the initial
-    states of ``theta`` (None: the start); zero if all modes are stable, infinite on overflow.
+def fastest_growth_rate(layout: FitLayout, theta: np.ndarray | None = None) -> float:
+    """Return the growth rate (1/s) of the fastest unstable mode; zero if all modes are stable,
+    infinite on overflow.
+
+    The motion is linearised without inputs, at the parameters and initial states of ``theta``
+    (None: the start).
     """
     theta = layout.start if theta is None else theta
     system, rate = layout.system, 0.0
@@ -61,20 +65,21 @@ def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
 
 
 def _rates_without_inputs(system: System, p: list[float], x: list[Any]) -> Sequence[Any]:
+    """Return the rates of the states ``x (nx,)`` at parameters ``p (np,)`` with all inputs zero."""
     return system.f(0.0, x, [0.0] * len(system.inputs), p)
 
 
 def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Return the growth of the fastest mode along the longest record, in e-foldings, at ``theta``
-    (None: the start).
+    """Return the growth of the fastest mode along the longest record, in e-foldings, at
+    ``theta`` (None: the start).
     """
-    return fastest(layout, theta) * max(
+    return fastest_growth_rate(layout, theta) * max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
 
 
 def fit_unstable(layout: FitLayout) -> Fit | None:
-    """Return the output-error fit from ``layout.start``, over longer and longer parts of the
+    """Return the output-error fit from ``layout.start``, by fits of longer and longer parts of the
     records; None where a cost is not finite.
 
     The outcomes are those of `fit_whole_records`. The layout has no priors and at least one shared
@@ -93,13 +98,15 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
 
 
 def _with_complex_steps(layout: FitLayout) -> FitLayout:
-    """Return the layout with exact derivatives."""
+    """Return the layout with derivatives by complex steps."""
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     return replace(layout, problems=problems)
 
 
 def projectable(layout: FitLayout) -> bool:
-    """Return whether a layout has shared parameters and no prior that couples unknowns."""
+    """Return whether `fit_projected` can fit a layout: it has shared parameters, and no prior
+    correlates unknowns.
+    """
     coupled = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
         layout.prior.mean
     )
@@ -107,10 +114,11 @@ def projectable(layout: FitLayout) -> bool:
 
 
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Return the fit as `fit_unstable` does, but of the whole records at once: the start must be
-    near the optimum. Priors are allowed where the layout is `projectable`.
+    """Return the fit as `fit_unstable` does, but of the whole records at once. The start must be
+    near the optimum, and the layout `projectable`.
 
-    ``guesses`` : starting trajectories; None takes them from the measured channels.
+    ``guesses`` are starting trajectories ``(nx, K + 1)``; None takes them from the measured
+    channels.
     """
     return _fit_part(_with_complex_steps(layout), layout.settings.iterations, guesses)
 
@@ -118,8 +126,9 @@ def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) ->
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     """Return the covariance of the shared parameters ``(s, s)``, and whether all are determined.
 
-    It equals their block of `fit_covariance`. The other unknowns are projected out of the
-    sensitivities before these are squared, since squaring loses all digits for an unstable motion.
+    The covariance equals the block of the shared parameters in `fit_covariance`. Here the other
+    unknowns are projected out before the sensitivities are squared, since squaring loses all digits
+    for an unstable motion.
     """
     n, projection = len(fit.layout.shared), _project(fit)
     inverse, determined = inverse_information(projection.information, fit.theta[:n])
@@ -127,14 +136,16 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     sigma = np.sqrt(fit.variance)[:, None, None]
     parts, count = [], n
-    for jacobian, own, residual, problem in zip(
-        projection.jacobians, projection.own, fit.residuals, fit.layout.problems, strict=True
+    for jacobian, basis, residual, problem in zip(
+        projection.jacobians, projection.bases, fit.residuals, fit.layout.problems, strict=True
     ):
-        # The unknowns of a record fit a part of its noise, which its residuals lack.
-        both = np.concatenate([jacobian, own[: residual.size].reshape(*residual.shape, -1)], axis=2)
-        columns = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
-        parts.append((columns, sigma * both, residual, problem.valid))
-        count += own.shape[1]
+        # The unknowns of a record absorb a part of its noise: the correction needs their columns.
+        jacobian_and_basis = np.concatenate(
+            [jacobian, basis[: residual.size].reshape(*residual.shape, -1)], axis=2
+        )
+        columns = np.concatenate([np.arange(n), count + np.arange(basis.shape[1])])
+        parts.append((columns, sigma * jacobian_and_basis, residual, problem.valid))
+        count += basis.shape[1]
     whole = np.eye(count)
     whole[:n, :n] = inverse
     return corrected_covariance(whole, parts, fit.variance)[:n, :n], determined
@@ -151,25 +162,27 @@ class _Projection:
     jacobians : ``(m, N, s)`` projected sensitivities of each record.
     information : ``(s, s)`` of the shared parameters.
     gradient : ``(s,)`` of the log likelihood.
-    own : ``(mN, o)`` of each record: orthonormal basis of the sensitivities to its own unknowns.
-    back : ``(o, mN)`` of each record: map of a residual to the step of its own unknowns.
+    bases : ``(mN, o)`` of each record: orthonormal basis of the sensitivities to the unknowns of
+        this record.
+    step_maps : ``(o, mN)`` of each record: matrix that maps a residual to the step of the unknowns
+        of this record.
     """
 
     jacobians: tuple[np.ndarray, ...]
     information: np.ndarray
     gradient: np.ndarray
-    own: tuple[np.ndarray, ...]
-    back: tuple[np.ndarray, ...]
+    bases: tuple[np.ndarray, ...]
+    step_maps: tuple[np.ndarray, ...]
 
-    def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
-        """Return the step ``(n,)`` of all unknowns for the step ``shared (s,)`` of the shared ones:
-        the unknowns of each record go to their optimum.
+    def step_to_optimum(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
+        """Return the step ``(n,)`` of all unknowns, for the step ``shared (s,)`` of the shared
+        parameters. The unknowns of each record go to their optimum.
         """
         step, n = np.zeros(len(fit.theta)), len(shared)
         step[:n] = shared
-        for r, back in enumerate(self.back):
+        for r, step_map in enumerate(self.step_maps):
             J, residual = _weighted(fit, r)
-            step[fit.layout.columns(r)[n:]] = back @ (residual - J[:, :n] @ shared)
+            step[fit.layout.columns(r)[n:]] = step_map @ (residual - J[:, :n] @ shared)
         return step
 
 
@@ -177,7 +190,7 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the sensitivities ``(mN, c)`` and the residual ``(mN,)`` of a record, each over the
     sigma of its output; zero where a sample is missing.
 
-    Each prior of an unknown of this record adds one row below.
+    Each prior of an unknown of this record adds one row at the end.
     """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
     jacobian = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1)
@@ -186,25 +199,32 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
     if prior is None:
         return jacobian, residual
     n, size = len(fit.layout.shared), np.sqrt(np.diag(prior.information))
-    mine = [k for k, position in enumerate(prior.positions) if position in columns[n:]]
-    rows = np.zeros((len(mine), len(columns)))
+    of_record = [k for k, position in enumerate(prior.positions) if position in columns[n:]]
+    rows = np.zeros((len(of_record), len(columns)))
     rows[
-        np.arange(len(mine)), [int(np.flatnonzero(columns == prior.positions[k])[0]) for k in mine]
-    ] = size[mine]
-    away = size[mine] * (prior.mean[mine] - fit.theta[prior.positions[mine]])
-    return np.vstack([jacobian, rows]), np.concatenate([residual, away])
+        np.arange(len(of_record)),
+        [int(np.flatnonzero(columns == prior.positions[k])[0]) for k in of_record],
+    ] = size[of_record]
+    prior_residual = size[of_record] * (
+        prior.mean[of_record] - fit.theta[prior.positions[of_record]]
+    )
+    return np.vstack([jacobian, rows]), np.concatenate([residual, prior_residual])
 
 
 def _project(fit: Fit) -> _Projection:
-    """Return the projection of the sensitivities of a fit."""
+    """Return the sensitivities of a fit with the unknowns of single records projected out."""
     n = len(fit.layout.shared)
-    information, gradient, jacobians, own, back = np.zeros((n, n)), np.zeros(n), [], [], []
+    information, gradient = np.zeros((n, n)), np.zeros(n)
+    jacobians, bases, step_maps = [], [], []
     prior = fit.layout.prior
     if prior is not None:
-        known = np.flatnonzero(prior.positions < n)  # priors of shared parameters
-        positions, block = prior.positions[known], prior.information[np.ix_(known, known)]
+        of_shared = np.flatnonzero(prior.positions < n)
+        positions, block = (
+            prior.positions[of_shared],
+            prior.information[np.ix_(of_shared, of_shared)],
+        )
         information[np.ix_(positions, positions)] += block
-        gradient[positions] += block @ (prior.mean[known] - fit.theta[positions])
+        gradient[positions] += block @ (prior.mean[of_shared] - fit.theta[positions])
     for r in range(len(fit.layout.problems)):
         J, residual = _weighted(fit, r)
         size = np.linalg.norm(J[:, n:], axis=0)
@@ -218,21 +238,23 @@ def _project(fit: Fit) -> _Projection:
         information += shared.T @ shared
         gradient += shared.T @ residual
         jacobians.append(shared[: fit.residuals[r].size].reshape(*fit.residuals[r].shape, n))
-        own.append(basis)
-        back.append((right[determined].T / values[determined] @ basis.T) / size[:, None])
-    return _Projection(tuple(jacobians), information, gradient, tuple(own), tuple(back))
+        bases.append(basis)
+        step_maps.append((right[determined].T / values[determined] @ basis.T) / size[:, None])
+    return _Projection(tuple(jacobians), information, gradient, tuple(bases), tuple(step_maps))
 
 
 def _growing_parts(layout: FitLayout) -> Iterator[FitLayout]:
-    """Yield the layout with only the beginning of each record valid, twice as long each time, and
-    at last the layout of the whole records. A part in which an output has no sample is left out.
+    """Yield layouts in which only a part at the beginning of each record is valid, twice as long
+    each time, and at last the layout of the whole records.
+
+    A part is left out where it has no sample of an output that the whole record has.
     """
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
     span = _FIRST_PART_EFOLDINGS * length / max(growth(layout), _FIRST_PART_EFOLDINGS)
     rough = replace(layout.settings, tolerance=max(_PART_TOLERANCE, layout.settings.tolerance))
-    while 0.0 < span < length:  # an infinite growth rate leaves no part
+    while 0.0 < span < length:  # span is zero for an infinite growth rate
         problems = tuple(
             replace(whole, valid=whole.valid & (whole.record.time - whole.record.time[0] <= span))
             for whole in layout.problems
@@ -266,12 +288,12 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         point: tuple[Fit, _Projection], model: LocalModel, damping: float
     ) -> tuple[Fit, _Projection] | None:
         fit, projection = point
-        step = projection.own_steps(fit, model.scale * model.step(damping))
+        step = projection.step_to_optimum(fit, model.scale * model.step(damping))
         theta = np.clip(fit.theta + step, layout.low, layout.high)
         moved = evaluate(problem, theta, predicted_trajectories(fit, theta))
         if moved is None:
             return None
-        moved = _with_best_own(moved)
+        moved = _with_optimal_record_unknowns(moved)
         if not moved.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             return None
         return moved, _project(moved)
@@ -279,7 +301,7 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
     def settled(point: tuple[Fit, _Projection], model: LocalModel) -> bool:
         return has_converged(model, point[0].theta[:n], settings)
 
-    fit = _with_best_own(start_fit)
+    fit = _with_optimal_record_unknowns(start_fit)
     minimum = minimise(Descent(model, trial, settled), (fit, _project(fit)), limit)
     converged = settled(minimum.point, minimum.model)
     return replace(
@@ -289,17 +311,17 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
     )
 
 
-def _with_best_own(fit: Fit) -> Fit:
-    """Return the fit with the unknowns of each record at their optimum. This takes one step for a
-    linear motion and a few for any other.
+def _with_optimal_record_unknowns(fit: Fit) -> Fit:
+    """Return the fit with the unknowns of each record at their optimum for the given shared
+    parameters. This takes one step for a linear motion and a few steps for any other.
     """
-    for _ in range(_OWN_STEPS):
-        step = _project(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
+    for _ in range(_MOST_RECORD_STEPS):
+        step = _project(fit).step_to_optimum(fit, np.zeros(len(fit.layout.shared)))
         theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
         moved = evaluate(fit.problem, theta, predicted_trajectories(fit, theta))
         if moved is None or moved.cost >= fit.cost:
             break
         gain, fit = fit.cost - moved.cost, moved
-        if gain < _OWN_GAIN:
+        if gain < _NEGLIGIBLE_RECORD_GAIN:
             break
     return fit

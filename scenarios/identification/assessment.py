@@ -18,8 +18,8 @@ from ident.statistics.residuals import ErrorFigures, ResidualTest, error_figures
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
-from ident.whole_record.output_error import in_pieces
-from ident.whole_record.output_error import put_together as of_pieces
+from ident.whole_record.output_error import cut_into_pieces
+from ident.whole_record.output_error import join_pieces as of_pieces
 from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
@@ -208,7 +208,7 @@ def profiled(
         return () if found is None else frequency.profile_intervals(found, names, covariance)
     from ident.whole_record.gauss_newton import profile_intervals
 
-    pieces = in_pieces(records, without_noise or system, settings, local)
+    pieces = cut_into_pieces(records, without_noise or system, settings, local)
     layout = lay_out([*chain.from_iterable(pieces)], start_system, settings, local=local)
     if estimate.method == "filter-error":
         from ident.process_noise.best_start import fit_from_best_start as fit_with_filter
@@ -385,11 +385,11 @@ def simulated(
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local
     ]
     frozen = replace(with_values, parameters=with_values.parameters.only_free(fitted_names))
-    pieces = in_pieces([record], with_values, settings, local)
+    pieces = cut_into_pieces([record], with_values, settings, local)
     fit = fit_whole_records(
         FitProblem(lay_out(pieces[0], frozen, replace(settings, use_priors=False), local=local))
     )
-    return None if fit is None else of_pieces([line.y for line in fit.lines], pieces)[0]
+    return None if fit is None else of_pieces([line.y for line in fit.linearisations], pieces)[0]
 
 
 # ---- The same identification with the other hold of the inputs

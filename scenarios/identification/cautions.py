@@ -21,7 +21,7 @@ from ident.statistics.residuals import (
 )
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
-from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest, growth
+from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest_growth_rate, growth
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.conditions import METHOD
@@ -302,7 +302,7 @@ def _of_instability(
     return (
         f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
         "those of inputs between samples and of rounding, every "
-        f"{np.log(2.0) / fastest(layout):.2g} s; "
+        f"{np.log(2.0) / fastest_growth_rate(layout):.2g} s; "
         f"sigmas of {estimate.method} count the noise of the sensors alone and are too small, and "
         "values "
         f"may be wrong by many of them; use --method filter-error, which allows for such errors",

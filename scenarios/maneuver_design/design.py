@@ -123,7 +123,7 @@ def within_limits(
 
 def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, float]]:
     """Return the lowest and highest reading by output, load factors as totals."""
-    rows = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
+    rows = zip(motion.system.output_names, motion.fit.linearisations[0].y, strict=True)
     return {
         name: (
             offset_of(setting.model, name) + float(row.min()),
@@ -188,7 +188,7 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
     assert setting.maneuver_limits.band is not None
     low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
-    clean = np.array(flight.motion.fit.lines[0].y)
+    clean = np.array(flight.motion.fit.linearisations[0].y)
     duration = clean.shape[1] * setting.maneuver_limits.interval
     windows = window_lengths([duration], low)
     low = max(low, lowest_frequency(windows))

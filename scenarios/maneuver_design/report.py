@@ -269,7 +269,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
     courses = []
     for each in design.maneuvers:
         motion, flown = each.flight.motion, each.flight.planned.record
-        outputs = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
+        outputs = zip(motion.system.output_names, motion.fit.linearisations[0].y, strict=True)
         shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
         courses.append(
             ManeuverCourse(
@@ -413,7 +413,7 @@ def _expected(design: DesignResult) -> str:
         **{channel.name: channel.values for channel in flight.planned.record.inputs},
     }
     columns |= dict(
-        zip(flight.motion.system.output_names, flight.motion.fit.lines[0].y, strict=True)
+        zip(flight.motion.system.output_names, flight.motion.fit.linearisations[0].y, strict=True)
     )
     rows = zip(*columns.values(), strict=True)
     return csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows))

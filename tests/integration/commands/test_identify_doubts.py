@@ -262,7 +262,7 @@ def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(
     )[1]
     assert content["outcome"] == "converged" and content["warnings"] == []
     assert any(
-        "the motion is unstable by itself: it is followed in 2 pieces" in note
+        "the motion is unstable: the records are cut into 2 pieces" in note
         for note in content["notes"]
     )
     assert all(

@@ -116,7 +116,7 @@ def test_a_low_order_model_of_an_aircraft_that_it_does_not_fit(
         tmp_path / "loes.toml",
         tmp_path / "out",
     )
-    assert "the free simulation runs away" in said and "filter-error" in said
+    assert "the free simulation diverges" in said and "filter-error" in said
 
 
 @pytest.mark.long

@@ -107,7 +107,7 @@ def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:
 def test_a_simulation_is_the_flight() -> None:
     plan, true = planned(), acting("sensor-lag:alpha", time_constant=0.04)
     model = plain().with_effects(true.effect).with_values(true.full_values)
-    mine = simulated(plan, (true.effect,), true.full_values).fit.lines[0].y
+    mine = simulated(plan, (true.effect,), true.full_values).fit.linearisations[0].y
     assert np.max(np.abs(mine - flown(model, plan)) / plan.noise[:, None]) < 0.02
 
 

@@ -7,15 +7,15 @@ import pytest
 
 from ident.process_noise.whitener import (
     Elements,
-    advanced,
+    apply_steps,
     combine_affine,
     combine_covariances,
     covariance_steps,
-    from_left,
-    from_right,
+    multiply_left,
+    multiply_right,
     powers,
     scan,
-    transposed,
+    transpose_each,
 )
 
 
@@ -35,8 +35,8 @@ def kalman_covariances(
 
 
 def problem(rng: np.random.Generator, count: int, n: int, m: int) -> tuple[np.ndarray, ...]:
-    """Start, transitions, noise of rank one, measurements with some missing (rows of zeros),
-    variances.
+    """Start, transitions, noise of rank one, measurements with some missing (rows of
+    zeros), variances.
     """
     Phi = np.eye(n) + 0.2 * rng.normal(size=(count, n, n))
     drive = rng.normal(size=(count, n, 1))
@@ -49,21 +49,21 @@ def problem(rng: np.random.Generator, count: int, n: int, m: int) -> tuple[np.nd
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 2), (2, 4)])
 def test_covariances_are_those_of_the_sequential_filter(count: int, n: int, m: int) -> None:
     P, Phi, Q, H, R = problem(np.random.default_rng(100 * count + n), count, n, m)
-    got = advanced(scan(combine_covariances, covariance_steps(Phi, Q, H, R)), P)
+    got = apply_steps(scan(combine_covariances, covariance_steps(Phi, Q, H, R)), P)
     expected = kalman_covariances(P, Phi, Q, H, R)
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
 
 
 def test_a_start_without_variance_is_no_exception() -> None:
     _, Phi, Q, H, R = problem(np.random.default_rng(5), 20, 3, 2)
-    got = advanced(scan(combine_covariances, covariance_steps(Phi, Q, H, R)), np.zeros((3, 3)))
+    got = apply_steps(scan(combine_covariances, covariance_steps(Phi, Q, H, R)), np.zeros((3, 3)))
     expected = kalman_covariances(np.zeros((3, 3)), Phi, Q, H, R)
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
 
 
 def test_powers_of_one_step_are_its_repetition() -> None:
     P, Phi, Q, H, R = problem(np.random.default_rng(6), 1, 3, 2)
-    got = advanced(powers(combine_covariances, covariance_steps(Phi, Q, H, R), 8), P)
+    got = apply_steps(powers(combine_covariances, covariance_steps(Phi, Q, H, R), 8), P)
     expected = kalman_covariances(
         P, np.repeat(Phi, 8, axis=0), np.repeat(Q, 8, axis=0), np.repeat(H, 8, axis=0), R
     )
@@ -76,10 +76,10 @@ def test_two_steps_in_a_row_combine_in_their_order() -> None:
     first, second = (
         covariance_steps(Phi[k : k + 1], Q[k : k + 1], H[k : k + 1], R) for k in (0, 1)
     )
-    both, turned = combine_covariances(first, second), combine_covariances(second, first)
+    both, swapped = combine_covariances(first, second), combine_covariances(second, first)
     expected = kalman_covariances(P, Phi, Q, H, R)[1]
-    np.testing.assert_allclose(advanced(both, P)[0], expected, rtol=1e-10, atol=1e-11)
-    assert not np.allclose(advanced(turned, P)[0], expected, rtol=1e-3)
+    np.testing.assert_allclose(apply_steps(both, P)[0], expected, rtol=1e-10, atol=1e-11)
+    assert not np.allclose(apply_steps(swapped, P)[0], expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize("count", [2, 5, 12])
@@ -119,9 +119,9 @@ def test_products_with_stacks_of_matrices() -> None:
     for k in range(5):
         for d in range(6):
             np.testing.assert_allclose(
-                from_left(left, stack)[k, :, d], left[k] @ stack[k, :, d], rtol=1e-12
+                multiply_left(left, stack)[k, :, d], left[k] @ stack[k, :, d], rtol=1e-12
             )
             np.testing.assert_allclose(
-                from_right(stack, right)[k, :, d], stack[k, :, d] @ right[k], rtol=1e-12
+                multiply_right(stack, right)[k, :, d], stack[k, :, d] @ right[k], rtol=1e-12
             )
-            np.testing.assert_array_equal(transposed(stack)[k, :, d], stack[k, :, d].T)
+            np.testing.assert_array_equal(transpose_each(stack)[k, :, d], stack[k, :, d].T)

@@ -12,10 +12,10 @@ import pytest
 from ident.estimate import Estimate, Outcome
 from ident.process_noise import filter_error
 from ident.process_noise.best_start import (
-    absurd_sigmas,
     fit_from_best_start,
+    implausibly_small_sigmas,
     levels_at_limit,
-    third_differences,
+    white_noise_level,
 )
 from ident.process_noise.filter_error import fit_filter_error
 from ident.whole_record.layout import FitSettings, lay_out
@@ -147,16 +147,16 @@ def test_a_sigma_below_what_the_samples_can_give_is_absurd() -> None:
     honest = np.sqrt(
         np.diag(np.linalg.inv(fit.normal_equations()[0] + 1e-12 * np.eye(len(fit.theta))))
     )[: len(layout.shared)]
-    assert absurd_sigmas(fit, honest) == []
+    assert implausibly_small_sigmas(fit, honest) == []
     wrong = honest.copy()
     wrong[layout.shared.index("Cm_q")] = 1e-9
-    assert absurd_sigmas(fit, wrong) == ["Cm_q"]
+    assert implausibly_small_sigmas(fit, wrong) == ["Cm_q"]
 
 
 def test_third_differences_show_white_noise_and_pass_over_what_is_slow() -> None:
     rng, time = np.random.default_rng(3), np.arange(4000) * 0.02
     rows = np.array([np.sin(time) + 0.01 * rng.standard_normal(len(time)), 3.0 * time**2])
     valid = rng.random(rows.shape) > 0.1
-    shown = third_differences([rows], [valid])
+    shown = white_noise_level([rows], [valid])
     assert shown[0] == pytest.approx(0.01, rel=0.06) and shown[1] < 1e-9
-    assert np.isinf(third_differences([rows], [np.zeros_like(valid)])).all()
+    assert np.isinf(white_noise_level([rows], [np.zeros_like(valid)])).all()

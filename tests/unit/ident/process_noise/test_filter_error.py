@@ -14,11 +14,11 @@ import pytest
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.filter_error import (
     fit_filter_error,
-    fit_under_held_noise,
+    fit_with_fixed_noise,
     fit_with_process_noise,
     noise_levels,
     noise_start,
-    turbulence_worth_trying,
+    residual_whiteness_p_value,
 )
 from ident.process_noise.innovations_model import SCALE, process_noise
 from ident.whole_record.gauss_newton import fit_whole_records
@@ -151,7 +151,9 @@ def test_a_warm_start_ends_where_the_cold_one_does() -> None:
     start = cold.theta[: len(layout.start)].copy()
     start[:6] *= 1.05
     warm = fit_with_process_noise(
-        replace(layout, start=start), [line.states for line in cold.lines], noise_levels(cold)
+        replace(layout, start=start),
+        cold.trajectories,
+        noise_levels(cold),
     )
     assert warm is not None and warm.iterations < cold.iterations + 2
     assert warm.log_likelihood == pytest.approx(cold.log_likelihood, abs=1e-4)
@@ -161,7 +163,7 @@ def test_whitened_signatures_go_with_whitened_residuals() -> None:
     record = rough_record(np.random.default_rng(19), 301, missing=0.1)
     fit = fit_with_process_noise(lay_out([record], compile_model(rough_model()), SETTINGS))
     assert fit is not None
-    assert fit.whiten(0, fit.lines[0].jacobian) == pytest.approx(
+    assert fit.whiten(0, fit.linearisations[0].jacobian) == pytest.approx(
         fit.jacobians[0], rel=1e-12, abs=1e-12
     )
     plain = fit_whole_records(FitProblem(lay_out([record], compile_model(calm_model()), SETTINGS)))
@@ -192,12 +194,12 @@ def test_turbulence_is_worth_trying_where_residuals_are_not_white(
         )
     )
     assert fit is not None
-    assert (turbulence_worth_trying(fit) < 1e-2) is worth
+    assert (residual_whiteness_p_value(fit) < 1e-2) is worth
 
 
 @pytest.mark.long
 def predictive_log_likelihood(*arguments: Any, **options: Any) -> float:
-    fit = fit_under_held_noise(*arguments, **options)
+    fit = fit_with_fixed_noise(*arguments, **options)
     assert fit is not None
     return fit.log_likelihood
 
@@ -280,7 +282,7 @@ def test_prediction_without_process_noise_is_gaussian() -> None:
         )
     )
     assert fit is not None
-    e = (fit.layout.problems[0].z - fit.lines[0].y) / NOISE[:, None]
+    e = (fit.layout.problems[0].z - fit.linearisations[0].y) / NOISE[:, None]
     expected = (
         -0.5 * float(np.sum(e**2))
         - 201 * float(np.sum(np.log(NOISE)))
@@ -290,7 +292,7 @@ def test_prediction_without_process_noise_is_gaussian() -> None:
 
 
 def test_a_model_that_nothing_forces_is_refused() -> None:
-    with pytest.raises(ModelError, match="no white noise forces a state"):
+    with pytest.raises(ModelError, match="no white noise acts on a state"):
         fit_filter_error([rough_record(np.random.default_rng(24), 60)], compile_model(calm_model()))
 
 

@@ -72,7 +72,7 @@ def slopes_of(problem: RecordProblem) -> NoiseSlopes:
 def test_slopes_are_differences_of_the_process_noise(kind: str) -> None:
     problem = problem_with(INPUTS[kind])
     slopes, states, step = slopes_of(problem), np.zeros((2, len(problem.grid.nodes))), 1e-4
-    assert slopes.of == (0, 1, 2)
+    assert slopes.positions == (0, 1, 2)
     for i, (low, high, width) in enumerate(
         slope_pairs(
             Variation(problem.system.parameters.values(), 1.0),

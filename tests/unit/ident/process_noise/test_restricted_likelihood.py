@@ -47,7 +47,7 @@ def test_a_mean_takes_its_share_of_the_variance(samples: int) -> None:
     fit = regression(samples, ("place",))
     k = len(fit.layout.start)
     assert k == 3 and fit.problem.names[-1] == "std_place"
-    squares = float(np.sum((fit.layout.problems[0].z[0] - fit.lines[0].y[0]) ** 2))
+    squares = float(np.sum((fit.layout.problems[0].z[0] - fit.linearisations[0].y[0]) ** 2))
     assert fit.theta[-1] ** 2 == pytest.approx(squares / samples, rel=1e-5)
     levels = restricted_levels(fit, fit_covariance(fit)[0])
     adjusted, factor = levels.theta, levels.factor
@@ -66,7 +66,7 @@ def test_outputs_share_what_the_unknowns_take() -> None:
     fit = regression(150, ALL)
     levels = restricted_levels(fit, fit_covariance(fit)[0])
     adjusted, factor = levels.theta, levels.factor
-    std, J = fit.theta[-3:], fit.lines[0].jacobian
+    std, J = fit.theta[-3:], fit.linearisations[0].jacobian
     normal = sum(J[i].T @ J[i] / std[i] ** 2 for i in range(3))
     taken = np.array(
         [np.trace(np.linalg.solve(normal, J[i].T @ J[i])) / std[i] ** 2 for i in range(3)]
@@ -103,6 +103,6 @@ def test_sigmas_know_that_their_noise_level_is_an_estimate(samples: int) -> None
     Student's N degrees of freedom follow.
     """
     fit = regression(samples, ("place",))
-    spread = restricted_levels(fit, fit_covariance(fit)[0]).spread
+    spread = restricted_levels(fit, fit_covariance(fit)[0]).log_variance
     np.testing.assert_allclose(spread[:-1], 2.0 / samples, rtol=0.05)
     assert spread[-1] == 0.0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ident.process_noise.innovations_model import process_noise
-from ident.process_noise.linear_noise import Variation, discretised, discretised_noise
+from ident.process_noise.linear_noise import Variation, discretise, discretised_noise
 from ident.process_noise.whitener import Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
@@ -116,19 +116,19 @@ def test_innovations_and_likelihood_equal_a_covariance_filters(kind: str) -> Non
     assert at_samples(problem, through.innovation)[:, :, 0] == pytest.approx(
         second.innovation, abs=1e-10
     )
-    standard = at_samples(problem, through.standard)[:, :, 0]
+    standard = at_samples(problem, through.normalised)[:, :, 0]
     assert (standard**2).sum(axis=1) == pytest.approx(second.nis, rel=1e-10)
     total = -0.5 * (
         np.sum(standard**2) + filter.log_determinant + problem.valid.sum() * math.log(2.0 * math.pi)
     )
     assert total == pytest.approx(second.log_likelihood.sum(), rel=1e-10)
-    covariance = filter.covariance[filter.at][problem.grid.sample // problem.grid.substeps]
+    covariance = filter.covariance[filter.entry][problem.grid.sample // problem.grid.substeps]
     assert covariance == pytest.approx(second.P, abs=1e-12)
 
 
 def test_a_filter_that_settles_keeps_few_gains() -> None:
     _, filter = prepared(RECORDS["long"](np.random.default_rng(0)))
-    assert len(filter.covariance) < 250 and filter.at[-1] == len(filter.covariance) - 1
+    assert len(filter.covariance) < 250 and filter.entry[-1] == len(filter.covariance) - 1
 
 
 @pytest.mark.parametrize("kind", ["even", "all"])
@@ -139,9 +139,9 @@ def test_columns_pass_like_differences_of_residuals(kind: str) -> None:
         rng.standard_normal((*problem.z.shape, 1)),
         rng.standard_normal((*problem.z.shape, 5)),
     )
-    base = filtered(filter, at_nodes(problem, e)).standard
-    moved = filtered(filter, at_nodes(problem, e + columns)).standard
-    assert filtered(filter, at_nodes(problem, columns)).standard == pytest.approx(
+    base = filtered(filter, at_nodes(problem, e)).normalised
+    moved = filtered(filter, at_nodes(problem, e + columns)).normalised
+    assert filtered(filter, at_nodes(problem, columns)).normalised == pytest.approx(
         moved - base, abs=1e-10
     )
 
@@ -152,7 +152,7 @@ def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
     e = rng.standard_normal(problem.z.shape)
     expected = np.where(problem.valid, e / np.sqrt(VARIANCE)[:, None], 0.0)
     through = filtered(filter, at_nodes(problem, e[:, :, None]))
-    assert through.standard[:, :, 0].transpose() == pytest.approx(expected, rel=1e-14)
+    assert through.normalised[:, :, 0].transpose() == pytest.approx(expected, rel=1e-14)
     assert filter.log_determinant == pytest.approx(
         float(problem.valid.sum(axis=1) @ np.log(VARIANCE)), rel=1e-13
     )
@@ -161,7 +161,7 @@ def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
 @pytest.mark.parametrize("step", [0.004, 0.05, 1.3])
 def test_transition_and_noise_of_a_step(step: float) -> None:
     A, Q = matrices(DENSITY).A[:2, :2], matrices(DENSITY).Q[:2, :2]
-    Phi, noise = (M[0] for M in discretised(A[None], np.diag(Q), np.array([step])))
+    Phi, noise = (M[0] for M in discretise(A[None], np.diag(Q), np.array([step])))
     assert Phi == pytest.approx(exponential(A * step), rel=1e-12, abs=1e-15)
     assert noise == pytest.approx(noise_integral(A, Q, step, None), rel=1e-10, abs=1e-18)
 
@@ -209,7 +209,7 @@ def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
     problem = FitProblem(layout, process_noise(system, levels, system.output_names))
     first = evaluate(problem, problem.start, layout.guesses(layout.start))
     assert first is not None
-    fit = evaluate(problem, problem.start, [first.lines[0].states])
+    fit = evaluate(problem, problem.start, [first.linearisations[0].states])
     assert fit is not None
     information, gradient = fit.normal_equations()
     for i, scale in enumerate(1.0 / np.sqrt(np.diag(information))):
@@ -217,7 +217,7 @@ def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
         for step in (-1e-3, 1e-3):
             theta = problem.start.copy()
             theta[i] += step * scale
-            moved = evaluate(problem, theta, [fit.lines[0].states])
+            moved = evaluate(problem, theta, [fit.linearisations[0].states])
             assert moved is not None
             costs.append(moved.cost)
         assert gradient[i] * scale == pytest.approx(

@@ -131,7 +131,7 @@ def test_of_a_linear_regression_it_is_in_closed_form() -> None:
     (found,) = profile_intervals(fit, ["force"], shared_covariance(fit)[0])
     slopes, z = fit.jacobians[0][0], record["place"].values
     projector = np.linalg.inv(slopes.T @ slopes)
-    least = float(np.sum((z - fit.lines[0].y[0]) ** 2))
+    least = float(np.sum((z - fit.linearisations[0].y[0]) ** 2))
     assert found.low is not None and found.high is not None
     half = math.sqrt((math.exp(TWICE_LOG_LIKELIHOOD_DROP / len(z)) - 1.0) * least * projector[0, 0])
     assert found.value - found.low == pytest.approx(

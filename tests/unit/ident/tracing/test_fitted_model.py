@@ -47,7 +47,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
         "sensor-drift:q.slope, record 2": 5e-4,
     }
     assert guesses is not None
-    for guess, line in zip(guesses, small.fit.lines, strict=True):
+    for guess, line in zip(guesses, small.fit.linearisations, strict=True):
         np.testing.assert_array_equal(guess, line.states)
     # Back: what the smaller model lacks is left behind.
     large = fit_of(problem, effects, small, {"sensor-lag:q.time_constant": 0.05})
@@ -65,7 +65,7 @@ def test_added_states_begin_at_rest() -> None:
     layout = lay_out(problem.records, system, FitSettings(max_step=0.02))
     _, guesses = start_and_guesses(layout, root.values, {})
     assert guesses is not None
-    np.testing.assert_array_equal(guesses[0][:2], root.fit.lines[0].states)
+    np.testing.assert_array_equal(guesses[0][:2], root.fit.linearisations[0].states)
     assert not np.any(guesses[0][2:])
 
 

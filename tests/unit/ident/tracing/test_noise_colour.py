@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 
 from ident.tracing.context import search_context
 from ident.tracing.evidence import evidence_of
-from ident.whole_record.coloured_noise import ColouredNoise, blocks_of, cosines
+from ident.whole_record.coloured_noise import ColouredNoise, cosine_transform, fast_transform_blocks
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
@@ -51,11 +51,11 @@ def cosine_basis(n: int) -> np.ndarray:
 @pytest.mark.parametrize("n", [1, 2, 23, 240, 1201])
 def test_the_transform_is_that_of_blocks_and_its_inverse_brings_the_values_back(n: int) -> None:
     values = np.random.default_rng(n).standard_normal((2, 3, n))
-    found = cosines(values)
-    for block in blocks_of(n):
+    found = cosine_transform(values)
+    for block in fast_transform_blocks(n):
         wanted = values[..., block] @ cosine_basis(block.stop - block.start).T
         np.testing.assert_allclose(found[..., block], wanted, atol=1e-11)
-    np.testing.assert_allclose(cosines(found, inverse=True), values, atol=1e-11)
+    np.testing.assert_allclose(cosine_transform(found, inverse=True), values, atol=1e-11)
 
 
 def test_the_likelihood_is_that_of_independent_cosine_coefficients() -> None:
@@ -65,7 +65,7 @@ def test_the_likelihood_is_that_of_independent_cosine_coefficients() -> None:
     interval = float(problem.record.time[1] - problem.record.time[0])
     for each in residual:
         found, frequency = [], []
-        for block in blocks_of(residual.shape[1]):
+        for block in fast_transform_blocks(residual.shape[1]):
             n = block.stop - block.start
             found += list(cosine_basis(n) @ each[block])
             frequency += [k / (2 * n * interval) for k in range(n)]
@@ -119,7 +119,7 @@ def test_products_of_moved_columns_are_those_of_columns_moved_one_by_one(colour:
     fit = replace(fit, problem=replace(fit.problem, layout=replace(fit.layout, problems=(masked,))))
     noise = ColouredNoise(fit)
     columns, others = rng.standard_normal((2, count)), rng.standard_normal((3, count))
-    squares, products = noise.products_when_moved(0, 1, columns, others)
+    squares, products = noise.products_at_all_shifts(0, 1, columns, others)
     sigma = np.sqrt(fit.variance[1])
     for shift in (0, 1, count // 2, count - 2):
         moved = np.zeros((2, 1, count))

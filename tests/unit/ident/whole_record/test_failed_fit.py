@@ -25,8 +25,8 @@ UNITS = {"q": "rad/s"}
     [
         (0.01, ""),
         (0.8, ""),
-        (1.5, "the fit explains nothing"),
-        (50.0, "the free simulation runs away"),
+        (1.5, "the fit is worse than constant outputs"),
+        (50.0, "the free simulation diverges"),
         (1e30, "the free simulation"),
     ],
 )
@@ -79,7 +79,7 @@ def test_a_diagnosis_of_an_aircraft_that_no_free_simulation_follows_ends_in_one_
         diagnose(unstable(30.0, 0.6), model, (), (), ())
     told = str(caught.value)
     assert told.startswith(
-        "0.csv, 1.csv: the fit of the declared model has failed: the free simulation runs away "
+        "0.csv, 1.csv: the fit of the declared model has failed: the free simulation diverges "
         "from the record ("
     )
     assert (
@@ -135,7 +135,7 @@ def test_an_identification_says_so_with_the_same_words() -> None:
     assert said(z) == ()
     (away,) = said(1e6 * z)
     assert (
-        away.startswith("the fit has failed: the free simulation runs away from the record (")
+        away.startswith("the fit has failed: the free simulation diverges from the record (")
         and "--method filter-error" in away
     )
     (open_,) = said(z, rows[1:])

@@ -20,7 +20,8 @@ from ident.whole_record.gauss_newton import (
     predicted_trajectories,
     without_sensitivities,
 )
-from ident.whole_record.layout import FitProblem, FitSettings, White, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
+from ident.whole_record.noise_model import White
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.propagation import drive_from_record, make_grid, simulate
@@ -87,7 +88,7 @@ def undamped_step_in_sigmas(fit: Fit) -> float:
     """Length of the Gauss-Newton step in its own sigmas, from the residuals and sensitivities, by
     QR.
     """
-    record, line = fit.layout.problems[0], fit.lines[0]
+    record, line = fit.layout.problems[0], fit.linearisations[0]
     sigma = np.sqrt(np.mean((record.z - line.y) ** 2, axis=1))[:, None]
     J, e = (
         (line.jacobian / sigma[:, :, None]).reshape(-1, len(fit.theta)),
@@ -236,7 +237,7 @@ def test_the_trajectory_obeys_the_equations_however_loose_the_tolerance() -> Non
         system, p.tolist(), record.input_array(system.input_names), record.time, record.hold, grid
     )
     expected = np.array(simulate(system, p.tolist(), x0.tolist(), drive, grid))
-    np.testing.assert_allclose(fit.lines[0].y, expected, rtol=1e-11)
+    np.testing.assert_allclose(fit.linearisations[0].y, expected, rtol=1e-11)
 
 
 class Endless(White):

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import ident.whole_record.linearise as general
+from ident.whole_record.linear_record import linear_record
 from ident.whole_record.linearise import Linearisation, linearise
-from ident.whole_record.record_problem import RecordProblem, linear_record, record_problem
+from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.effects.input_path.input_delay import InputDelay

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.whole_record.layout import WHITE
+from ident.whole_record.noise_model import WHITE
 
 
 @pytest.mark.parametrize(

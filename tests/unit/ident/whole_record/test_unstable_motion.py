@@ -17,7 +17,7 @@ from ident.whole_record.output_error import (
     fit_covariance,
     fit_from_best_start,
     fit_output_error,
-    quiet,
+    grows_little,
     simulation_diverges,
 )
 from ident.whole_record.unstable_motion import (
@@ -66,7 +66,7 @@ def test_growth_is_that_of_the_fastest_root() -> None:
         [rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS
     )
     begun = evaluate(FitProblem(stable), stable.start, stable.guesses(stable.start))
-    assert growth(stable) == 0.0 and quiet(stable)
+    assert growth(stable) == 0.0 and grows_little(stable)
     assert begun is not None and not simulation_diverges(begun)
 
 
@@ -152,7 +152,7 @@ def test_its_covariance_is_that_of_all_unknowns_where_squares_survive() -> None:
     """
     record = flown_in_a_loop(np.random.default_rng(3), duration=4.0)
     fit = fit_from_best_start(lay_out([record], compile_model(fighter_start(off(3))), SETTINGS))
-    assert fit is not None and not quiet(fit.layout, fit.theta)
+    assert fit is not None and not grows_little(fit.layout, fit.theta)
     n = len(DERIVATIVES)
     for coloured in (False, True):
         one = replace(

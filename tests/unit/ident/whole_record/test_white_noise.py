@@ -12,14 +12,8 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 from ident.whole_record.gauss_newton import Fit, evaluate
-from ident.whole_record.layout import (
-    WHITE,
-    FitLayout,
-    FitProblem,
-    FitSettings,
-    WeightedResiduals,
-    lay_out,
-)
+from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
+from ident.whole_record.noise_model import WHITE, WeightedResiduals
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from tests.linear_problem import oscillator, record_of
@@ -41,7 +35,7 @@ def at_start(layout: FitLayout) -> Fit:
 
 
 def weighted(layout: FitLayout, fit: Fit) -> WeightedResiduals:
-    found = WHITE.weight_residuals(layout, fit.theta, fit.lines, fit.residuals, fit.counts)
+    found = WHITE.weight_residuals(layout, fit.theta, fit.linearisations, fit.residuals, fit.counts)
     assert found is not None
     return found
 
@@ -54,7 +48,7 @@ def test_cost_is_the_best_gaussian_density_over_the_variances() -> None:
         e = np.concatenate(
             [
                 (problem.z[i] - line.y[i])[problem.valid[i]]
-                for problem, line in zip(layout.problems, fit.lines, strict=True)
+                for problem, line in zip(layout.problems, fit.linearisations, strict=True)
             ]
         )
         found = minimize_scalar(
@@ -85,7 +79,7 @@ def test_where_a_variance_is_held_at_its_least_the_density_is_that_of_a_known_si
         e = np.concatenate(
             [
                 (problem.z[i] - line.y[i])[problem.valid[i]]
-                for problem, line in zip(layout.problems, fit.lines, strict=True)
+                for problem, line in zip(layout.problems, fit.linearisations, strict=True)
             ]
         )
         total += norm.logpdf(e, scale=np.sqrt(floor[i])).sum()
@@ -113,7 +107,9 @@ def test_no_unknowns_of_its_own() -> None:
     layout = two_records()
     fit = at_start(layout)
     assert WHITE.names == () and WHITE.start.size == WHITE.low.size == WHITE.high.size == 0
-    assert WHITE.covariance_terms(layout, fit.theta, fit.lines, weighted(layout, fit)) is None
+    assert (
+        WHITE.covariance_terms(layout, fit.theta, fit.linearisations, weighted(layout, fit)) is None
+    )
     low, high = WHITE.step_bounds(layout, fit.theta)
     assert low is layout.low and high is layout.high
 
@@ -130,13 +126,13 @@ def test_gradient_is_the_slope_of_the_concentrated_cost_and_information_that_of_
         for step in (-1e-4, 1e-4):
             theta = fit.theta.copy()
             theta[i] += step
-            moved = evaluate(FitProblem(layout), theta, [line.states for line in fit.lines])
+            moved = evaluate(FitProblem(layout), theta, fit.trajectories)
             assert moved is not None
             costs.append(moved.cost)
         slope[i] = (costs[0] - costs[1]) / 2e-4
     np.testing.assert_allclose(gradient, slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
     expected = np.zeros_like(information)
-    for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
+    for r, (problem, line) in enumerate(zip(layout.problems, fit.linearisations, strict=True)):
         at = layout.columns(r)
         for i, k in zip(*np.nonzero(problem.valid), strict=True):
             expected[np.ix_(at, at)] += (

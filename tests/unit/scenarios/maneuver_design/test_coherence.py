@@ -165,7 +165,7 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
 def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -> None:
     """The designed input, flown with fresh noise, through the command's own estimate."""
     best = planned.best
-    clean = np.array(best.flight.motion.fit.lines[0].y)
+    clean = np.array(best.flight.motion.fit.linearisations[0].y)
     rng = np.random.default_rng(99)
     said = best.responses
     assert said is not None
