@@ -1,13 +1,10 @@
-"""Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
+"""Banks of extended Kalman filters: one batched pass, and one filter with its history.
 
-The filter is that of `ident.filters.ekf` with the runs on a batch axis. It agrees with filterpy to
-rounding. A pass filters its samples in blocks, by the coefficients of the equations where these are
-bilinear, and otherwise step by step (`ident.banks.equation_kernels`). Each block ends with a check
-for failed runs.
-
-The smoothed trajectory of the iterated filter comes from the modified Bryson-Frazier recursion,
-which inverts only the covariance of the innovations (Bierman, "Fixed Interval Smoothing with
-Discrete Measurements", Int. J. Control 18(1), 1973).
+A bank runs B filters over one time base. The runs may differ in parameters, inputs, measurements
+and starts. The filter is that of `ident.filters.ekf` with the runs on a batch axis. It agrees with
+filterpy to rounding. A pass filters its samples in blocks (`ident.banks.equation_kernels`), by a
+table of coefficients where the equations are bilinear, and otherwise by calls of the equations.
+Each block ends with a check for failed runs.
 """
 
 from __future__ import annotations
@@ -23,14 +20,14 @@ from ident.banks.equation_kernels import (
     BankPass,
     BankRuns,
     BankTrace,
-    PassStretch,
-    decorrelated,
+    FilteredBlock,
+    eliminate_channels,
     empty_trace,
-    march_of_steps,
-    march_of_table,
+    step_block_filter,
     values_and_jacobians,
 )
-from ident.banks.row_kernel import SAMPLES_PER_CHECK, pass_side_by_side
+from ident.banks.row_kernel import SAMPLES_PER_CHECK, run_pass_in_rows
+from ident.banks.table_kernel import table_block_filter
 from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import FilterProblem, filter_problem, with_free
@@ -50,24 +47,25 @@ def run_pass(
     settings: FilterSettings,
     runs: BankRuns,
     keep: bool,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
     trace: BankTrace | None = None,
     *,
     in_rows: bool = False,
 ) -> BankPass:
-    """Filter B runs once. A run that breaks down keeps the mean and covariance of its last finite
-    sample.
+    """Return the result of one pass of B runs. A run that breaks down keeps the mean and covariance
+    of its last finite sample.
 
     Parameters
     ----------
     keep : return the histories of means and innovations too.
-    about : ``(n, N, B)`` trajectories to linearise about; None takes the means.
-    trace : arrays to fill for the smoother; None without.
+    nominal : ``(n, N, B)`` trajectories about which the filters are linearised; None takes their
+        means.
+    trace : arrays that are filled for the smoother; None fills none.
     in_rows : use `ident.banks.row_kernel` where the equations have a table. It is faster for more
         than a hundred runs, and its results do not depend on the number of runs.
     """
-    if in_rows and about is None and trace is None:
-        result = pass_side_by_side(problem, settings, runs, keep)
+    if in_rows and nominal is None and trace is None:
+        result = run_pass_in_rows(problem, settings, runs, keep)
         if result is not None:
             return result
     (n, B), (m, N) = runs.start.shape, problem.valid.shape
@@ -82,10 +80,12 @@ def run_pass(
         else None
     )
     with np.errstate(all="ignore"):
-        march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
+        filter_next_block = table_block_filter(problem, settings, runs) or step_block_filter(
+            problem, settings, runs
+        )
         for first in range(0, N, SAMPLES_PER_CHECK):
             last = min(first + SAMPLES_PER_CHECK, N)
-            block = march(first, last, x, P, about, trace)
+            block = filter_next_block(first, last, x, P, nominal, trace)
             x, P = block.mean[-1].T, block.covariance[-1]
             gains, block_nis = likelihood_and_nis(block.innovation, problem.valid[:, first:last])
             finite = sound_so_far(block, block_nis, sound)
@@ -97,7 +97,7 @@ def run_pass(
                     block.covariance,
                 )
             if history is not None:
-                _keep(history, slice(first, last), block, finite, (last_x, last_P))
+                _write_history(history, slice(first, last), block, finite, (last_x, last_P))
             last_x, last_P, sound = *_last_sound(block, finite, last_x, last_P), finite[-1]
     # P is symmetric but for rounding, since each step mirrors the rows of the states.
     return BankPass(
@@ -106,23 +106,26 @@ def run_pass(
 
 
 def likelihood_and_nis(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log likelihood and the normalised innovation squared, ``(K, B)`` each, of the
-    ``innovation (K, B, m, 1 + m)`` of a `PassStretch`. ``valid`` is ``(m, K)``.
+    """Return the log likelihood and the normalised innovation squared of K samples, ``(K, B)``
+    each.
+
+    ``innovation (K, B, m, 1 + m)`` is that of a `FilteredBlock`. ``valid (m, K)`` is False where a
+    sample is missing.
     """
     rows = innovation.copy()
-    variance = decorrelated(rows)
+    variance = eliminate_channels(rows)
     nis = (rows[..., 0] ** 2 / variance).sum(axis=-1)
     channels = np.count_nonzero(valid, axis=0)[:, None]
     return -0.5 * (nis + np.log(variance).sum(axis=-1) + channels * LOG_TWO_PI), nis
 
 
-def sound_so_far(done: PassStretch, nis: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return whether the runs are finite and without a negative variance up to each sample of a
-    block, ``(K, B)``. ``before (B,)`` says so for the samples before the block.
+def sound_so_far(done: FilteredBlock, nis: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return ``(K, B)``: True where a run is finite and without a negative variance up to this
+    sample of a block. ``before (B,)`` is the same for the last sample before the block.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
-    # A number that is not finite stays so: the last sample is enough. The sum of squares takes the
-    # least time, and a NaN fails the comparison.
+    # A number that is not finite stays so: testing the last sample is enough. The sum of squares is
+    # the fastest test, and a NaN fails the comparison.
     ends = [array.ravel() for array in (done.mean[-1], done.covariance[-1], nis)]
     squares = sum(np.vdot(array, array) for array in ends)
     if before.all() and squares < LARGEST_NUMBER**2 and variance.min() >= 0.0:
@@ -135,10 +138,10 @@ def sound_so_far(done: PassStretch, nis: np.ndarray, before: np.ndarray) -> np.n
 
 
 def _last_sound(
-    block: PassStretch, finite: np.ndarray, x: np.ndarray, P: np.ndarray
+    block: FilteredBlock, finite: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite
-    sample in a block; ``x`` and ``P`` are those before the block.
+    sample in a block. ``x`` and ``P`` are the mean and covariance before the block.
     """
     if finite[-1].all():
         return block.mean[-1].T, block.covariance[-1]
@@ -151,15 +154,18 @@ def _last_sound(
     return last_x, last_P
 
 
-def _keep(
+def _write_history(
     history: BankHistory,
     at: slice,
-    block: PassStretch,
+    block: FilteredBlock,
     finite: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write the samples ``at`` of a block into the history; runs that have broken down keep their
-    last values.
+    """Write a block into the samples ``at`` of the history. Runs that have broken down keep their
+    last finite values.
+
+    ``finite (K, B)`` is False where a run has broken down. ``before`` are the mean ``(n, B)`` and
+    covariance ``(B, n, n)`` of the last finite sample before the block.
     """
     mean, variance = block.mean, np.diagonal(block.covariance, axis1=2, axis2=3)
     if not finite.all():
@@ -198,7 +204,7 @@ class BankEstimate:
     names : names of the n states and free parameters.
     mean : ``(n, B)`` after the last finite sample.
     covariance : ``(B, n, n)`` after the last finite sample.
-    log_likelihood : ``(B,)``; minus infinity for a run that broke down.
+    log_likelihood : ``(B,)`` log likelihood of each run; minus infinity for a run that broke down.
     nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured
         or the run had broken down.
     sound : ``(B,)`` False where a run broke down.
@@ -238,7 +244,7 @@ def run_bank(
     covariance: np.ndarray | None = None,
     keep: bool = False,
 ) -> BankEstimate:
-    """Run B filters over one time base.
+    """Return the estimates of B filters over one time base.
 
     Parameters
     ----------
@@ -248,8 +254,8 @@ def run_bank(
         has converged or broken down.
     z : ``(m, N, B)`` outputs of each run; None takes those of the record for all runs.
     fixed_values : fixed parameter -> its values ``(B,)``, e.g. ``{"input-delay.delay": delays}``.
-    start : ``(n,)`` or ``(n, B)`` starting mean of states and free parameters; None takes that of
-        the System.
+    start : ``(n,)`` or ``(n, B)`` starting mean of states and free parameters; None takes the
+        starting values of the System.
     covariance : ``(B, n, n)`` at the start, for a single pass; None takes the priors of the System
         for all runs.
     keep : return the histories of means and innovations too.
@@ -265,9 +271,9 @@ def run_bank(
     if covariance is not None:
         if settings.passes > 1 or covariance.shape != (count, *problem.covariance.shape):
             raise ModelError(
-                "a covariance for each run is for one pass of as many runs",
+                "a covariance for each run needs one pass and as many covariances as runs",
                 where="bank",
-                remedy="call it once for each pass",
+                remedy="call run_bank once for each pass",
             )
         problem = replace(problem, covariance=covariance)
 
@@ -279,7 +285,7 @@ def run_bank(
         if active.size == 0:
             break
         next_start = np.concatenate([runs.start[:n_x], result.mean[n_x:]])
-        next_pass = filtered(BankRuns(runs.p, runs.drive, runs.z, next_start).only(active), keep)
+        next_pass = filtered(BankRuns(runs.p, runs.drive, runs.z, next_start).select(active), keep)
         std = np.sqrt(
             np.maximum(
                 np.diagonal(result.covariance[active], axis1=1, axis2=2).T[n_x:],
@@ -297,8 +303,10 @@ def run_bank(
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """Return the estimate of a pass; a run that is not ``sound (B,)`` has zero likelihood."""
-    kept = result.history
+    """Return the estimate from the result of a pass. A run that is not ``sound (B,)`` has zero
+    likelihood.
+    """
+    history = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
         problem.names,
@@ -309,9 +317,11 @@ def bank_estimate(
         sound,
         iterations,
     )
-    if kept is None:
+    if history is None:
         return BankEstimate(*estimate)
-    return BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
+    return BankEstimate(
+        *estimate, history.innovation, history.innovation_std, history.mean, history.std
+    )
 
 
 def bank_runs(
@@ -323,14 +333,16 @@ def bank_runs(
     fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
 ) -> tuple[FilterProblem, BankRuns]:
-    """Return the runs of a bank, from the arguments of ``run_bank``."""
+    """Return the filter problem and the runs of a bank, from the arguments of ``run_bank``."""
     problem = filter_problem(record, system, settings.max_step)
     n = len(problem.names)
     p: list = list(problem.p)
     for name, values in (fixed_values or {}).items():
         if system.parameters[name].free:
             raise ModelError(
-                "it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead"
+                "the parameter is free",
+                where=f"bank, {name}",
+                remedy="fix it, or vary its start instead",
             )
         p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
     drive = problem.drive
@@ -356,7 +368,9 @@ def bank_runs(
 
 
 def _number_of_runs(counts: Mapping[str, int]) -> int:
-    """Return the number of runs from those of each argument, which are equal or 1."""
+    """Return the number of runs. ``counts`` maps each argument to the number of runs it has, which
+    is 1 or common to all arguments.
+    """
     several = {count for count in counts.values() if count > 1}
     if len(several) > 1:
         listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
@@ -369,7 +383,9 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """Return a pass with the runs ``at`` replaced by those of a new one."""
+    """Return the result ``old`` with the runs at the positions ``at`` replaced by those of
+    ``new``.
+    """
 
     def replaced(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         merged = whole.copy()
@@ -401,42 +417,45 @@ def filter_alone(
     record: Record,
     system: System,
     settings: FilterSettings | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate:
     """Return the estimate of one run by the batched kernel, with its history.
 
-    ``about (n, N)`` is the trajectory at the samples to linearise about; None takes the mean.
+    ``nominal (n, N)`` is the trajectory about which the filter is linearised; None takes its mean.
 
     Raises
     ------
     ModelError : as for ``run_bank``.
     """
     settings = settings or FilterSettings()
-    return filter_batched(filter_problem(record, system, settings.max_step), settings, about=about)
+    return filter_batched(
+        filter_problem(record, system, settings.max_step), settings, nominal=nominal
+    )
 
 
 def filter_batched(
     problem: FilterProblem,
     settings: FilterSettings,
     start: np.ndarray | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate:
-    """Return one pass by the batched kernel, with the arguments and results of
-    `filter_by_filterpy`. Where the run breaks down, `filter_by_filterpy` repeats the pass and
-    reports the cause.
+    """Return the estimate of one pass by the batched kernel, with the arguments and results of
+    `filter_by_filterpy`.
+
+    Where the run breaks down, `filter_by_filterpy` repeats the pass and reports the cause.
     """
-    by_table = filter_by_table(problem, settings, start, about)
+    by_table = filter_by_table(problem, settings, start, nominal)
     if by_table is not None:
         return by_table
     first = np.array(problem.start if start is None else start, dtype=float).reshape(-1, 1)
     runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], first)
     system, trace = problem.system, empty_trace(problem, 1)
     result = run_pass(
-        problem, settings, runs, False, None if about is None else about[:, :, None], trace
+        problem, settings, runs, False, None if nominal is None else nominal[:, :, None], trace
     )
     if not result.sound[0]:
-        return filter_by_filterpy(problem, settings, start, about)
-    history, fitted = _history(problem, trace, about)
+        return filter_by_filterpy(problem, settings, start, nominal)
+    history, fitted = _history(problem, trace, nominal)
     n_x = len(system.states)
     names = problem.names[n_x:]
     return Estimate(
@@ -455,22 +474,22 @@ def filter_batched(
 
 
 def _history(
-    problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
+    problem: FilterProblem, trace: BankTrace, nominal: np.ndarray | None
 ) -> tuple[FilterHistory, np.ndarray]:
-    """Return the history of a pass of one run, and the outputs ``(m, N)`` that the filter predicts,
-    also where samples are missing.
+    """Return the history of a pass of one run, and the predicted outputs ``(m, N)``, also where
+    samples are missing.
     """
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
-    # The prediction follows from the update in reverse.
+    # The trace has no predictions: they follow from the updated means and covariances.
     gain = np.swapaxes(np.linalg.solve(S, HP), 1, 2)
     before, P_before = mean - (gain @ y[:, :, None])[:, :, 0], covariance + gain @ HP
     transition = np.array(np.broadcast_to(np.eye(n), (N, n, n)))
-    transition[1:, :n_x] += trace.moved[1:, 0]
+    transition[1:, :n_x] += trace.transition[1:, 0]
     at = problem.grid.sample
-    point = before.T if about is None else about
+    point = before.T if nominal is None else nominal
     inputs = [row[at] for row in problem.drive.begin]
     outputs, jacobian = values_and_jacobians(
         lambda a: system.h(
@@ -501,96 +520,3 @@ def _history(
         S.copy(),
     )
     return history, outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T
-
-
-# ---- The iterated extended Kalman filter for many runs at once
-
-MOST_ITERATIONS = 15  # most passes of an iterated filter
-
-
-def run_iterated_bank(
-    record: Record,
-    system: System,
-    settings: FilterSettings | None = None,
-    *,
-    fixed_values: Mapping[str, np.ndarray] | None = None,
-    about: np.ndarray | None = None,
-    iterations: int = MOST_ITERATIONS,
-    tolerance: float = SETTLED_SIGMAS,
-) -> tuple[BankEstimate, np.ndarray]:
-    """Run B filters, each linearised about its own smoothed trajectory, until they converge.
-
-    Parameters
-    ----------
-    record, system, settings, fixed_values : as for ``run_bank``; ``settings.passes`` is not used.
-    about : ``(n, N, B)`` or ``(n, N, 1)`` trajectories to linearise the first pass about, as those
-        of a similar run; None takes the means of the filter.
-    iterations : most passes. A run that has then not converged, or has broken down, is not sound.
-    tolerance : a run has converged when no parameter changes by more than this many sigmas.
-
-    Returns
-    -------
-    The last pass and its smoothed trajectories ``(n, N, B)``.
-
-    Raises
-    ------
-    ModelError : as for ``run_bank``.
-    """
-    settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings, fixed_values=fixed_values)
-    n_x, count = len(system.states), runs.start.shape[1]
-    if about is not None:
-        about = np.array(np.broadcast_to(about, (len(problem.names), len(problem.time), count)))
-    before, settled, passes = None, np.zeros(count, dtype=bool), 0
-    while True:
-        passes += 1
-        trace = empty_trace(problem, count)
-        result = run_pass(problem, settings, runs, False, about, trace)
-        with np.errstate(all="ignore"):
-            about = smoothed(trace)
-        # A failed run is linearised about its start, so that it does not disturb the others.
-        about[:, :, ~result.sound] = runs.start[:, None, ~result.sound]
-        if before is not None:
-            std = np.sqrt(
-                np.maximum(
-                    np.diagonal(result.covariance, axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny
-                )
-            )
-            settled = (
-                np.max(np.abs(result.mean[n_x:] - before) / std, axis=0, initial=0.0) < tolerance
-            )
-            if np.all(settled | ~result.sound):
-                break
-        if passes == iterations:
-            break
-        before = result.mean[n_x:]
-    return bank_estimate(
-        problem, result, np.full(count, passes), sound=result.sound & settled
-    ), about
-
-
-def smoothed(trace: BankTrace) -> np.ndarray:
-    """Return the smoothed means ``(n, N, B)`` of the linearised problem of a pass.
-
-    The recursion is lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1], which is
-    zero at the end. The smoothed mean is x - P l, with x and P after the update.
-    """
-    N, n, B = trace.mean.shape
-    n_x = trace.moved.shape[2]
-    inverse = _inverse(trace.S)
-    means = np.empty((n, N, B))
-    later = np.zeros((B, n, 1))
-    for k in range(N - 1, -1, -1):
-        means[:, k] = trace.mean[k] - (trace.covariance[k] @ later)[:, :, 0].T
-        weighted = inverse[k] @ (trace.HP[k] @ later + trace.y[k][:, :, None])
-        adjoint = later - np.swapaxes(trace.H[k], 1, 2) @ weighted
-        later = adjoint + np.swapaxes(trace.moved[k], 1, 2) @ adjoint[:, :n_x]
-    return means
-
-
-def _inverse(S: np.ndarray) -> np.ndarray:
-    """Return the inverses of covariances ``(N, B, m, m)``; pseudo-inverses if one is singular."""
-    try:
-        return np.linalg.inv(S)
-    except np.linalg.LinAlgError:
-        return np.linalg.pinv(np.nan_to_num(S))

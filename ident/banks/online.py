@@ -1,17 +1,18 @@
-"""Bank of filters with different delays on line, row by row, and its sensitivity to the start.
+"""Bank of filters with different delays on line, row by row, and the dependence of its estimate on
+the start.
 
 The filters equal one pass of `ident.banks.bank.run_bank` with its default settings, except for
-rounding. The input at the vehicle is the mean of the delayed stick over each interval, and needs
-only recent rows. New rows are filtered together and then tested for spikes. From a spike on, they
-are filtered again without it.
+rounding. The input at the vehicle is the mean of the delayed stick over each interval, so that only
+recent rows are needed. New rows are filtered together and then tested for spikes. From a spike on,
+the rows are filtered again without it.
 
 An extended Kalman filter is linearised at its current estimate. Its covariance therefore decreases
 too early, and its result depends on the start. Filters with other starts measure this dependence.
 Each chosen quantity is changed by one sigma of its prior. The columns of a Hadamard matrix give the
 signs, so that the changes are uncorrelated (Plackett and Burman, Biometrika 33(4), 1946). To first
 order, the mean square of the differences from the declared start is the variance due to a start
-drawn from that prior. By the law of total variance it is added to the variance of the filter. The
-median replaces the mean, so that single diverged filters do not matter.
+drawn from the priors. By the law of total variance it is added to the variance of the filter. The
+median of the squares is used in place of the mean, so that single diverged filters have no effect.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 
 from ident.banks.bank import BankEstimate, likelihood_and_nis, sound_so_far
 from ident.banks.delays import DELAYS
-from ident.banks.equation_kernels import Legs, Tables, filter_stretch, tables_of
+from ident.banks.table_kernel import BlockData, Tables, equation_tables, filter_block
 from ident.filters.problem import prior_std
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -51,13 +52,11 @@ class Rows(NamedTuple):
 
 
 class BankState(NamedTuple):
-    """State of the B filters of the bank after a row; immutable.
+    """State of the B filters of the bank after a row. It is immutable.
 
     Attributes
     ----------
-    mean : ``(n, B)``, as in ``BankEstimate``.
-    covariance : ``(B, n, n)``.
-    log_likelihood : ``(B,)``.
+    mean, covariance, log_likelihood : as in ``BankEstimate``.
     sound : ``(B,)`` False for a diverged filter.
     innovation : ``(m,)`` innovations of the most likely filter in standard deviations, NaN where
         nothing was measured.
@@ -104,14 +103,14 @@ class OnlineBank:
     Attributes
     ----------
     system : the System.
-    names : the n states and free parameters.
+    names : names of the n states and free parameters.
     units : units of the free parameters.
     delays : ``(B,)``, s.
-    p : all parameters of the System. The delay is the array ``delays``.
+    p : all parameters of the System; the entry of the delay is the array ``delays``.
     tables : coefficients of the bilinear equations, and noise.
-    start : ``(n,)`` mean at the start of all filters, or ``(n, B)`` of each.
+    start : ``(n,)`` mean at the start of all filters, or ``(n, B)`` mean of each filter.
     covariance : ``(n, n)`` at the start.
-    gate : an innovation of more standard deviations is a spike.
+    gate : largest innovation of a sample that is no spike, in standard deviations.
     interval : usual time between rows, s.
     memory : time, s, for which past inputs are kept.
     """
@@ -151,11 +150,11 @@ def online_bank(
         ``LONGEST_STEP`` times this time. A batch run uses the median interval of the whole record;
         its results are the same if the parts are the same.
     delays : s, increasing.
-    name : the parameter of the System that is the delay; it must be held.
-    gate : if an innovation of the most likely filter has more standard deviations, the sample is a
-        spike and counts as missing for all filters. After ``LONGEST_SPIKE`` spikes in a row the
-        sample is used. A batch pass has no gate: it gives the same result if these samples are
-        missing from its record.
+    name : name of the parameter that is the delay; it must be fixed.
+    gate : a sample whose innovation in the most likely filter exceeds this number of standard
+        deviations is a spike, and counts as missing for all filters. After ``LONGEST_SPIKE`` spikes
+        in a row the sample is used. A batch pass has no gate: it gives the same result if the
+        spikes are missing from its record.
 
     Raises
     ------
@@ -164,7 +163,7 @@ def online_bank(
     """
     free_names = system.parameters.free_names
     if name in free_names:
-        raise ModelError("it is free", where=f"bank, {name}", remedy="hold it")
+        raise ModelError("the parameter is free", where=f"bank, {name}", remedy="fix it")
     values = system.parameters.values().tolist()
     density, variance = system.noise(values)
     for output, value in zip(system.output_names, variance, strict=True):
@@ -177,11 +176,11 @@ def online_bank(
     for parameter in free_names:
         if system.declared_noise.process_density.get(parameter, 0.0):
             raise ModelError(
-                "it is a random walk",
+                "the parameter is a random walk",
                 where=f"on-line bank, {parameter}",
                 remedy="use run_bank on the whole record",
             )
-    tables = tables_of(
+    tables = equation_tables(
         system,
         values,
         np.array([*density, *[0.0] * len(free_names)]),
@@ -241,7 +240,7 @@ def with_delays(
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
-    """Return the state after the first row, the only one in ``rows``."""
+    """Return the state after the first row. ``rows`` has this row alone."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
     start = bank.start if bank.start.ndim == 2 else bank.start[:, None]
     no_innovation = np.full(m, np.nan)
@@ -293,8 +292,8 @@ class _Nodes(NamedTuple):
 
     Attributes
     ----------
-    time, inputs : ``(w + M,)``, s, and ``(n_u, w + M)``, at all nodes.
-    steps : the steps from the row before to each new row.
+    time, inputs : ``(w + M,)`` times, s, and ``(n_u, w + M)`` inputs at all nodes.
+    steps : for each new row, the positions of the steps from the row before.
     dt : size of each step, s.
     u : ``(M, B, n_u)`` inputs at the vehicle during each step.
     oldest : position of the oldest node that is still needed after each new row.
@@ -312,13 +311,13 @@ class _Nodes(NamedTuple):
 
 def _node_times(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the times ``(M,)`` of the integration nodes after ``time[0]``, as in
-    ``sim.propagation.make_grid``, and the row whose input holds from each node on.
+    ``sim.propagation.make_grid``, and for each node the row whose input acts from this node on.
     """
     gaps = np.diff(time)
     parts = np.maximum(1, np.ceil(gaps / (LONGEST_STEP * bank.interval) - 1e-9)).astype(int)
     if parts.max() == 1:
         return time[1:], np.arange(1, len(time))
-    gap = np.repeat(np.arange(len(gaps)), parts)  # of each node
+    gap = np.repeat(np.arange(len(gaps)), parts)  # position of the gap of each node
     part = np.arange(1, len(gap) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
     at_row = part == parts[gap]
     inside = time[gap] + gaps[gap] * (part / parts[gap])
@@ -345,7 +344,7 @@ def _states_after(
             if spike_test is None:
                 length = 2 * length
             else:
-                # After a spike, the parts begin with one row and grow: few rows are filtered twice.
+                # After a spike, blocks begin with one row and grow, so that few rows are repeated.
                 length = 1
                 z[spike_test.skipped, first] = np.nan
     return states
@@ -368,17 +367,17 @@ def _filtered(
     z: np.ndarray,
     first_test: _SpikeTest | None,
 ) -> tuple[list[BankState], _SpikeTest | None]:
-    """Return the states after ``rows`` up to the first row with a spike, and the test of that row;
-    None if no row has a spike.
+    """Return the states after each of ``rows`` before the first row with a spike, and the spike
+    test of that row; None in its place if no row has a spike.
 
     ``z (m, K)`` are the samples of the rows. ``first_test`` is the test of the first row if it was
-    tested before; the row is then not tested again.
+    made before; the row is then not tested again.
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    result = filter_stretch(
+    result = filter_block(
         bank.tables,
-        Legs(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
+        BlockData(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
         before.mean,
         before.covariance,
     )
@@ -430,7 +429,7 @@ def _filtered(
 
 
 def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
-    """Return the state as a result of ``run_bank``, without the NIS of the rows."""
+    """Return the state in the form of a result of ``run_bank``, without the NIS of the rows."""
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
@@ -451,13 +450,13 @@ def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
 MEDIAN_SQUARE = 0.454936
 
 
-class FinalStates(NamedTuple):
+class MostLikelyByStart(NamedTuple):
     """Most likely filter of each of K starts after each of N rows.
 
     Attributes
     ----------
-    mean : ``(N, K, n)``.
-    delay : ``(N, K)``, s.
+    mean : ``(N, K, n)`` mean of this filter.
+    delay : ``(N, K)`` its delay, s.
     sound : ``(N, K)`` False if all filters of the start have diverged.
     """
 
@@ -467,16 +466,16 @@ class FinalStates(NamedTuple):
 
 
 class StartSpread(NamedTuple):
-    """Uncertainty after each of N rows that comes from the start and from the grid of delays.
+    """Uncertainty due to the start and to the grid of delays after each of N rows.
 
-    It is in addition to that of the most likely filter, and infinite if half of the K starts have
-    diverged.
+    It adds to the uncertainty of the most likely filter. It is infinite if half of the K starts
+    have diverged.
 
     Attributes
     ----------
     std : ``(N, n)`` standard deviations of states and parameters.
     delay : ``(N,)`` standard deviation of the delay, s.
-    differences : ``(N, K, n)`` means of the starts minus that of the declared start.
+    differences : ``(N, K, n)`` mean of each start minus the mean of the declared start.
     """
 
     std: np.ndarray
@@ -484,9 +483,9 @@ class StartSpread(NamedTuple):
     differences: np.ndarray
 
 
-def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
-    """Return K starts ``(n, K)``: the quantities ``factors`` are changed by plus or minus one sigma
-    of their priors. K is the smallest power of two above the number of factors.
+def changed_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
+    """Return K starts ``(n, K)``, in which the quantities ``factors`` are changed by plus or minus
+    one sigma of their priors. K is the smallest power of two above the number of factors.
 
     Raises
     ------
@@ -495,9 +494,9 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
     missing = [name for name in factors if name not in bank.names]
     if missing:
         raise ModelError(
-            "it is no state and no free parameter",
+            "it is neither a state nor a free parameter",
             where=f"other starts, {missing[0]}",
-            remedy=f"name some of {', '.join(bank.names)}",
+            remedy=f"choose from {', '.join(bank.names)}",
         )
     signs: np.ndarray = np.ones((1, 1))
     while signs.shape[1] <= len(factors):
@@ -509,8 +508,8 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """Return a bank with all delays of ``bank`` for the first of K ``starts (n, K)``, then for the
-    second, and so on, without a test for spikes.
+    """Return a bank with a filter for each of K ``starts (n, K)`` and each delay of ``bank``,
+    without a spike test. The filters of one start are adjacent.
     """
     count = starts.shape[1]
     return replace(
@@ -519,7 +518,9 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
     )
 
 
-def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
+def most_likely_by_start(
+    bank: OnlineBank, states: Sequence[BankState], delays: int
+) -> MostLikelyByStart:
     """Return the most likely filter of each start from the states of a ``bank_of_starts``.
 
     ``delays`` is the number of delays of each start.
@@ -531,14 +532,16 @@ def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) 
     best = likely.argmax(axis=2)
     means = np.array([state.mean for state in states]).reshape(-1, n, K, delays)
     mean = np.take_along_axis(means, best[:, None, :, None], axis=3)[:, :, :, 0].transpose(0, 2, 1)
-    return FinalStates(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
+    return MostLikelyByStart(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
 
 
-def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
-    """Return the spread of the final states ``ends`` of other starts about those of the declared
-    start, and the uncertainty from the grid of delays.
+def start_spread(
+    bank: OnlineBank, states: Sequence[BankState], others: MostLikelyByStart
+) -> StartSpread:
+    """Return the uncertainty due to the start and to the grid of delays.
 
-    ``bank`` and ``states`` are those of the declared start.
+    It follows from the differences between other starts, ``others``, and the declared start, whose
+    bank and states are ``bank`` and ``states``.
     """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
     best, rows = likely.argmax(axis=1), np.arange(len(states))
@@ -548,12 +551,12 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) 
     slope = (means[rows, :, high] - means[rows, :, low]) / delay_difference
     # The delay is distributed uniformly over one step of the grid.
     step = float(np.diff(bank.delays).mean())
-    differences = ends.mean - means[rows, :, best][:, None]
-    start_variance = _median_variance(differences, ends.sound[:, :, None])
+    differences = others.mean - means[rows, :, best][:, None]
+    start_variance = _median_variance(differences, others.sound[:, :, None])
     return StartSpread(
         np.sqrt(start_variance + np.square(slope) * step**2 / 12.0),
-        np.sqrt(_median_variance(ends.delay - bank.delays[best][:, None], ends.sound)),
-        np.where(ends.sound[:, :, None], differences, 0.0),
+        np.sqrt(_median_variance(others.delay - bank.delays[best][:, None], others.sound)),
+        np.where(others.sound[:, :, None], differences, 0.0),
     )
 
 
@@ -570,7 +573,7 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _median_variance(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Return the variances from the median square over the starts, the second axis. The square of a
-    diverged start counts as infinite.
+    """Return the variances from the median over the starts (second axis) of the squared
+    ``differences``. The square of a diverged start counts as infinite.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

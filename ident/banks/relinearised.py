@@ -1,8 +1,8 @@
 """On-line bank of delays that is linearised again while rows arrive.
 
-Its estimate is that of `run_delay_bank`, with refinement, for the record so far. When the rows are
-informative enough, `run_delay_bank` is run over all of them. Its smoothed trajectory is the point
-of linearisation of filters at delays one sigma apart. These filters continue row by row: near the
+The estimate equals the refined estimate of `run_delay_bank` for the record so far. When the rows
+are informative enough, `run_delay_bank` is run over all of them. Filters at delays one sigma apart
+are linearised about its smoothed trajectory. These filters then continue row by row: near the
 optimum, an extended Kalman filter is as good as an iterated one. The bank is linearised again when
 the information has increased or the estimate has changed by much.
 """
@@ -14,33 +14,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import run_iterated_bank
 from ident.banks.delays import likelihood_weights, run_delay_bank
+from ident.banks.iterated_bank import run_iterated_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, online_bank, with_delays
 from ident.estimate import Estimate, Outcome
 from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 
-# filters on either side of the estimate, one sigma of the delay apart: their sum approximates the
-# integral of a Gaussian to 1e-4
+# filters on either side of the estimate, one sigma of the delay apart: a sum over them approximates
+# the integral of a Gaussian to 1e-4
 FILTERS_ON_EITHER_SIDE = 4
 # fewest filters for a poorly known delay: with five equal cells, the standard deviation of a
 # uniform density has an error of 2 %
 FEWEST_FILTERS = 5
 FEWEST_SOUND_FILTERS = 3  # fewest filters that converge in a linearisation
-# a new linearisation is due if the ratio of a sigma to that at the last one is smaller
+# a new linearisation is due if a sigma is less than this share of the sigma at the last one
 SHARPENED_SHARE = 0.5
-# a new linearisation is due if a mean has changed by more sigmas of the last one: quadratic terms
-# are no longer small
+# a new linearisation is due if a mean has changed by more sigmas since the last one: quadratic
+# terms are then not small
 MOVED_SIGMAS = 1.0
 # smallest sigma of the delay, in steps of the grid, for which a sum approximates the integral
 COARSE_GRID_SIGMAS = 0.5
 # largest likelihood weight of the first and last delay of a grid that contains all likely delays
 EDGE_LIKELIHOOD = 0.01
 NEGLIGIBLE_WEIGHT = 1e-12  # filters with a smaller likelihood weight are left out
-# largest ratio of the sigmas from the last rows alone to those from all rows, for a bank that
-# continues from the last rows: they have nearly two thirds of the information
+# a bank linearised from the last rows alone continues if its sigmas are at most this times those
+# from all rows: the last rows then have nearly two thirds of the information
 LARGEST_SIGMA_RATIO = 1.25
 CONTRADICTED_SIGMAS = 2.0  # distance of two estimates that contradict each other, in sigmas
 SETTLED_SIGMAS = 0.1  # largest change in the last iteration of a converged filter, in sigmas
@@ -60,8 +60,8 @@ class Relinearised:
     rows : number of rows at the last linearisation.
     mean : ``(n + 1,)`` mean at the last linearisation, the delay last.
     std : ``(n + 1,)`` standard deviations at the last linearisation.
-    start_dependence : ``(n,)`` largest distance of iterated filters from other starts; zero if all
-        starts give the same estimate.
+    start_dependence : ``(n,)`` largest difference between iterated filters from different starts;
+        zero if all starts give the same estimate.
     """
 
     bank: OnlineBank
@@ -73,12 +73,12 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Return whether the most likely filter has halved the prior sigma of any of the parameters
-    ``names``.
+    """Return whether the rows are informative enough for a linearisation: the most likely filter
+    has halved the prior sigma of at least one of the parameters ``names``.
     """
-    places = [bank.names.index(name) for name in names]
-    prior_std = np.sqrt(np.diagonal(bank.covariance)[places])
-    return bool(np.any(state.std(state.best)[places] < SHARPENED_SHARE * prior_std))
+    positions = [bank.names.index(name) for name in names]
+    prior_std = np.sqrt(np.diagonal(bank.covariance)[positions])
+    return bool(np.any(state.std(state.best)[positions] < SHARPENED_SHARE * prior_std))
 
 
 def linearise(
@@ -97,10 +97,10 @@ def linearise(
     record : the rows so far, or the last of them.
     system : System of the record, as for ``run_delay_bank``.
     first_pass : the on-line bank without new linearisation.
-    state : its state after the last row, which has the recent inputs.
-    other_starts : ``(n, K)`` other starts of the iterated filter, which test whether it has other
-        optima.
-    name : the parameter of the System that is the delay.
+    state : its state after the last row, from which the recent inputs are taken.
+    other_starts : ``(n, K)`` other starts of the iterated filter, which show whether there are
+        other optima.
+    name : name of the parameter that is the delay.
     """
     try:
         bank_result = run_delay_bank(record, system, name=name)
@@ -109,7 +109,7 @@ def linearise(
     if (
         not bank_result.refined_std > 0
         or bank_result.estimate.outcome is not Outcome.CONVERGED
-        or bank_result.about is None
+        or bank_result.nominal is None
     ):
         return None
     fine = _fine_delays(
@@ -122,7 +122,7 @@ def linearise(
         record,
         bank_result.system,
         fixed_values={name: fine},
-        about=bank_result.about[:, :, None],
+        nominal=bank_result.nominal[:, :, None],
         tolerance=SETTLED_SIGMAS,
     )
     if np.count_nonzero(runs.sound) < FEWEST_SOUND_FILTERS:
@@ -145,7 +145,7 @@ def linearise(
         online_bank(bank_result.system, first_pass.interval, fine.tolist(), name=name),
         memory=first_pass.memory,
     )
-    mean, covariance = joint(bank, fine_state)
+    mean, covariance = joint_moments(bank, fine_state)
     std = np.sqrt(np.diagonal(covariance))
     return Relinearised(
         bank,
@@ -158,24 +158,24 @@ def linearise(
             bank_result.system,
             name,
             bank_result.refined,
-            bank_result.about,
+            bank_result.nominal,
             other_starts,
             std[:-1],
         ),
     )
 
 
-def advanced(current: Relinearised, rows: Rows) -> list[Relinearised]:
-    """Return the bank after each of ``rows``."""
+def advance_bank(current: Relinearised, rows: Rows) -> list[Relinearised]:
+    """Return the bank after each of the new ``rows``."""
     return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
 
 
 def with_fitting_grid(current: Relinearised) -> Relinearised:
-    """Return the bank with a new grid of delays if the present one is too coarse or does not
-    contain all likely delays; else the bank as it is.
+    """Return the bank with a new grid of delays if the present grid is too coarse or does not
+    contain all likely delays; else the bank unchanged.
     """
     bank, state = current.bank, current.state
-    mean, covariance = joint(bank, state)
+    mean, covariance = joint_moments(bank, state)
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     step = float(np.diff(bank.delays).mean())
     # A grid that ends at a bound of the delay is not replaced: the bound would cut off the density
@@ -189,14 +189,15 @@ def with_fitting_grid(current: Relinearised) -> Relinearised:
 
 
 def linearisation_due(current: Relinearised, names: Sequence[str]) -> bool:
-    """Return whether the filters need a new linearisation: a sigma of the parameters ``names`` or
-    of the delay has decreased by much, or a mean has changed. Constant terms may be left out, since
-    the equations are linear in them.
+    """Return whether the filters need a new linearisation: the sigma of one of the parameters
+    ``names`` or of the delay has decreased by much, or its mean has changed.
+
+    Constant terms may be left out of ``names``, since the equations are linear in them.
     """
-    mean, covariance = joint(current.bank, current.state)
-    places = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
-    std, std_before = np.sqrt(np.diagonal(covariance))[places], current.std[places]
-    change = np.abs(mean - current.mean)[places]
+    mean, covariance = joint_moments(current.bank, current.state)
+    positions = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
+    std, std_before = np.sqrt(np.diagonal(covariance))[positions], current.std[positions]
+    change = np.abs(mean - current.mean)[positions]
     sharpened = bool(np.any(std < SHARPENED_SHARE * std_before))
     return sharpened or bool(np.any(change > MOVED_SIGMAS * std_before))
 
@@ -204,21 +205,21 @@ def linearisation_due(current: Relinearised, names: Sequence[str]) -> bool:
 def bank_that_continues(
     current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Return the bank that continues: the ``current`` one, or one that was ``linearised`` from the
+    """Return the bank that continues: the ``current`` bank, or the bank ``linearised`` from the
     last rows alone.
 
     The new bank continues if its sigmas of the parameters ``names`` are hardly larger: the last
-    rows then have most of the information. Otherwise the current bank continues. Where the two
-    means contradict each other, its start dependence is at least their difference.
+    rows then have most of the information. Otherwise the current bank continues. Where the means of
+    the two banks contradict each other, its start dependence is at least their difference.
     """
     if linearised is None:
         return current
     if current is None:
         return linearised
-    places = [linearised.bank.names.index(name) for name in names]
-    mean, covariance = joint(current.bank, current.state)
+    positions = [linearised.bank.names.index(name) for name in names]
+    mean, covariance = joint_moments(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(linearised.std[places] <= LARGEST_SIGMA_RATIO * std[places]):
+    if np.all(linearised.std[positions] <= LARGEST_SIGMA_RATIO * std[positions]):
         return linearised
     difference = np.abs(mean - linearised.mean)[:-1]
     start_dependence = np.where(
@@ -231,10 +232,12 @@ def bank_that_continues(
     )
 
 
-def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean ``(n + 1,)`` and covariance ``(n + 1, n + 1)`` of states, parameters and
-    delay. The filters are averaged with their likelihoods; the covariance is that within the
-    filters plus that of their means.
+def joint_moments(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
+    """Return the joint mean ``(n + 1,)`` and covariance ``(n + 1, n + 1)`` of states, parameters
+    and delay.
+
+    The filters are averaged with their likelihoods. The covariance is the sum of the mean
+    covariance of the filters and the covariance of their means.
     """
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     used = np.flatnonzero(state.sound & (weights > NEGLIGIBLE_WEIGHT))
@@ -254,12 +257,12 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joint_estimate(current: Relinearised) -> Estimate:
-    """Return the estimate of the parameters, the delay last. The covariance includes the start
-    dependence.
+    """Return the estimate of the parameters, with the delay as the last one. The covariance
+    includes the start dependence.
     """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
-    mean, covariance = joint(bank, state)
+    mean, covariance = joint_moments(bank, state)
     covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
     log_likelihood = float(state.log_likelihood[state.best])
@@ -280,21 +283,22 @@ def joint_estimate(current: Relinearised) -> Estimate:
 
 
 def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Return delays at most one sigma apart, at the centres of equal cells that cover a Gaussian
-    with this mean and standard deviation between the bounds ``least`` and ``most``; all in s.
+    """Return delays at most one sigma apart. They are the centres of equal cells that cover a
+    Gaussian with the mean ``delay`` and the standard deviation ``std``, between the bounds
+    ``least`` and ``most``. All are in s.
     """
     half_range = (FILTERS_ON_EITHER_SIDE + 0.5) * std
     low, high = (
         min(max(delay - half_range, least), most),
         min(max(delay + half_range, least), most),
     )
-    count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)
+    count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)  # rounded up, but for rounding
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
 def _with_new_grid(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
-    """Return the bank at a new grid of delays. Its filters together have the ``mean (n + 1,)`` and
-    ``covariance (n + 1, n + 1)`` of states, parameters and delay.
+    """Return the bank with a new grid of delays. Its filters together have the joint ``mean (n +
+    1,)`` and ``covariance (n + 1, n + 1)`` of states, parameters and delay.
     """
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
@@ -318,22 +322,24 @@ def _start_dependence(
     system: System,
     name: str,
     delay: float,
-    about: np.ndarray,
+    nominal: np.ndarray,
     other_starts: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """Return the largest distance ``(n,)`` of iterated filters with other starts from the one with
-    the trajectory ``about (n, N)``. It is zero if the filters agree within
-    ``OTHER_OPTIMUM_SIGMAS`` standard deviations ``std (n,)``.
+    """Return the largest difference ``(n,)`` between iterated filters with other starts and the
+    filter with the trajectory ``nominal (n, N)``.
+
+    It is zero if the filters agree within ``OTHER_OPTIMUM_SIGMAS`` of the standard deviations ``std
+    (n,)``.
     """
     n_x, count = len(system.states), other_starts.shape[1]
-    trajectories = np.repeat(about[:, :, None], 1 + count, axis=2)
+    trajectories = np.repeat(nominal[:, :, None], 1 + count, axis=2)
     trajectories[n_x:, :, 1:] = other_starts[n_x:, None]
     runs, _ = run_iterated_bank(
         record,
         system,
         fixed_values={name: np.full(1 + count, delay)},
-        about=trajectories,
+        nominal=trajectories,
         tolerance=SETTLED_SIGMAS,
     )
     others = runs.sound.copy()

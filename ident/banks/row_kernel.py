@@ -1,8 +1,8 @@
 """Extended Kalman filters of many runs at once, for bilinear equations and large campaigns.
 
-The last axis of every array counts the runs: each number of the filter is a row ``(B,)``. NumPy
-works on whole rows, element by element. The result of a run therefore does not depend on the other
-runs, and zero coefficients of the equations are skipped. The filters equal those of
+The last axis of every array counts the runs: each number of the filter is a row ``(B,)`` over the
+runs. NumPy works on whole rows, element by element. The result of a run therefore does not depend
+on the other runs, and zero coefficients of the equations are skipped. The filters equal those of
 `ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
 A pass filters as many runs together as fit into the cache of a processor. After every
@@ -24,7 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns, Tables, tables_for
+from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns
+from ident.banks.table_kernel import Tables, pass_tables
 from ident.bilinear_table import Bilinear
 from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
@@ -40,14 +41,14 @@ class UpdateBuffers(NamedTuple):
     ----------
     y : innovations, zero for a missing channel.
     S : variances of the innovations, one for a missing channel.
-    alone : pivots of the covariance of the innovations, one for a missing channel. A pivot is the
-        variance of an innovation, given those of the channels before.
+    pivots : pivots of the covariance of the innovations, one for a missing channel. A pivot is the
+        variance of an innovation, given the innovations of the channels before.
     squared : squares of the innovations, given those of the channels before, over the pivots.
     """
 
     y: np.ndarray
     S: np.ndarray
-    alone: np.ndarray
+    pivots: np.ndarray
     squared: np.ndarray
 
 
@@ -68,8 +69,8 @@ class RowTerm(NamedTuple):
 
 
 def slope_terms(table: Bilinear) -> list[RowTerm]:
-    """Return the terms of the Jacobian by states and parameters. Its entry (i, j) is row
-    ``i n + j``.
+    """Return the terms of the Jacobian with respect to states and parameters. Its entry (i, j) is
+    row ``i n + j``.
     """
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
@@ -104,8 +105,8 @@ def _first_terms_first(by_row: list[list[RowTerm]]) -> list[RowTerm]:
 def sum_of_terms(
     terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray
 ) -> Callable[[float], None]:
-    """Return a function of a factor. It fills ``out (rows, B)`` with the factor times the sums of
-    the terms at the present ``w``. Rows without a term are zero.
+    """Return a function of a factor. It fills ``out (rows, B)`` with the factor times the sum of
+    the terms of each row at the present ``w (len w, B)``. Rows without a term are zero.
     """
     out[:] = 0.0
     rows_with_term: set[int] = set()
@@ -136,8 +137,8 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
     covariances ``P (n, n, B)`` over the step.
     """
     n, n_x, B = tables.n, tables.n_x, w.shape[1]
-    # F: Jacobian times step; D: transition matrix minus identity, and before that A F / 2; moved:
-    # state rows of the propagated covariance
+    # F: Jacobian times step; D: first A F / 2, then transition matrix minus identity; moved: rows
+    # of the states in the propagated covariance
     F, D, DP, moved = (np.empty((n_x, n, B)) for _ in range(4))
     rates_at_rest, f, change, workspace = (np.empty((n_x, B)) for _ in range(4))
     state_covariance, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
@@ -196,7 +197,7 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
 def _product(
     factors: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, workspace: np.ndarray
 ) -> None:
-    """Write the sum of the products of pairs of ``factors`` into ``out``, added in their order."""
+    """Write the sum of the products of the pairs ``factors`` into ``out``, added in their order."""
     np.multiply(*factors[0], out)
     for left, right in factors[1:]:
         np.multiply(left, right, workspace)
@@ -210,8 +211,8 @@ def _process_noise(
     process noise from the present terms ``F`` and ``second`` = A F / 2 of the transition matrix.
     """
     n_x, B, driven = len(F), F.shape[2], tables.driven
-    terms = len(tables.share) // len(driven)
-    C = np.zeros((len(tables.share), n_x, B))
+    terms = len(tables.noise_weights) // len(driven)
+    C = np.zeros((len(tables.noise_weights), n_x, B))
     for j, i in enumerate(driven):
         C[j, i] = 1.0
     total, workspace = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
@@ -221,7 +222,7 @@ def _process_noise(
             for term, matrix in zip(range(1, terms), (F, second), strict=False):
                 C[term * len(driven) + j] = matrix[:, i]
         total[:] = 0.0
-        for a, row in enumerate(tables.share):
+        for a, row in enumerate(tables.noise_weights):
             for b in np.flatnonzero(row).tolist():
                 np.multiply(C[a][:, None], C[b][None], workspace)
                 np.multiply(workspace, float(row[b]) * dt, workspace)
@@ -235,7 +236,7 @@ def updater(
     tables: Tables, w: np.ndarray, P: np.ndarray
 ) -> Callable[[np.ndarray, np.ndarray | None, UpdateBuffers], None]:
     """Return a function of measurements ``(m, B)`` or ``(m, 1)``, positions of missing channels,
-    and buffers. It updates ``w`` and ``P`` and fills the buffers.
+    and buffers. It updates ``w`` and ``P`` in place and fills the buffers.
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
     H, expected = np.empty((m, n, B)), np.empty((m, B))
@@ -278,7 +279,7 @@ def updater(
                 ratio = workspace[0].copy()
                 multiply(rows[i], ratio, workspace)
                 subtract(rows[j], workspace, rows[j])
-        buffers.alone[:] = diagonal
+        buffers.pivots[:] = diagonal
         multiply(y, y, buffers.squared)
         divide(buffers.squared, diagonal, buffers.squared)
         for i in range(m):
@@ -300,13 +301,13 @@ SAMPLES_PER_CHECK = 32  # samples between two checks for diverged runs
 _MOST_COVARIANCE_ENTRIES = 64_000  # covariance entries of the runs that are filtered together
 
 
-def pass_side_by_side(
+def run_pass_in_rows(
     problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool
 ) -> BankPass | None:
-    """Return the result of one pass of all runs, as ``run_pass``; None if the equations have no
-    table. ``keep`` : whether the result has the history.
+    """Return the result of one pass of all runs, as ``run_pass`` does; None if the equations have
+    no table. With ``keep`` the result has the histories.
     """
-    tables = tables_for(problem, settings, runs)
+    tables = pass_tables(problem, settings, runs)
     if tables is None:
         return None
     B, size = runs.start.shape[1], len(problem.names) ** 2
@@ -316,7 +317,7 @@ def pass_side_by_side(
         return _joined([_filtered(problem, tables, runs, part, keep) for part in parts])
 
 
-class _StretchBuffers(NamedTuple):
+class _BlockBuffers(NamedTuple):
     """Buffers for K samples: means and variances ``(K, n, B)``, and results of the updates
     ``(K, m, B)``.
     """
@@ -340,7 +341,7 @@ def _filtered(
         history = BankHistory(
             np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
         )
-    buffers = _StretchBuffers(
+    buffers = _BlockBuffers(
         np.empty((SAMPLES_PER_CHECK, n, B)),
         np.empty((SAMPLES_PER_CHECK, n, B)),
         UpdateBuffers(*(np.empty((SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
@@ -351,7 +352,7 @@ def _filtered(
         samples, before = slice(first, last), (w.copy(), P.copy())
         filter_samples(first, last, buffers)
         sample_nis = buffers.updates.squared[: last - first].sum(axis=1)
-        log_determinant = np.log(buffers.updates.alone[: last - first]).sum(axis=1)
+        log_determinant = np.log(buffers.updates.pivots[: last - first]).sum(axis=1)
         gains = -0.5 * (sample_nis + log_determinant + channels[samples, None] * LOG_TWO_PI)
         good = _finite_so_far(buffers, sample_nis, P, finite)
         # The order of the sum must not depend on the number of runs.
@@ -381,9 +382,9 @@ def _filtered(
 
 def _prepared(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice
-) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _StretchBuffers], None]]:
-    """Return the entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a
-    function that filters the samples ``first`` to ``last - 1`` and fills buffers.
+) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _BlockBuffers], None]]:
+    """Return the entries ``w (len w, B)`` and the covariances ``P (n, n, B)`` at the start, and a
+    function that filters the samples ``first`` to ``last - 1`` in place and fills buffers.
     """
     B, n = len(range(*part.indices(runs.start.shape[1]))), tables.n
     node = problem.grid.sample  # node of the integration at each sample
@@ -394,9 +395,9 @@ def _prepared(
     inputs, predict, update = w[1 + n :], predictor(tables, w, P), updater(tables, w, P)
     steps = [range(0), *(range(a, b) for a, b in pairwise(node.tolist()))]
     u, dt = _runs_of(runs.drive.stages[0], part), problem.grid.steps.tolist()
-    feed = None  # inputs that act on outputs directly
+    direct_inputs = None  # inputs that act on outputs directly
     if tables.h.feeds_through:
-        feed = _runs_of([row[node] for row in runs.drive.begin], part)
+        direct_inputs = _runs_of([row[node] for row in runs.drive.begin], part)
     measured = runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part]
     z = np.where(problem.valid[:, :, None], measured, 0.0).transpose(1, 0, 2).copy()
     missing = {
@@ -405,14 +406,14 @@ def _prepared(
     }
     diagonal, mean = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
-    def filter_samples(first: int, last: int, buffers: _StretchBuffers) -> None:
+    def filter_samples(first: int, last: int, buffers: _BlockBuffers) -> None:
         for k in range(first, last):
             for s in steps[k]:
                 for row, values in zip(inputs, u, strict=True):
                     row[:] = values[s]
                 predict(dt[s])
-            if feed is not None:
-                for row, values in zip(inputs, feed, strict=True):
+            if direct_inputs is not None:
+                for row, values in zip(inputs, direct_inputs, strict=True):
                     row[:] = values[k]
             i = k - first
             update(z[k], missing.get(k), UpdateBuffers(*(array[i] for array in buffers.updates)))
@@ -431,13 +432,13 @@ def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
 
 
 def _finite_so_far(
-    buffers: _StretchBuffers, nis: np.ndarray, P: np.ndarray, before: np.ndarray
+    buffers: _BlockBuffers, nis: np.ndarray, P: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
-    """Return whether each run is finite and without a negative variance up to each of K samples,
-    ``(K, B)``.
+    """Return ``(K, B)``: True where a run is finite and without a negative variance up to this one
+    of K samples.
 
-    ``nis (K, B)`` is that of the samples, ``P`` the covariances after the last sample, and ``before
-    (B,)`` the result at the sample before.
+    ``nis (K, B)`` are the normalised innovations squared, ``P`` the covariances after the last
+    sample, and ``before (B,)`` the result at the sample before.
     """
     mean, variance = buffers.mean[: len(nis)], buffers.variance[: len(nis)]
     # A NaN fails each comparison.
@@ -454,14 +455,14 @@ def _finite_so_far(
 def _write_history(
     history: BankHistory,
     samples: slice,
-    buffers: _StretchBuffers,
+    buffers: _BlockBuffers,
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Write K samples into the history. Diverged runs keep their last finite mean and variance.
 
-    ``good (K, B)`` : whether each run is finite. ``before`` : mean and variance ``(n, B)`` at the
-    last finite sample before.
+    ``good (K, B)`` is True where a run is finite. ``before`` are the mean and the variance ``(n,
+    B)`` at the last finite sample before.
     """
     K = len(good)
     mean, variance = buffers.mean[:K].copy(), buffers.variance[:K].copy()
@@ -478,7 +479,7 @@ def _write_history(
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:
-    """Return one result from those of all parts of the runs."""
+    """Return one result for all runs from the results of the ``parts``."""
     if len(parts) == 1:
         return parts[0]
     histories = [part.history for part in parts if part.history is not None]

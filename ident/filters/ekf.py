@@ -130,7 +130,7 @@ def filter_by_table(
     problem: FilterProblem,
     settings: FilterSettings,
     start: np.ndarray | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate | None:
     """Return one pass by the table of the equations, without filterpy; None where the equations
     have no table, or the filter broke down.
@@ -143,7 +143,7 @@ def filter_by_table(
     buffers = empty_history(problem)
     with np.errstate(all="ignore"):
         first = problem.start if start is None else start
-        definite = filter_one(problem, equations, first, about, buffers)
+        definite = filter_one(problem, equations, first, nominal, buffers)
         return finished(problem, buffers, "ekf") if definite else None
 
 
@@ -151,7 +151,7 @@ def filter_by_filterpy(
     problem: FilterProblem,
     settings: FilterSettings,
     start: np.ndarray | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate:
     """Return one pass over a record by the ``ExtendedKalmanFilter`` of filterpy.
 
@@ -160,33 +160,33 @@ def filter_by_filterpy(
     problem : record and System.
     settings : integration and linearisation.
     start : ``(n,)`` mean before the first sample; None takes the declared one.
-    about : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of the
-        filter.
+    nominal : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of
+        the filter.
 
     Returns
     -------
     Estimate with its history. The outcome says whether and how the filter broke down.
     """
-    return _filtered(problem, _linearised(problem, settings), start, about)
+    return _filtered(problem, _linearised(problem, settings), start, nominal)
 
 
 def filter_by_complex_step(
     problem: FilterProblem,
     settings: FilterSettings,
     start: np.ndarray | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate:
     """Return the pass of `filter_by_filterpy` with Jacobians by complex steps and without tables of
     bilinear equations. It is the reference for the tables.
     """
-    return _filtered(problem, _by_complex_step(problem, settings), start, about)
+    return _filtered(problem, _by_complex_step(problem, settings), start, nominal)
 
 
 def _filtered(
     problem: FilterProblem,
     equations: _Linearised,
     start: np.ndarray | None,
-    about: np.ndarray | None,
+    nominal: np.ndarray | None,
 ) -> Estimate:
     """Return one pass with the given equations."""
     # imported here, since it loads scipy.stats
@@ -202,13 +202,13 @@ def _filtered(
             Phi = np.eye(n)
             try:
                 if k:
-                    point = None if about is None else about[:, k - 1].copy()
+                    point = None if nominal is None else nominal[:, k - 1].copy()
                     for s in range(samples[k - 1], samples[k]):
                         _predict(ekf, equations, s, point)
                         Phi = ekf.F @ Phi
                 keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
                 failure = _update(
-                    ekf, problem, equations, k, keeper, None if about is None else about[:, k]
+                    ekf, problem, equations, k, keeper, None if nominal is None else nominal[:, k]
                 )
             # scalar functions raise an error where arrays would become infinite
             except (ArithmeticError, ValueError):
@@ -403,7 +403,7 @@ def run_iterated_ekf(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
     return iterated_to_convergence(
-        first_pass, lambda smoothed: by(problem, settings, about=smoothed.mean), iterations
+        first_pass, lambda smoothed: by(problem, settings, nominal=smoothed.mean), iterations
     )
 
 

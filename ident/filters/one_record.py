@@ -208,7 +208,7 @@ def filter_one(
     problem: FilterProblem,
     equations: FilterEquations,
     start: np.ndarray,
-    about: np.ndarray | None,
+    nominal: np.ndarray | None,
     buffers: FilterBuffers,
 ) -> bool:
     """Filter a record and write the results into ``buffers``.
@@ -216,8 +216,8 @@ def filter_one(
     Parameters
     ----------
     start : ``(n,)`` mean before the first sample.
-    about : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of the
-        filter.
+    nominal : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of
+        the filter.
 
     Returns
     -------
@@ -229,9 +229,9 @@ def filter_one(
     point, observe, G = equations.point, equations.observe, equations.G
     varying, dot, subtract = equations.varying, np.dot, np.subtract
     m, n = len(G), len(point)
-    predict = _prediction(problem, equations, about, buffers.transition)
+    predict = _prediction(problem, equations, nominal, buffers.transition)
     point[:] = start
-    x = point if about is None else start.copy()
+    x = point if nominal is None else start.copy()
     W = np.zeros((n + m + 1, n + m + 1))
     noise = np.arange(n, n + m)
     W[noise, noise] = problem.variance
@@ -257,10 +257,10 @@ def filter_one(
         else:
             P_before[:] = P
         x_before[:] = x
-        if about is not None:
-            point[:] = about[:, k]
+        if nominal is not None:
+            point[:] = nominal[:, k]
         observe(k, expected)
-        if about is not None:
+        if nominal is not None:
             expected += H @ (x - point)
         subtract(measured, expected, y)
         missing_channels = missing.get(k)
@@ -300,7 +300,7 @@ def _leave_out_channels(absent: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.
 def _prediction(
     problem: FilterProblem,
     equations: FilterEquations,
-    about: np.ndarray | None,
+    nominal: np.ndarray | None,
     transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
     """Return the function that moves mean and covariance over the sub-steps to sample k. It also
@@ -313,8 +313,8 @@ def _prediction(
     transposed, further_rows = list(transition.transpose(0, 2, 1)), further[:n_x]
 
     def predict(k: int, x: np.ndarray, P: np.ndarray, P_before: np.ndarray) -> None:
-        if about is not None:
-            point[:] = about[:, k - 1]
+        if nominal is not None:
+            point[:] = nominal[:, k - 1]
         first_step = ends[k - 1]
         for s in range(first_step, ends[k]):
             rows, step, step_turned = (
@@ -322,7 +322,7 @@ def _prediction(
                 if s == first_step
                 else (further_rows, further, further.T)
             )
-            deviation = None if about is None else x - point
+            deviation = None if nominal is None else x - point
             noise = move(s, rows)
             if deviation is not None:
                 x[:] = point + step @ deviation

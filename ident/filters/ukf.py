@@ -301,14 +301,14 @@ class _Cloud:
         return self.points[0]
 
 
-def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
+def _cloud(nominal: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
     """Return the points for the mean and covariance of sample ``k`` of a smoothed result.
 
     Slopes need distinct points along every direction. Where a smoothed variance is rounding,
     ``reach (n,)`` is the standard deviation. A direction without variance gets the share
     ``ROUNDING`` of the largest one.
     """
-    mean, P = about.mean[:, k], about.covariance[k]
+    mean, P = nominal.mean[:, k], nominal.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
     scale = np.where(std < ROUNDING * reach, reach, std)
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
@@ -319,15 +319,15 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
 
 
 def _pass_about(
-    problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
+    problem: FilterProblem, settings: FilterSettings, nominal: SmoothedHistory
 ) -> Estimate:
     """Return one pass of the Kalman filter, linearised statistically over the smoothed result
-    ``about``.
+    ``nominal``.
     """
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
-    reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
-    cloud = _cloud(about, 0, reach)
+    reach = np.sqrt(np.maximum(np.diagonal(nominal.covariance[-1]), 0.0))
+    cloud = _cloud(nominal, 0, reach)
     with quiet_numerics():
         for k in range(len(problem.time)):
             G = np.eye(len(x))
@@ -337,7 +337,7 @@ def _pass_about(
                         problem, settings, cloud, grid.sample[k - 1], grid.sample[k]
                     )
                     x, P = moved + G @ (x - cloud.mean), _symmetric(G @ P @ G.T + noise)
-                    cloud = _cloud(about, k, reach)
+                    cloud = _cloud(nominal, k, reach)
                 keeper.predicted(k, x, P, G)
                 x, P, failure = _updated(problem, keeper, k, x, P, cloud)
             except (ArithmeticError, ValueError):

@@ -585,7 +585,7 @@ class Options:
     ----------
     profile : parameters that get a profile-likelihood interval; empty: all; None: none.
     band : band of a fit in the frequency domain, Hz; None: from the data.
-    engine : engine of the extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; None:
+    engine : engine of the extended Kalman filter, a key of ``ident.banks.engines.ENGINES``; None:
         filterpy for a single filter, batched for a bank.
     """
 

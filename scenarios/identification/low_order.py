@@ -14,7 +14,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ident.banks.delays import BATCHED, ENGINES, DelayBank, against_filterpy, run_delay_bank
+from ident.banks.delays import DelayBank, run_delay_bank
+from ident.banks.engines import BATCHED, ENGINES, compare_with_filterpy
 from ident.estimate import Estimate
 from ident.filters.problem import proportional_priors
 from ident.flying_qualities.levels import qualities
@@ -163,7 +164,7 @@ def identify_loes(
     chosen = ENGINES[engine] if engine else BATCHED
     found = run_delay_bank(about_trim, system, engine=chosen)
     second = (
-        against_filterpy(about_trim, system, found.bank, found.delays)
+        compare_with_filterpy(about_trim, system, found.bank, found.delays)
         if chosen is BATCHED
         else None
     )

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.banks.delays import ENGINES, FILTERPY, WIDENINGS, contradicted, widened
+from ident.banks.delays import WIDENINGS, contradicted, widened
+from ident.banks.engines import ENGINES, FILTERPY
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings, run_iterated_ekf
 from ident.filters.smoother import with_coloured_covariance

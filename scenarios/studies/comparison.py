@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.banks.delays import ENGINES, SecondPass
+from ident.banks.engines import ENGINES, FilterpyDifferences
 from ident.estimate import Estimate, FilterHistory
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
@@ -302,12 +302,12 @@ def engine_content(estimation: Estimation) -> dict[str, Any]:
     return {"engine": {"name": name, "sentence": label}} if label else {}
 
 
-def bank_line(name: str, second: SecondPass | None) -> str:
+def bank_line(name: str, second: FilterpyDifferences | None) -> str:
     """Return the line on the engine of a bank of delays, with its difference from filterpy."""
     return f"engine: {bank_sentence(name, second)}"
 
 
-def bank_sentence(name: str, second: SecondPass | None) -> str:
+def bank_sentence(name: str, second: FilterpyDifferences | None) -> str:
     """Return the text after ``engine:`` for a bank of delays."""
     label = ENGINES[name].label
     if second is None:
@@ -318,7 +318,7 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
     )
 
 
-def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
+def bank_content(name: str, second: FilterpyDifferences | None) -> dict[str, Any]:
     """Return the content of the key ``engine`` for a bank of delays.
 
     Differences of means and standard deviations from filterpy are in sigmas.

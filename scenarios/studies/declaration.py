@@ -171,7 +171,7 @@ class Estimation:
     flight, distance : flight of this estimation alone, and how it differs from the fitted model;
         None and empty: those of the scenario.
     choices : values of this estimation that no source gives.
-    engine : implementation of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``;
+    engine : implementation of an extended Kalman filter, a key of ``ident.banks.engines.ENGINES``;
         the results of all engines agree to rounding.
     """
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.banks.bank import BankEstimate, run_bank
-from ident.banks.delays import ENGINES
+from ident.banks.engines import ENGINES
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor

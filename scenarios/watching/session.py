@@ -24,20 +24,20 @@ import numpy as np
 
 from ident.banks.online import (
     BankState,
-    FinalStates,
+    MostLikelyByStart,
     OnlineBank,
     Rows,
     advance,
     bank_of_starts,
     begin,
-    final_states_of,
-    moved_starts,
+    changed_starts,
+    most_likely_by_start,
     online_bank,
-    spread_of,
+    start_spread,
 )
 from ident.banks.relinearised import (
     Relinearised,
-    advanced,
+    advance_bank,
     bank_that_continues,
     informative_enough,
     linearisation_due,
@@ -190,7 +190,7 @@ def start(session: Session) -> list[WatchStep]:
     session.bank = online_bank(
         session.system, float(np.median(np.diff(record.time))), gate=SPIKE_SIGMAS
     )
-    session.others = bank_of_starts(session.bank, moved_starts(session.bank, STARTED))
+    session.others = bank_of_starts(session.bank, changed_starts(session.bank, STARTED))
     session.taken = [np.concatenate(session.taken, axis=1)]
     return _filter(session, session.taken[0])
 
@@ -247,8 +247,8 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
     rows = _rows_of(session, block)
     other_states = _states_after(others, session.others_state, rows)
     session.others_state = other_states[-1]
-    final_states = final_states_of(others, other_states, len(bank.delays))
-    spread = spread_of(bank, states, final_states)
+    final_states = most_likely_by_start(others, other_states, len(bank.delays))
+    spread = start_spread(bank, states, final_states)
     refined: list[Relinearised | None] = [None] * len(states)
     if session.refine:
         refined = _refined(session, states, final_states, rows)
@@ -268,7 +268,7 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
 
 
 def _refined(
-    session: Session, states: list[BankState], final_states: FinalStates, rows: Rows
+    session: Session, states: list[BankState], final_states: MostLikelyByStart, rows: Rows
 ) -> list[Relinearised | None]:
     """Return the relinearised bank after each row, None as long as there is none.
 
@@ -289,7 +289,7 @@ def _refined(
         new_rows = slice(len(after_rows), row + 1)
         filtered: Sequence[Relinearised | None] = [None] * (row + 1 - len(after_rows))
         if session.refined is not None:
-            filtered = advanced(session.refined, Rows(*(part[..., new_rows] for part in rows)))
+            filtered = advance_bank(session.refined, Rows(*(part[..., new_rows] for part in rows)))
         session.refined = filtered[-1]
         if row in new_seconds:
             if session.refined is not None:

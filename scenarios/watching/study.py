@@ -12,7 +12,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from ident.banks.delays import likelihood_weights
-from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_starts, spread_covariance
+from ident.banks.online import (
+    MEDIAN_SQUARE,
+    BankState,
+    OnlineBank,
+    changed_starts,
+    spread_covariance,
+)
 from ident.banks.relinearised import joint_estimate
 from ident.estimate import Estimate, Outcome
 from scenarios.files.sources import InputFile, resolved, versions
@@ -111,7 +117,7 @@ def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     end_spread = _derived_spread(session, estimate, derived, differences)
     declared = replace(estimate, values=bank.start[n_x:])
     of_declared = derived_of(declared, session.vehicle, (0.0, 0.0))
-    moved = (moved_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
+    moved = (changed_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
     start_spread = _derived_spread(session, declared, of_declared, moved)
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
     wide = (spread >= prior).tolist()

@@ -128,7 +128,7 @@ class LoopEstimation:
     window_start, window_stop : part of the record that is used, s.
     restarts : largest number of restarts of the refined filter from its own result.
     prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` in Tables 1 and 2.
-    engine : implementation of the filters, a key of ``ident.banks.delays.ENGINES``; the results of
+    engine : implementation of the filters, a key of ``ident.banks.engines.ENGINES``; the results of
         all engines agree to rounding.
     """
 

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate, run_bank, run_iterated_bank
+from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import (
-    BATCHED,
     DELAYS,
-    ENGINES,
-    BankEngine,
     DelayBank,
     likelihood_weights,
+    parabola_vertex,
     run_delay_bank,
-    vertex,
 )
+from ident.banks.engines import BATCHED, ENGINES, BankEngine
+from ident.banks.iterated_bank import run_iterated_bank
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_levels import noise_envelope
@@ -409,7 +408,7 @@ def between_grid_points(first_estimate: SinglePass) -> float:
     """
     L, best = first_estimate.bank.log_likelihood, int(np.argmax(first_estimate.bank.log_likelihood))
     near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
-    return vertex(first_estimate.delays[near], L[near])[0]
+    return parabola_vertex(first_estimate.delays[near], L[near])[0]
 
 
 def _of_bank(name: str, first_estimate: SinglePass, at: int) -> LoopMethodResult:

@@ -12,14 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.delays import (
-    BATCHED,
-    BankDifferences,
-    DelayBank,
-    SecondPass,
-    against_filterpy,
-    agreement,
-)
+from ident.banks.delays import DelayBank, agreement
+from ident.banks.engines import BATCHED, BankDifferences, FilterpyDifferences, compare_with_filterpy
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
 from ident.frequency_response.segments import estimate_response, fit_response
@@ -147,7 +141,7 @@ class LoopStudy:
     engines: BankDifferences | None = None
     linear: LinearCheck | None = None
     open_margins: OpenMargins | None = None
-    second: SecondPass | None = None
+    second: FilterpyDifferences | None = None
     over_seeds: OverSeeds | None = None
 
 
@@ -242,7 +236,9 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         if simulated_flight.truth is None or not simulated_flight.truth.stick.any()
         else linear_check(simulated_flight.x29, simulated_flight.truth),
         planned_margins(scenario.margins, found_margins),
-        against_filterpy(paper.record, paper.system, first_estimate.bank, first_estimate.delays)
+        compare_with_filterpy(
+            paper.record, paper.system, first_estimate.bank, first_estimate.delays
+        )
         if paper.engine is BATCHED
         else None,
         run_over_seeds(scenario, start, _papers_rule(scenario)),

@@ -11,7 +11,7 @@ import filterpy.kalman
 import numpy as np
 import pytest
 
-from ident.banks.delays import BATCHED, FILTERPY
+from ident.banks.engines import BATCHED, FILTERPY
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
 from ident.flying_qualities.levels import flight_phase_of
 from scenarios.identification.assessment import Options

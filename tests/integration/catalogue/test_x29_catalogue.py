@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.banks.delays import BATCHED, FILTERPY, agreement
+from ident.banks.delays import agreement
+from ident.banks.engines import BATCHED, FILTERPY
 from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import fly_loop, printed_column

@@ -191,7 +191,7 @@ def test_names_what_does_not_fit() -> None:
         rigid_record(np.random.default_rng(5), 2.0, 25.0),
         compile_model(rigid_start(), online=True),
     )
-    with pytest.raises(ModelError, match="bank, CL_q: it is free"):
+    with pytest.raises(ModelError, match="bank, CL_q: the parameter is free"):
         run_bank(record, system, fixed_values={"CL_q": np.zeros(2)})
     with pytest.raises(ModelError, match="numbers of runs differ"):
         run_bank(record, system, fixed_values={"mass": np.full(3, 1e5)}, start=np.zeros((8, 2)))

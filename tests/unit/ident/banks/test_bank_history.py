@@ -23,14 +23,14 @@ def test_equal_to_the_single_filter(elsewhere: bool) -> None:
     system = problem.system(flown)
     system = replace(system, parameters=system.parameters.with_values({"delay": 0.11}))
     laid_out, settings = filter_problem(flown, system, np.inf), FilterSettings()
-    about = (
+    nominal = (
         np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown))) * laid_out.start[:, None]
         if elsewhere
         else None
     )
     found, expected = (
-        filter_alone(flown, system, settings, about),
-        filter_by_filterpy(laid_out, settings, about=about),
+        filter_alone(flown, system, settings, nominal),
+        filter_by_filterpy(laid_out, settings, nominal=nominal),
     )
     assert (found.method, found.names, found.units, found.outcome, found.message) == (
         expected.method,

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ident.banks.bank import bank_runs
-from ident.banks.equation_kernels import BankTrace, empty_trace, march_of_steps, march_of_table
+from ident.banks.equation_kernels import BankTrace, empty_trace, step_block_filter
+from ident.banks.table_kernel import table_block_filter
 from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Exponential, Taylor
 from ident.filters.problem import FilterProblem
@@ -24,7 +25,7 @@ from tests.linear_problem import oscillator, record_of
 from tests.rigid_problem import rigid_record, rigid_start
 
 GRID = np.array([0.0, 0.107, 0.12])
-FIELDS = ("moved", "H", "HP", "S", "y")
+FIELDS = ("transition", "H", "HP", "S", "y")
 
 
 def start_of(laid_out: FilterProblem, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -43,18 +44,22 @@ def test_equal_to_the_steps(density: dict[str, float], max_step: float, elsewher
     flown = problem.record(3, duration=2.4, gaps=True)
     system, settings = problem.system(flown, density=density), FilterSettings(max_step=max_step)
     laid_out, runs = bank_runs(flown, system, settings, fixed_values={"delay": GRID})
-    about = (
+    nominal = (
         np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown), 3)) * runs.start[:, None]
         if elsewhere
         else None
     )
     x, P = start_of(laid_out, runs.start)
     results, traces = [], []
-    for prepare in (march_of_table, march_of_steps):
-        march, trace = prepare(laid_out, settings, runs), empty_trace(laid_out, 3)
-        assert march is not None
-        first = march(0, 20, x, P, about, trace)
-        results.append(march(20, len(flown), first.mean[-1].T, first.covariance[-1], about, trace))
+    for prepare in (table_block_filter, step_block_filter):
+        filter_next_block, trace = prepare(laid_out, settings, runs), empty_trace(laid_out, 3)
+        assert filter_next_block is not None
+        first = filter_next_block(0, 20, x, P, nominal, trace)
+        results.append(
+            filter_next_block(
+                20, len(flown), first.mean[-1].T, first.covariance[-1], nominal, trace
+            )
+        )
         traces.append(trace)
     scale = np.sqrt(np.diagonal(results[1].covariance, axis1=2, axis2=3))
     np.testing.assert_allclose(
@@ -82,7 +87,7 @@ def test_an_input_that_acts_on_an_output() -> None:
     laid_out, runs = bank_runs(record, system, settings)
     x, P = start_of(laid_out, runs.start)
     found, expected = (
-        prepare(laid_out, settings, runs) for prepare in (march_of_table, march_of_steps)
+        prepare(laid_out, settings, runs) for prepare in (table_block_filter, step_block_filter)
     )
     assert found is not None and expected is not None
     one, other = found(0, len(record), x, P, None, None), expected(0, len(record), x, P, None, None)
@@ -102,7 +107,7 @@ def test_what_has_no_table() -> None:
     ) -> bool:
         system = compile_model(model, online=True)
         laid_out, runs = bank_runs(record, system, settings, fixed_values=held)
-        return march_of_table(laid_out, settings, runs) is not None
+        return table_block_filter(laid_out, settings, runs) is not None
 
     assert has_table()
     assert not has_table(settings=FilterSettings(step=euler_step))
@@ -126,4 +131,4 @@ def test_a_parameter_that_wanders_has_no_table() -> None:
     for density, expected in (({"speed": 0.05}, True), ({"speed": 0.05, "force": 0.01}, False)):
         system, settings = compile_model(oscillator(density), online=True), FilterSettings()
         laid_out, runs = bank_runs(record, system, settings)
-        assert (march_of_table(laid_out, settings, runs) is not None) == expected
+        assert (table_block_filter(laid_out, settings, runs) is not None) == expected

@@ -13,7 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.banks.bank import run_bank
-from ident.banks.delays import DELAYS, DelayBank, likelihood_weights, run_delay_bank, vertex
+from ident.banks.delays import (
+    DELAYS,
+    DelayBank,
+    likelihood_weights,
+    parabola_vertex,
+    run_delay_bank,
+)
 from ident.filters.ekf import run_ekf
 from sim.errors import ModelError
 from tests import loes_problem as problem
@@ -149,9 +155,9 @@ def test_weights_of_broken_filters() -> None:
 @given(st.floats(0.5, 2.0), st.floats(-3.0, 3.0), st.floats(0.1, 9.0))
 def test_vertex_of_a_parabola(width: float, top: float, curvature: float) -> None:
     x = np.array([-1.0, 0.2, 0.2 + width])
-    got = vertex(x, 5.0 - 0.5 * curvature * (x - top) ** 2)
+    got = parabola_vertex(x, 5.0 - 0.5 * curvature * (x - top) ** 2)
     assert got == pytest.approx((top, curvature), rel=1e-6, abs=1e-9)
-    assert vertex(x, x**2)[1] == 0.0
+    assert parabola_vertex(x, x**2)[1] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -159,4 +165,4 @@ def test_vertex_of_a_parabola(width: float, top: float, curvature: float) -> Non
 )
 def test_three_points_without_a_maximum_have_their_middle_for_a_vertex(y: list[float]) -> None:
     """Open upwards, a straight line, or not known: no curvature."""
-    assert vertex(np.array([-1.0, 0.2, 1.2]), np.array(y)) == (0.2, 0.0)
+    assert parabola_vertex(np.array([-1.0, 0.2, 1.2]), np.array(y)) == (0.2, 0.0)

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.banks.delays import BATCHED, ENGINES, FILTERPY, agreement, run_delay_bank
+from ident.banks.delays import run_delay_bank
+from ident.banks.engines import BATCHED, ENGINES, FILTERPY, bank_differences
 from ident.filters.ekf import filter_by_filterpy, run_ekf, run_iterated_ekf
 from tests import loes_problem as problem
 
@@ -20,18 +21,18 @@ HELD = {"delay": np.array([0.1, 0.125, 0.15])}
 def test_both_engines_give_one_bank_and_one_iterated_bank(gaps: bool) -> None:
     flown = problem.record(1, duration=1.8, gaps=gaps)
     system = problem.system(flown)
-    plain = agreement(
+    plain = bank_differences(
         BATCHED.run(flown, system, None, fixed_values=HELD),
         FILTERPY.run(flown, system, None, fixed_values=HELD),
     )
     assert plain.sound and plain.largest < 1e-8
-    (one, about), (other, same) = (
+    (one, nominal), (other, same) = (
         engine.iterated(flown, system, None, fixed_values=HELD, tolerance=np.inf)
         for engine in (BATCHED, FILTERPY)
     )
-    assert agreement(one, other).sound and agreement(one, other).largest < 1e-6
+    assert bank_differences(one, other).sound and bank_differences(one, other).largest < 1e-6
     np.testing.assert_array_equal(one.iterations, other.iterations)
-    np.testing.assert_allclose((about - same) / one.std[:, None, :], 0.0, atol=1e-5)
+    np.testing.assert_allclose((nominal - same) / one.std[:, None, :], 0.0, atol=1e-5)
 
 
 def test_filterpys_bank_is_its_filters_one_by_one() -> None:
@@ -59,17 +60,17 @@ def test_a_filter_that_breaks_down_is_told_by_both() -> None:
     alpha = flown["alpha"].values.copy()
     alpha[20] = 1e60
     flown = replace(flown, outputs=(replace(flown["alpha"], values=alpha), *flown.outputs[1:]))
-    found = agreement(
+    found = bank_differences(
         *(
             engine.run(flown, problem.system(flown), None, fixed_values=HELD)
             for engine in (BATCHED, FILTERPY)
         )
     )
     assert found.sound
-    _, about = FILTERPY.iterated(
+    _, nominal = FILTERPY.iterated(
         flown, problem.system(flown), None, fixed_values=HELD, iterations=1
     )
-    assert np.all(np.isfinite(about))
+    assert np.all(np.isfinite(nominal))
 
 
 def test_the_refined_delay_does_not_hang_on_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +82,7 @@ def test_the_refined_delay_does_not_hang_on_the_engine(monkeypatch: pytest.Monke
         calls.append(1)
         return filter_by_filterpy(*arguments, **keywords)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("ident.banks.delays.filter_by_filterpy", counted)
+    monkeypatch.setattr("ident.banks.engines.filter_by_filterpy", counted)
     one, other = (
         run_delay_bank(flown, system, (0.1, 0.125, 0.15), widenings=0, engine=engine)
         for engine in ENGINES.values()

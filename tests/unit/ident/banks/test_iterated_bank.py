@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.banks.bank import bank_runs, run_iterated_bank, run_pass, smoothed
+from ident.banks.bank import bank_runs, run_pass
 from ident.banks.equation_kernels import empty_trace
+from ident.banks.iterated_bank import run_iterated_bank, smoothed
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
 from ident.filters.smoother import smooth
 from tests import loes_problem as problem
@@ -59,7 +60,7 @@ def test_does_not_depend_on_the_start_of_the_linearisation() -> None:
     system = problem.system(flown)
     cold, trajectories = run_iterated_bank(flown, system, fixed_values={"delay": GRID})
     warm, _ = run_iterated_bank(
-        flown, system, fixed_values={"delay": GRID}, about=trajectories[:, :, :1]
+        flown, system, fixed_values={"delay": GRID}, nominal=trajectories[:, :, :1]
     )
     assert warm.iterations[0] < cold.iterations[0]
     np.testing.assert_allclose((warm.mean - cold.mean) / cold.std, 0.0, atol=0.02)

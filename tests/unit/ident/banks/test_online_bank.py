@@ -187,7 +187,7 @@ def test_runs_that_break_down_keep_their_last_sound_values() -> None:
 def test_what_cannot_run_row_by_row_is_refused() -> None:
     flown = problem.record(4, duration=2.0)
     system = problem.system(flown)
-    with pytest.raises(ModelError, match="M_q: it is free"):
+    with pytest.raises(ModelError, match="M_q: the parameter is free"):
         online_bank(system, 0.04, name="M_q")
     unknown = replace(system, noise=lambda p: ([0.0] * 3, [1e-6, np.nan, 1e-4]))
     with pytest.raises(ModelError, match="output q: its measurement noise"):
@@ -195,7 +195,7 @@ def test_what_cannot_run_row_by_row_is_refused() -> None:
     walking = replace(
         system, declared_noise=replace(system.declared_noise, process_density={"M_q": 1e-3})
     )
-    with pytest.raises(ModelError, match="M_q: it is a random walk"):
+    with pytest.raises(ModelError, match="M_q: the parameter is a random walk"):
         online_bank(walking, 0.04)
     curved = replace(system, f=lambda t, x, u, p: [x[0] * x[0], x[1], x[2]])
     with pytest.raises(ModelError, match="not sums of a parameter times a state"):

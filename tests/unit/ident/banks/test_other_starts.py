@@ -18,11 +18,11 @@ from ident.banks.online import (
     advance,
     bank_of_starts,
     begin,
-    final_states_of,
-    moved_starts,
+    changed_starts,
+    most_likely_by_start,
     online_bank,
     spread_covariance,
-    spread_of,
+    start_spread,
 )
 from sim.errors import ModelError
 from tests import loes_problem as problem
@@ -47,7 +47,7 @@ def flown() -> tuple[OnlineBank, Rows]:
 
 def test_the_starts_are_an_orthogonal_design_of_one_sigma(flown: tuple[OnlineBank, Rows]) -> None:
     bank, _ = flown
-    moved = moved_starts(bank, FACTORS) - bank.start[:, None]
+    moved = changed_starts(bank, FACTORS) - bank.start[:, None]
     at = [bank.names.index(name) for name in FACTORS]
     std = np.sqrt(np.diagonal(bank.covariance))
     assert moved.shape[1] == 8
@@ -55,11 +55,11 @@ def test_the_starts_are_an_orthogonal_design_of_one_sigma(flown: tuple[OnlineBan
     np.testing.assert_allclose(moved.sum(axis=1), 0.0, atol=1e-9)
     np.testing.assert_array_equal(np.delete(moved, at, axis=0), 0.0)
     assert (
-        moved_starts(bank, FACTORS[:4]).shape[1] == 8
-        and moved_starts(bank, FACTORS[:3]).shape[1] == 4
+        changed_starts(bank, FACTORS[:4]).shape[1] == 8
+        and changed_starts(bank, FACTORS[:3]).shape[1] == 4
     )
     with pytest.raises(ModelError, match="other starts, delay"):
-        moved_starts(bank, ["delay"])
+        changed_starts(bank, ["delay"])
     assert pytest.approx(chi2.median(1), rel=1e-5) == MEDIAN_SQUARE
 
 
@@ -67,10 +67,10 @@ def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_end
     flown: tuple[OnlineBank, Rows],
 ) -> None:
     bank, rows = flown
-    starts = moved_starts(bank, FACTORS)
+    starts = changed_starts(bank, FACTORS)
     others = bank_of_starts(bank, starts)
     beside, states = run(others, rows), run(bank, rows)
-    ends = final_states_of(others, beside, len(bank.delays))
+    ends = most_likely_by_start(others, beside, len(bank.delays))
     alone = [run(replace(bank, start=start), rows)[-1] for start in starts.T]
     own, best = states[-1].mean[:, states[-1].best], states[-1].best
     for k, state in enumerate(alone):
@@ -78,7 +78,7 @@ def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_end
             ends.mean[-1, k], state.mean[:, state.best], rtol=1e-9, atol=1e-12
         )
         assert ends.delay[-1, k] == bank.delays[state.best]
-    spread = spread_of(bank, states, ends)
+    spread = start_spread(bank, states, ends)
     ended = np.array([state.mean[:, state.best] for state in alone]) - own
     slope = (states[-1].mean[:, best + 1] - states[-1].mean[:, best - 1]) / 0.05
     expected = np.sqrt(np.median(ended**2, axis=0) / MEDIAN_SQUARE + slope**2 * 0.025**2 / 12.0)
@@ -95,12 +95,14 @@ def test_where_half_of_the_starts_broke_down_nothing_is_known(
     bank, rows = flown
     few = Rows(*(part[..., :40] for part in rows))
     states = run(bank, few)
-    others = bank_of_starts(bank, moved_starts(bank, FACTORS))
-    ends = final_states_of(others, run(others, few), len(bank.delays))
+    others = bank_of_starts(bank, changed_starts(bank, FACTORS))
+    ends = most_likely_by_start(others, run(others, few), len(bank.delays))
     for broken, known in ((3, True), (4, False)):
         sound = ends.sound.copy()
         sound[:, :broken] = False
-        assert np.isfinite(spread_of(bank, states, ends._replace(sound=sound)).std).all() == known
+        assert (
+            np.isfinite(start_spread(bank, states, ends._replace(sound=sound)).std).all() == known
+        )
 
 
 def test_covariance_of_a_spread_has_its_deviations_and_is_one() -> None:

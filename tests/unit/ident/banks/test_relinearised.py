@@ -16,17 +16,17 @@ from ident.banks.online import (
     Rows,
     advance,
     begin,
-    moved_starts,
+    changed_starts,
     online_bank,
     with_delays,
 )
 from ident.banks.relinearised import (
     Relinearised,
-    advanced,
+    advance_bank,
     bank_that_continues,
     informative_enough,
-    joint,
     joint_estimate,
+    joint_moments,
     linearisation_due,
     linearise,
     with_fitting_grid,
@@ -71,7 +71,7 @@ def halfway(
 ) -> Relinearised:
     record, system, bank, _ = flown
     so_far = record.window(0.0, float(record.time[HALF - 1]))
-    found = linearise(so_far, system, bank, states[HALF - 1], moved_starts(bank, FACTORS))
+    found = linearise(so_far, system, bank, states[HALF - 1], changed_starts(bank, FACTORS))
     assert found is not None
     return found
 
@@ -100,7 +100,7 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(
     flown: tuple[Record, System, OnlineBank, Rows], halfway: Relinearised
 ) -> None:
     record, system, _, rows = flown
-    on = advanced(halfway, part(rows, HALF, None))
+    on = advance_bank(halfway, part(rows, HALF, None))
     assert len(on) == len(record) - HALF and on[-1].state.rows_seen == len(record)
     refined = run_delay_bank(record, system).estimate
     found = joint_estimate(with_fitting_grid(on[-1]))
@@ -113,7 +113,7 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(
 def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
     halfway: Relinearised,
 ) -> None:
-    mean, covariance = joint(halfway.bank, halfway.state)
+    mean, covariance = joint_moments(halfway.bank, halfway.state)
     std = np.sqrt(np.diagonal(covariance))
     assert (
         bank_that_continues(None, halfway, FACTORS) is halfway
@@ -137,17 +137,17 @@ def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
 
 
 def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -> None:
-    mean, covariance = joint(halfway.bank, halfway.state)
+    mean, covariance = joint_moments(halfway.bank, halfway.state)
     coarse = replace(
         halfway,
         state=halfway.state._replace(
             log_likelihood=-0.5 * (np.arange(len(halfway.bank.delays)) - 3.2) ** 2 / 0.4**2
         ),
     )
-    before_mean, before = joint(coarse.bank, coarse.state)
+    before_mean, before = joint_moments(coarse.bank, coarse.state)
     anew = with_fitting_grid(coarse)
     assert np.diff(anew.bank.delays)[0] < np.diff(coarse.bank.delays)[0]
-    after_mean, after = joint(anew.bank, anew.state)
+    after_mean, after = joint_moments(anew.bank, anew.state)
     std = np.sqrt(np.diagonal(before))
     np.testing.assert_allclose((after_mean - before_mean) / std, 0.0, atol=1e-3)
     np.testing.assert_allclose(np.sqrt(np.diagonal(after)) / std, 1.0, atol=2e-3)
@@ -173,7 +173,7 @@ def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(
     current = replace(halfway, bank=replace(pair, memory=halfway.bank.memory), state=alike)
     for _ in range(20):
         current = with_fitting_grid(current)
-    mean, covariance = joint(current.bank, current.state)
+    mean, covariance = joint_moments(current.bank, current.state)
     # The Gaussian cut off where no delay can be, by quadrature.
     fine = np.linspace(0.0, halfway.bank.memory, 20001)
     density = np.exp(-0.5 * ((fine - centre) / width) ** 2)
@@ -185,7 +185,7 @@ def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(
 
 def test_moments_over_filters_are_those_of_the_mixture(halfway: Relinearised) -> None:
     state, bank = halfway.state, halfway.bank
-    mean, covariance = joint(bank, state)
+    mean, covariance = joint_moments(bank, state)
     rng = np.random.default_rng(1)
     weights = np.exp(state.log_likelihood - state.log_likelihood.max())
     chosen = rng.choice(len(bank.delays), 40000, p=weights / weights.sum())

@@ -120,7 +120,7 @@ def both(case: Case, keep: bool) -> tuple[BankPass, BankPass]:
     found, expected = (
         run_pass(problem, settings, runs, keep, in_rows=rows) for rows in (True, False)
     )
-    assert row_kernel.pass_side_by_side(problem, settings, runs, False) is not None, (
+    assert row_kernel.run_pass_in_rows(problem, settings, runs, False) is not None, (
         "there is a table"
     )
     return found, expected
@@ -195,7 +195,7 @@ def test_a_run_that_breaks_down_keeps_its_last_sound_sample(at: int) -> None:
     )
     np.testing.assert_array_equal(found.sound, np.arange(RUNS) != 2)
     assert_near(found, expected)
-    alone = run_pass(problem, settings, runs.only(np.array([0, 1, 3, 4])), True, in_rows=True)
+    alone = run_pass(problem, settings, runs.select(np.array([0, 1, 3, 4])), True, in_rows=True)
     np.testing.assert_array_equal(found.mean[:, found.sound], alone.mean)
     np.testing.assert_array_equal(found.covariance[found.sound], alone.covariance)
     assert (
@@ -231,6 +231,6 @@ def test_what_has_no_table_is_filtered_all_the_same() -> None:
         FilterSettings(transition=Exponential()),
     )
     problem, runs = bank_runs(record, system, settings, z=measured(record, system, RUNS))
-    assert row_kernel.pass_side_by_side(problem, settings, runs, False) is None
+    assert row_kernel.run_pass_in_rows(problem, settings, runs, False) is None
     found = run_pass(problem, settings, runs, False, in_rows=True)
     np.testing.assert_array_equal(found.mean, run_pass(problem, settings, runs, False).mean)

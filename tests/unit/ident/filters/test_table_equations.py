@@ -55,9 +55,9 @@ def by_table(
     problem: FilterProblem,
     settings: FilterSettings,
     start: np.ndarray | None = None,
-    about: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> Estimate:
-    found = filter_by_table(problem, settings, start, about)
+    found = filter_by_table(problem, settings, start, nominal)
     assert found is not None
     return found
 
@@ -194,11 +194,11 @@ def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:
         compile_model(noisy_rigid(), online=True),
     )
     problem, settings = filter_problem(record, system, max_step), FilterSettings(max_step=max_step)
-    about = problem.start[:, None] * np.random.default_rng(2).normal(1.0, 0.1, (8, len(record)))
-    about[:2] = np.random.default_rng(3).normal(0.0, 0.02, (2, len(record)))
-    found = filter_by_table(problem, settings, about=about)
+    nominal = problem.start[:, None] * np.random.default_rng(2).normal(1.0, 0.1, (8, len(record)))
+    nominal[:2] = np.random.default_rng(3).normal(0.0, 0.02, (2, len(record)))
+    found = filter_by_table(problem, settings, nominal=nominal)
     assert found is not None
-    assert_equal(found, filter_by_complex_step(problem, settings, about=about))
+    assert_equal(found, filter_by_complex_step(problem, settings, nominal=nominal))
     elsewhere = filter_by_table(problem, settings)
     assert (
         elsewhere is not None
