@@ -3,6 +3,6 @@
 May import `ident.bilinear_table`, `ident.estimate` and `sim`. Whole-record fits and banks of
 filters are in other packages.
 
-To add a filter: start from `filter_problem`, keep what it does with `HistoryKeeper`, return its
-Estimate with an outcome code; test it against `tests/oracles/kalman.py` on the linear problem.
+To add a filter: start from `filter_problem`, store its results with `HistoryKeeper`, and
+return an Estimate with an outcome. Test it against `tests/oracles/kalman.py` on the linear problem.
 """

@@ -1,16 +1,16 @@
 """Extended Kalman filter for states and parameters, and its iterated form.
 
-Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22
-of NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the
-covariance moves with a fundamental matrix whose F is held over a step, the update is Joseph's.
-Missing samples are left out channel by channel; sampling may be uneven. Prediction and update are
-filterpy's; the matrices come from the table of the equations (`ident.filters.one_record`) where
-they have one, else from complex steps.
+The dynamics are continuous and the measurements discrete (eqs. 1-16 of the simulated-flight-data
+paper, eqs. 12-22 of NASA TM-101722). Free parameters are states with zero rate. The mean is
+integrated. The covariance is propagated by a fundamental matrix with F constant over a step, and
+updated in Joseph's form. Missing samples are left out channel by channel. Sampling may be uneven.
+filterpy makes the prediction and the update. The matrices come from the table of the equations
+(`ident.filters.one_record`) where they have one, else from complex steps.
 
-For the dynamics and noise declared, the iterated form is the Gauss-Newton method for the most
+For the declared dynamics and noise, the iterated form is the Gauss-Newton method for the most
 probable trajectory and parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method",
-SIAM J. Optimization 4(3), 1994). The result no longer depends on a poor start: the prior keeps its
-mean and weight, only the point of linearisation moves, so no datum counts twice.
+SIAM J. Optimization 4(3), 1994). Its result does not depend on a poor start. The prior keeps its
+mean and weight, and only the point of linearisation changes, so that no sample counts twice.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from ident.filters.problem import (
     FilterProblem,
     HistoryKeeper,
     breakdown,
-    empty_history,
+    empty_buffers,
+    estimate_from_buffers,
     filter_problem,
-    finished,
     with_free,
 )
 from ident.filters.smoother import SmoothedHistory, smooth
@@ -48,9 +48,9 @@ from sim.record import Record
 
 # ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
-SETTLED_SIGMAS = 0.01  # passes end when no parameter changes by more, in sigmas
+SETTLED_SIGMAS = 0.01  # passes end when no parameter changes by more than this many sigmas
 OnePass = Callable[..., Estimate]  # function that runs one pass, as `filter_by_filterpy`
-_FEW_COLUMNS = 6  # with fewer states and parameters, a Jacobian column by column is faster
+_FEW_COLUMNS = 6  # with fewer states and parameters, a Jacobian is faster column by column
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class FilterSettings:
         ``Exponential()``).
     max_step : longest sub-step, s; infinite takes the sampling interval. F is computed again in
         each sub-step.
-    passes : most passes over the record; 1 is the plain filter. Each further pass starts from the
-        parameters of the one before, with the declared prior covariance, so that the linearisation
-        is nearer to the truth. Passes end when no parameter changes by more than a hundredth of its
-        sigma.
+    passes : largest number of passes over the record; 1 is the ordinary filter. Each further pass
+        starts from the parameters of the pass before, with the declared prior covariance, so that
+        the linearisation is nearer to the truth. Passes end when no parameter changes by more than
+        a hundredth of its sigma.
     """
 
     step: Step = rk4_step
@@ -96,8 +96,8 @@ def run_ekf(
 
     Returns
     -------
-    Estimate. Where the filter broke down, its outcome is ``DIVERGED`` or ``INDEFINITE``, and values
-    and covariance are those of the last sample before.
+    Estimate. Where the filter broke down, its outcome is ``DIVERGED`` or ``INDEFINITE``, and its
+    values and covariance are those of the last sample before the breakdown.
 
     Raises
     ------
@@ -132,19 +132,19 @@ def filter_by_table(
     start: np.ndarray | None = None,
     nominal: np.ndarray | None = None,
 ) -> Estimate | None:
-    """Return one pass by the table of the equations, without filterpy; None where the equations
-    have no table, or the filter broke down.
+    """Return the estimate of one pass by the table of the equations, without filterpy; None where
+    the equations have no table, or the filter broke down.
 
-    Arguments and result are those of `filter_by_filterpy`, to rounding.
+    The arguments are those of `filter_by_filterpy`. The results agree to rounding.
     """
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return None
-    buffers = empty_history(problem)
+    buffers = empty_buffers(problem)
     with np.errstate(all="ignore"):
         first = problem.start if start is None else start
         definite = filter_one(problem, equations, first, nominal, buffers)
-        return finished(problem, buffers, "ekf") if definite else None
+        return estimate_from_buffers(problem, buffers, "ekf") if definite else None
 
 
 def filter_by_filterpy(
@@ -153,21 +153,21 @@ def filter_by_filterpy(
     start: np.ndarray | None = None,
     nominal: np.ndarray | None = None,
 ) -> Estimate:
-    """Return one pass over a record by the ``ExtendedKalmanFilter`` of filterpy.
+    """Return the estimate of one pass over a record by the ``ExtendedKalmanFilter`` of filterpy.
 
     Parameters
     ----------
     problem : record and System.
     settings : integration and linearisation.
     start : ``(n,)`` mean before the first sample; None takes the declared one.
-    nominal : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of
-        the filter.
+    nominal : ``(n, N)`` trajectory at the samples about which the filter is linearised; None takes
+        the estimate of the filter.
 
     Returns
     -------
-    Estimate with its history. The outcome says whether and how the filter broke down.
+    Estimate with its history. Its outcome shows whether and how the filter broke down.
     """
-    return _filtered(problem, _linearised(problem, settings), start, nominal)
+    return _run_filterpy(problem, _linearised(problem, settings), start, nominal)
 
 
 def filter_by_complex_step(
@@ -176,19 +176,19 @@ def filter_by_complex_step(
     start: np.ndarray | None = None,
     nominal: np.ndarray | None = None,
 ) -> Estimate:
-    """Return the pass of `filter_by_filterpy` with Jacobians by complex steps and without tables of
-    bilinear equations. It is the reference for the tables.
+    """Return the estimate of `filter_by_filterpy` with all Jacobians by complex steps, without
+    tables of bilinear equations. It is the reference for the tables.
     """
-    return _filtered(problem, _by_complex_step(problem, settings), start, nominal)
+    return _run_filterpy(problem, _by_complex_step(problem, settings), start, nominal)
 
 
-def _filtered(
+def _run_filterpy(
     problem: FilterProblem,
     equations: _Linearised,
     start: np.ndarray | None,
     nominal: np.ndarray | None,
 ) -> Estimate:
-    """Return one pass with the given equations."""
+    """Return the estimate of one pass by filterpy with the given equations."""
     # imported here, since it loads scipy.stats
     from filterpy.kalman import ExtendedKalmanFilter
 
@@ -206,16 +206,16 @@ def _filtered(
                     for s in range(samples[k - 1], samples[k]):
                         _predict(ekf, equations, s, point)
                         Phi = ekf.F @ Phi
-                keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
+                keeper.store_prediction(k, ekf.x[:, 0], ekf.P, Phi)
                 failure = _update(
                     ekf, problem, equations, k, keeper, None if nominal is None else nominal[:, k]
                 )
-            # scalar functions raise an error where arrays would become infinite
+            # functions of scalars raise an error where arrays would become infinite
             except (ArithmeticError, ValueError):
                 failure = Outcome.DIVERGED
             if failure is not None:
                 return keeper.estimate("ekf", failure)
-            keeper.filtered(k, ekf.x[:, 0], ekf.P)
+            keeper.store_update(k, ekf.x[:, 0], ekf.P)
     return keeper.estimate("ekf", Outcome.CONVERGED)
 
 
@@ -225,18 +225,20 @@ class _Linearised:
 
     Attributes
     ----------
-    move : function of a sub-step ``s`` and a point ``(n,)``. It returns the states ``(n_x,)`` after
-        the sub-step, the fundamental matrix ``(n, n)`` and Q_k ``(n, n)``.
+    propagate : function of a sub-step ``s`` and a point ``(n,)``. It returns the states ``(n_x,)``
+        after the sub-step, the fundamental matrix ``(n, n)`` and Q_k ``(n, n)``.
     observe : function of a sample ``k`` and a point ``(n,)``. It returns the outputs ``(m,)`` and
         their Jacobian ``(m, n)``.
     """
 
-    move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    propagate: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
     observe: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """Return the equations by their table where they are bilinear, else by complex steps."""
+    """Return the linearised equations, from their table where they are bilinear, else by complex
+    steps.
+    """
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return _by_complex_step(problem, settings)
@@ -244,14 +246,14 @@ def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised
 
 
 def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised:
-    """Return the equations of a table in the form that filterpy needs."""
+    """Return the linearised equations from their table, in the form that filterpy needs."""
     n, n_x, m = len(problem.names), len(problem.system.states), len(problem.variance)
     point, slopes, zero, identity = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
 
-    def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def propagate(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point[:] = at
         Phi = identity.copy()
-        noise = equations.move(s, Phi[:n_x])
+        noise = equations.propagate(s, Phi[:n_x])
         return point[:n_x].copy(), Phi, zero if noise is None else noise
 
     def observe(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -260,19 +262,19 @@ def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised
         equations.observe(k, expected)
         return expected, slopes.copy()
 
-    return _Linearised(move, observe)
+    return _Linearised(propagate, observe)
 
 
 def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """Return the equations with Jacobians by complex steps."""
+    """Return the linearised equations with Jacobians by complex steps."""
     system, p, free = problem.system, problem.p, problem.free
     n, n_x = len(problem.names), len(problem.system.states)
     grid = problem.grid
     times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
     begin, middle, end = ([row.tolist() for row in stage] for stage in problem.drive.stages)
-    feed = [row[grid.sample].tolist() for row in problem.drive.begin]
+    direct_inputs = [row[grid.sample].tolist() for row in problem.drive.begin]
 
-    def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def propagate(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point, t, dt, F = at.tolist(), times[s], steps[s], np.zeros((n, n))
         u = ([row[s] for row in begin], [row[s] for row in middle], [row[s] for row in end])
         F[:n_x] = _jacobian(
@@ -283,24 +285,24 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
         return np.array(moved, dtype=float), Phi, noise
 
     def observe(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        t, u, point = times[samples[k]], [row[k] for row in feed], at.tolist()
+        t, u, point = times[samples[k]], [row[k] for row in direct_inputs], at.tolist()
 
         def outputs(a: list[Any]) -> list[Any]:
             return system.h(t, a[:n_x], u, with_free(p, free, a[n_x:]))
 
         return np.array(outputs(point), dtype=float), _jacobian(outputs, point)
 
-    return _Linearised(move, observe)
+    return _Linearised(propagate, observe)
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
-    """Predict over one sub-step with filterpy, with the mean integrated in its ``predict_x``.
+    """Predict over the sub-step ``s`` with filterpy, with the mean integrated in its
+    ``predict_x``.
 
-    ``point (n,)`` is the point of linearisation, which is moved over the sub-step too; None takes
-    the mean.
+    ``point (n,)`` is the point of linearisation, which is propagated in place; None takes the mean.
     """
     before = ekf.x[:, 0]
-    moved, ekf.F, ekf.Q = equations.move(s, before if point is None else point)
+    moved, ekf.F, ekf.Q = equations.propagate(s, before if point is None else point)
     n_x = len(moved)
     if point is None:
         mean = before.copy()
@@ -326,8 +328,8 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """Update (Joseph's form) by filterpy with the channels that have a sample; return how the
-    filter broke down, or None.
+    """Update by filterpy (Joseph's form) with the channels that have a sample. Return the outcome
+    of a filter that broke down, else None.
     """
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.observe(k, at)
@@ -350,14 +352,14 @@ def _update(
             return breakdown(ekf.x, ekf.S) or Outcome.INDEFINITE
     failure = breakdown(ekf.x, ekf.P, keeper.transition(k), expected, nis)
     if failure is None:
-        keeper.outputs(k, expected)
+        keeper.store_outputs(k, expected)
         if rows.size:
-            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, H, log_likelihood, nis)
+            keeper.store_innovation(k, rows, ekf.y[:, 0], ekf.S, H, log_likelihood, nis)
     return failure
 
 
 def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
-    """Return the Jacobian of a function at ``x`` by complex steps."""
+    """Return the Jacobian of a function at the point ``x`` by complex steps."""
     if len(x) < _FEW_COLUMNS:
         return complex_step_jacobian(function, x)
     return jacobian_in_one_call(function, x)
@@ -381,17 +383,18 @@ def run_iterated_ekf(
     Parameters
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
-    iterations : most passes. They end when no parameter changes by more than a hundredth of its
-        sigma.
-    first : the same model with another start and narrower priors, for the first pass only. Its
-        trajectory is the first one to linearise about.
+    iterations : largest number of passes. They end when no parameter changes by more than a
+        hundredth of its sigma.
+    first : the same model with another start and narrower priors, for the first pass only. The
+        second pass is linearised about the smoothed trajectory of this pass; None takes
+        ``system``.
     by : function that runs a pass, as for ``run_ekf``.
 
     Returns
     -------
-    Estimate of the last pass; its outcome is ``MAX_ITERATIONS`` where the passes have not
-    converged. Where a pass broke down, the estimate is that of the pass before it, with the outcome
-    of the broken pass.
+    Estimate of the last pass. Its outcome is ``MAX_ITERATIONS`` where the passes have not
+    converged. Where a pass broke down, values and sigmas are those of the pass before, and the
+    outcome is that of the broken pass.
 
     Raises
     ------
@@ -410,8 +413,14 @@ def run_iterated_ekf(
 def iterated_to_convergence(
     estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
 ) -> Estimate:
-    """Repeat the pass ``further`` about the last smoothed trajectory until no parameter changes by
-    more than a hundredth of its sigma. ``estimate`` is that of the first pass.
+    """Return the estimate after repeated passes, each linearised about the smoothed trajectory of
+    the pass before, until no parameter changes by more than a hundredth of its sigma.
+
+    Parameters
+    ----------
+    estimate : estimate of the first pass.
+    further : function that runs a pass about a smoothed trajectory.
+    iterations : largest number of passes.
     """
     if estimate.outcome is not Outcome.CONVERGED:
         return estimate
@@ -421,7 +430,7 @@ def iterated_to_convergence(
         if last.outcome is not Outcome.CONVERGED:
             message = (
                 f"pass {iteration} broke down {last.message}: values and sigmas are those of the "
-                "pass before it, which had not settled"
+                "pass before it, which had not converged"
             )
             return replace(estimate, outcome=last.outcome, message=message)
         change = change_in_sigmas(estimate, last)

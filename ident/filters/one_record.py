@@ -1,14 +1,14 @@
 """One pass of the extended Kalman filter over one record, with transition matrices and process
 noise.
 
-The fundamental matrix is the Taylor series of exp(F T) or the matrix exponential. The process noise
-Q_k is the integral of Phi(tau) Q Phi(tau)^T over the step, in closed form. They are eq. 8 and 13 of
-the simulated-flight-data paper.
+The fundamental matrix Phi is the Taylor series of exp(F T) or the matrix exponential. The process
+noise Q_k is the integral of Phi(tau) Q Phi(tau)^T over the step, in closed form. They are eqs. 8
+and 13 of the simulated-flight-data paper.
 
-The filter equals that by filterpy in `ident.filters.ekf`, with Joseph's update in two products. Let
-G = [H, -I, y], and let W have the blocks P and R on its diagonal. Then G W gives H P and S, and the
-new P is B W B^T with B = [I - K H, K]. The results are written into arrays, which are checked once
-at the end.
+The filter equals the one by filterpy in `ident.filters.ekf`. It makes Joseph's update in two
+products. Let G = [H, -I, y], and let W have the blocks P and R on its diagonal. Then G W gives H P
+and S, and the updated P is B W B^T with B = [I - K H, K]. The results are written into arrays,
+which are checked once at the end.
 
 For these small matrices a call takes longer than its arithmetic. Therefore one product of a table
 with w = (1, states, parameters, inputs) gives all terms that are linear in w: the Jacobian, the
@@ -36,13 +36,13 @@ RowTransition = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray | Non
 
 
 class Transition(Protocol):
-    """Function of ``F (..., n, n)``, the spectral density ``(n,)`` and the step (s) that returns
-    ``Phi`` and ``Q_k``.
+    """Function that returns the fundamental matrix ``Phi`` and the process noise ``Q_k`` of a step,
+    from ``F (..., n, n)``, the spectral density ``(n,)`` and the step (s).
 
     ``of_rows`` is for batches of matrices F whose rows below the first r are zero. It returns a
-    function of these rows ``(..., r, n)`` and the step, which gives the first r rows of ``Phi - I``
-    and of ``Q_k``. The rows of Q_k have only r columns where all further ones are zero, and Q_k is
-    None without noise. Below these rows Phi is the identity and Q_k is diag(density) dt.
+    function of these rows ``(..., r, n)`` and the step. That function returns the first r rows of
+    ``Phi - I`` and of ``Q_k``. The rows of Q_k have only r columns where all further ones are zero,
+    and Q_k is None without noise. Below these rows Phi is the identity and Q_k is diag(density) dt.
     """
 
     def __call__(
@@ -75,7 +75,7 @@ class Taylor:
         return np.asarray(Phi), noise
 
     def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
-        terms, noise_of = self.terms, noise_of_series(r, density, self.terms)
+        terms, noise_of = self.terms, series_noise(r, density, self.terms)
 
         def rows(F: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray | None]:
             if terms < 2:
@@ -88,14 +88,15 @@ class Taylor:
         return rows
 
 
-def noise_of_series(
+def series_noise(
     r: int, density: np.ndarray, terms: int
 ) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
     """Return a function that computes the first r rows of Q_k for a Taylor series of Phi.
 
-    The series is ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k dt^k / k!, and F is zero
-    below its first r rows. The function takes these rows ``(..., r, n)`` of the M_k, an array of
-    the same shape, and the step (s). It returns None without process noise.
+    The series is ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k dt^k / k!. F is zero below
+    its first r rows. The function takes the first r rows ``(..., r, n)`` of the M_k, an array of
+    the same shape (from which the shape of the result is taken), and the step (s). It returns None
+    without process noise.
     """
     driven = np.flatnonzero(density)
     # parameters with a random walk are driven below the first r rows
@@ -105,7 +106,7 @@ def noise_of_series(
     identity = np.eye(r, len(density))[:, driven]
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
     order = np.arange(terms)
-    share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
+    weights = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
 
     def noise_of(powers: list[np.ndarray], like: np.ndarray, dt: float) -> np.ndarray | None:
         if width == 0:
@@ -114,12 +115,15 @@ def noise_of_series(
         columns[..., :width] = identity
         for k, M in enumerate(powers, start=1):
             columns[..., k * width : (k + 1) * width] = M[..., chosen]
-        weighed = columns @ (share * dt)
-        own = weighed @ np.swapaxes(columns, -1, -2)
+        weighted = columns @ (weights * dt)
+        noise_states = weighted @ np.swapaxes(columns, -1, -2)
         if not walks:
-            return np.asarray(own)
+            return np.asarray(noise_states)
         noise = np.zeros((*like.shape[:-1], len(density)))
-        noise[..., :r], noise[..., driven[walking]] = own, weighed[..., :width][..., walking]
+        noise[..., :r], noise[..., driven[walking]] = (
+            noise_states,
+            weighted[..., :width][..., walking],
+        )
         return noise
 
     return noise_of
@@ -182,14 +186,15 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class FilterEquations:
-    """Equations of one filter with n_x states, n states and free parameters, and m outputs.
+    """Equations of one filter with n_x states, n states and free parameters together, and m
+    outputs.
 
     Attributes
     ----------
     point : ``(n,)`` the point of linearisation.
-    move : function of a sub-step ``s`` and an array. It moves the states of the point over the
-        sub-step, writes the state rows ``(n_x, n)`` of the fundamental matrix into the array, and
-        returns Q_k ``(n, n)``, or None without process noise.
+    propagate : function of a sub-step ``s`` and an array. It propagates the states of the point
+        over the sub-step in place, writes the state rows ``(n_x, n)`` of the fundamental matrix
+        into the array, and returns Q_k ``(n, n)``, or None without process noise.
     observe : function of a sample ``k`` and an array. It writes the outputs ``(m,)`` at the point
         into the array and, where ``varying``, their Jacobian into ``G``.
     G : ``(m, n + m + 1)`` Jacobian of the outputs, minus the unit matrix, and a column for the
@@ -198,7 +203,7 @@ class FilterEquations:
     """
 
     point: np.ndarray
-    move: Callable[[int, np.ndarray], np.ndarray | None]
+    propagate: Callable[[int, np.ndarray], np.ndarray | None]
     observe: Callable[[int, np.ndarray], None]
     G: np.ndarray
     varying: bool
@@ -211,13 +216,13 @@ def filter_one(
     nominal: np.ndarray | None,
     buffers: FilterBuffers,
 ) -> bool:
-    """Filter a record and write the results into ``buffers``.
+    """Filter a record, write the results into ``buffers``, and return whether it succeeded.
 
     Parameters
     ----------
     start : ``(n,)`` mean before the first sample.
-    nominal : ``(n, N)`` trajectory at the samples to linearise about; None takes the estimate of
-        the filter.
+    nominal : ``(n, N)`` trajectory at the samples about which the filter is linearised; None takes
+        the estimate of the filter.
 
     Returns
     -------
@@ -235,13 +240,13 @@ def filter_one(
     W = np.zeros((n + m + 1, n + m + 1))
     noise = np.arange(n, n + m)
     W[noise, noise] = problem.variance
-    W_P, G_turned, H, y, GW = W[:n, :n], G.T, G[:, :n], G[:, -1], np.empty_like(G)
+    W_P, G_transposed, H, y, GW = W[:n, :n], G.T, G[:, :n], G[:, -1], np.empty_like(G)
     # Whole matrices are multiplied, since BLAS copies parts of matrices. K G is in the first n rows
     # of a product whose other rows are not used.
-    GW_turned, product, BW = GW.T, np.empty_like(W), np.empty((n, n + m + 1))
+    GW_transposed, product, BW = GW.T, np.empty_like(W), np.empty((n, n + m + 1))
     unit = np.eye(n, n + m + 1)
     B = product[:n]
-    B_turned, B_last = B.T, B[:, -1]
+    B_transposed, B_last = B.T, B[:, -1]
     missing = {
         k: np.flatnonzero(~problem.valid[:, k])
         for k in np.flatnonzero(~problem.valid.all(axis=0)).tolist()
@@ -264,19 +269,19 @@ def filter_one(
             expected += H @ (x - point)
         subtract(measured, expected, y)
         missing_channels = missing.get(k)
-        full_G = None if missing_channels is None else _leave_out_channels(missing_channels, G, W)
+        full_G = None if missing_channels is None else _neutralise_channels(missing_channels, G, W)
         if varying:
             buffers.sensitivity[k] = H
         W_P[:] = P_before
         dot(G, W, GW)
-        dot(GW, G_turned, S)
+        dot(GW, G_transposed, S)
         _, S_G, failed = dposv(S, G)
         if failed:
             return False
-        dot(GW_turned, S_G, product)
+        dot(GW_transposed, S_G, product)
         subtract(unit, B, B)
         dot(B, W, BW)
-        dot(BW, B_turned, P_after)
+        dot(BW, B_transposed, P_after)
         subtract(x, B_last, mean)
         x[:], P = mean, P_after
         if full_G is not None:
@@ -287,9 +292,9 @@ def filter_one(
     return True
 
 
-def _leave_out_channels(absent: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Remove the channels ``absent`` from an update, by a zero Jacobian and innovation and a one in
-    S; return ``G`` as it was.
+def _neutralise_channels(absent: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Remove the channels ``absent`` from an update in place: a zero Jacobian and innovation, and a
+    one in S. Return a copy of ``G`` from before.
     """
     n, full_G = len(W) - len(G) - 1, G.copy()
     G[absent, :n] = G[absent, -1] = 0.0
@@ -303,10 +308,10 @@ def _prediction(
     nominal: np.ndarray | None,
     transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
-    """Return the function that moves mean and covariance over the sub-steps to sample k. It also
-    writes the fundamental matrix of the interval into ``transition (N, n, n)``.
+    """Return the function that propagates mean and covariance over the sub-steps to sample k. It
+    also writes the fundamental matrix of the interval into ``transition (N, n, n)``.
     """
-    move, point, n = equations.move, equations.point, len(problem.names)
+    propagate, point, n = equations.propagate, equations.point, len(problem.names)
     n_x, dot = len(problem.system.states), np.dot
     ends, half, further = problem.grid.sample.tolist(), np.empty((n, n)), np.eye(n)
     state_rows, matrices = list(transition[:, :n_x]), list(transition)
@@ -317,17 +322,17 @@ def _prediction(
             point[:] = nominal[:, k - 1]
         first_step = ends[k - 1]
         for s in range(first_step, ends[k]):
-            rows, step, step_turned = (
+            rows, step, step_transposed = (
                 (state_rows[k], matrices[k], transposed[k])
                 if s == first_step
                 else (further_rows, further, further.T)
             )
             deviation = None if nominal is None else x - point
-            noise = move(s, rows)
+            noise = propagate(s, rows)
             if deviation is not None:
                 x[:] = point + step @ deviation
             dot(step, P, half)
-            dot(half, step_turned, P_before)
+            dot(half, step_transposed, P_before)
             if noise is not None:
                 np.add(P_before, noise, P_before)
             if s != first_step:
@@ -337,17 +342,17 @@ def _prediction(
     return predict
 
 
-# ---- The equations of a filter of one record by their table
+# ---- The equations of a filter of one record, from their table
 
-Noise = Callable[[float], np.ndarray]
-_ORDERS = {rk4_step: 4, euler_step: 1}
-_TERMS = {Taylor(2): 2, Taylor(3): 3}
+Noise = Callable[[float], np.ndarray]  # function of the step, s, that returns Q_k
+_ORDERS = {rk4_step: 4, euler_step: 1}  # order of each integrator with a closed form here
+_TERMS = {Taylor(2): 2, Taylor(3): 3}  # terms of each transition with a closed form here
 
 
 def table_equations(
     problem: FilterProblem, step: Step, transition: Transition
 ) -> FilterEquations | None:
-    """Return the equations by their table; None where they are not bilinear, an input changes
+    """Return the equations from their table; None where they are not bilinear, an input changes
     within a step, or the integrator or the transition has no closed form here.
     """
     if step not in _ORDERS or transition not in _TERMS or not constant_within_steps(problem.drive):
@@ -358,12 +363,12 @@ def table_equations(
     f, h = result
     w = np.zeros(len(f.table))
     w[0] = 1.0
-    move = _motion(f, w, problem, _ORDERS[step], _TERMS[transition])
+    propagate = _propagation(f, w, problem, _ORDERS[step], _TERMS[transition])
     observe, G, varying = _outputs(h, w, problem)
-    return FilterEquations(w[1 : 1 + f.n], move, observe, G, varying)
+    return FilterEquations(w[1 : 1 + f.n], propagate, observe, G, varying)
 
 
-def _motion(
+def _propagation(
     f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
 ) -> Callable[[int, np.ndarray], np.ndarray | None]:
     """Return ``FilterEquations.move``, which moves the states in ``w`` by an integrator of order
@@ -374,8 +379,8 @@ def _motion(
     slopes, halves, A = coefficients[:, :, :n], coefficients[:, :, n:], coefficients[:, :, :n_x]
     zero, identity = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
     identity[0] = np.eye(n_x)
-    # Each block is a pair: the terms with the factor of the step, and those without. The last block
-    # but one, times F above I, gives Phi.
+    # Each block is a pair: terms that are multiplied by the step, and terms that are not. The
+    # product of the last block but one with [F; I] is Phi.
     half = (0.5 * A, identity) if terms > 2 else (zero, identity)
     blocks = [
         ([[halves]], [[0.0 * halves]]),
@@ -399,16 +404,16 @@ def _motion(
     stages_with_results = [(stage, np.zeros(len(stage))) for stage in stages]
     change = stages_with_results[-1][1] if stages_with_results else values
     write_inputs = _input_writer(w, f.n, problem.drive.stages[0])
-    noise_of, prepared, dot = _noise(problem, blend[:, :n_x], F, terms), 0.0, np.dot
+    noise_of, prepared_dt, dot = _noise(problem, blend[:, :n_x], F, terms), 0.0, np.dot
     add = np.add
 
-    def move(s: int, rows: np.ndarray) -> np.ndarray | None:
-        nonlocal prepared
+    def propagate(s: int, rows: np.ndarray) -> np.ndarray | None:
+        nonlocal prepared_dt
         dt = sizes[s]
-        if dt != prepared:
+        if dt != prepared_dt:
             np.multiply(per_step, dt, out=table)
             add(table, constant, out=table)
-            prepared = dt
+            prepared_dt = dt
         write_inputs(s)
         dot(w, table, product)
         dot(of_values, w, values)
@@ -420,14 +425,15 @@ def _motion(
         dot(blend, F_on_one, rows)
         return None if noise_of is None else noise_of(dt)
 
-    return move
+    return propagate
 
 
 def _stages(
     A: np.ndarray, zero: np.ndarray, identity: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Return the matrices whose products lead from f to (I + A/2 (I + A/3 (I + A/4))) f, for an
-    integrator of order 4; none for order 1.
+    """Return the blocks of the matrices that lead from f to the Runge-Kutta change of the states,
+    (I + A/2 (I + A/3 (I + A/4))) f for order 4; none for order 1. Each block is a pair, as in
+    `_propagation`.
     """
     if steps == 1:
         return []
@@ -476,7 +482,7 @@ def _noise(
     if not driven.size:
         return None
     n, n_x, d = len(problem.density), len(half), driven.size
-    share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(problem.density[driven]))
+    weights = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(problem.density[driven]))
     columns = np.zeros((n, terms * d))
     columns[:, :d] = np.eye(n)[:, driven]
 
@@ -485,7 +491,7 @@ def _noise(
         columns[:n_x, d : 2 * d] = F
         if terms > 2:
             columns[:n_x, 2 * d :] = (half - np.eye(n_x)) @ F
-        return np.asarray(columns @ (share * dt) @ columns.T)
+        return np.asarray(columns @ (weights * dt) @ columns.T)
 
     return noise_of
 

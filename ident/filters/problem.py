@@ -1,4 +1,4 @@
-"""Data, grid, start and covariance of a filter; its histories and its Estimate."""
+"""Problem of a filter (record, System, start, covariance), its history, and its Estimate."""
 
 from __future__ import annotations
 
@@ -23,11 +23,23 @@ PRIOR_SHARE = 0.25  # prior standard deviation of a parameter over its starting 
 
 @dataclass(frozen=True, eq=False)
 class FilterProblem:
-    """A record and a System brought together; states first, then free parameters (``n`` in all).
+    """Problem of a filter: a record and a System, with states and free parameters estimated.
 
-    ``z`` and ``valid`` are ``(m, N)``; ``start`` is ``(n,)``, ``covariance`` ``(n, n)``;
-    ``density`` ``(n,)`` the spectral density of each entry; ``variance`` ``(m,)`` of the
-    measurement noise; ``p`` all parameters; ``free`` their positions among ``p``.
+    Attributes
+    ----------
+    system : the System.
+    grid : nodes and sub-steps of the integration.
+    drive : inputs at the vehicle on this grid.
+    time : ``(N,)``, s.
+    z : ``(m, N)`` measured outputs.
+    valid : ``(m, N)`` False where a sample is missing.
+    p : all parameters.
+    free : positions of the free parameters among ``p``.
+    names : names of the n estimated quantities: the states, then the free parameters.
+    start : ``(n,)`` starting mean.
+    covariance : ``(n, n)`` at the start.
+    density : ``(n,)`` spectral density of the process noise on each quantity.
+    variance : ``(m,)`` variance of the measurement noise.
     """
 
     system: System
@@ -51,7 +63,9 @@ class FilterProblem:
 
 
 def filter_problem(record: Record, system: System, max_step: float) -> FilterProblem:
-    """Return the problem of a filter.
+    """Return the problem of a filter for a record and a System.
+
+    ``max_step`` is the longest sub-step, s; infinite takes the longest sampling interval.
 
     Raises
     ------
@@ -61,13 +75,13 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
     present = [name for name in system.output_names if name in record.output_names]
     if not present:
         raise ModelError(
-            f"it has none of the outputs {', '.join(system.output_names)}",
+            f"the record has none of the outputs {', '.join(system.output_names)}",
             where=record.name,
             remedy="name the columns, or map them with --channels",
         )
     if system.sensor_stages:
         raise ModelError(
-            f"effect {system.sensor_stages[0]} keeps a memory on the sensor path",
+            f"effect {system.sensor_stages[0]} has a memory on the sensor path",
             where="filter",
             remedy="compile the model with online=True, or use a whole-record fit (output-error)",
         )
@@ -75,7 +89,8 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
     p = system.parameters.values().tolist()
     density_of_states, variance = system.noise(p)
     variance = [
-        v if name in present else 1.0 for v, name in zip(variance, system.output_names, strict=True)
+        value if name in present else 1.0
+        for value, name in zip(variance, system.output_names, strict=True)
     ]
     for name, value in zip(system.output_names, variance, strict=True):
         if not (math.isfinite(value) and value > 0):
@@ -161,7 +176,7 @@ def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, floa
         priors[item.name] = engineering.get(item.name, PRIOR_SHARE * abs(item.value))
         if not priors[item.name] > 0:
             raise ModelError(
-                "it starts at zero, and has no share",
+                "it starts at zero, so that no prior follows from the start",
                 where=f"parameter {item.name}",
                 remedy="give its standard deviation",
             )
@@ -176,11 +191,13 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 def breakdown(
     mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
 ) -> Outcome | None:
-    """Return how a filter broke down, or None: ``DIVERGED`` where a number in mean ``(n,)``,
-    covariance ``(n, n)`` or ``further`` is not finite, ``INDEFINITE`` where a variance is negative.
+    """Return the outcome of a filter that broke down, else None.
+
+    It is ``DIVERGED`` where a number in the mean ``(n,)``, the covariance ``(n, n)`` or ``further``
+    is not finite, and ``INDEFINITE`` where a variance is negative.
     """
     numbers = (mean, covariance, *further)
-    # The sum of squares is computed faster than the largest size. A NaN fails both comparisons.
+    # The sum of squares is faster to compute than the largest size. A NaN fails both comparisons.
     if not sum(np.vdot(v, v) for v in numbers) < LARGEST_NUMBER and not all(
         np.abs(v).max(initial=0.0) < LARGEST_NUMBER for v in numbers
     ):
@@ -189,10 +206,10 @@ def breakdown(
 
 
 class HistoryKeeper:
-    """History of one pass of a filter, written sample by sample.
+    """History of one pass of a filter, stored sample by sample.
 
-    Where the filter broke down, the last finite values stand at all later samples, so that a
-    history has finite numbers only.
+    Where the filter broke down, all later samples get the last finite values, so that a history has
+    finite numbers only.
     """
 
     def __init__(self, problem: FilterProblem) -> None:
@@ -215,7 +232,7 @@ class HistoryKeeper:
         )
         self._outputs = np.zeros((m, N))
 
-    def predicted(
+    def store_prediction(
         self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray
     ) -> None:
         """Store the prediction before the update at sample ``k``."""
@@ -229,13 +246,13 @@ class HistoryKeeper:
         """Return the transition stored for sample ``k``."""
         return self._transition[k]
 
-    def outputs(self, k: int, y: np.ndarray) -> None:
-        """Store the predicted outputs ``y (m,)`` at sample ``k``, with those of channels without a
+    def store_outputs(self, k: int, y: np.ndarray) -> None:
+        """Store the predicted outputs ``y (m,)`` at sample ``k``, also of channels without a
         sample.
         """
         self._outputs[:, k] = y
 
-    def innovation(
+    def store_innovation(
         self,
         k: int,
         rows: np.ndarray,
@@ -245,19 +262,19 @@ class HistoryKeeper:
         log_likelihood: float,
         nis: float,
     ) -> None:
-        """Store the innovation ``y`` of the channels ``rows``, its covariance ``S`` and the output
-        Jacobian ``H``.
+        """Store the innovation ``y`` of the channels ``rows`` at sample ``k``, its covariance
+        ``S``, the output Jacobian ``H``, and its log likelihood and normalised square.
         """
         self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
         self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
 
-    def filtered(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """Store the mean and covariance after the update at sample ``k``; they are finite."""
+    def store_update(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Store the mean and covariance after the update at sample ``k``. They must be finite."""
         self._mean[:, k], self._covariance[k], self._last = mean, covariance, k
 
     def estimate(self, method: str, outcome: Outcome) -> Estimate:
-        """Return the estimate after the last finite sample."""
+        """Return the estimate at the last finite sample, with the history."""
         problem, last, N = self._problem, self._last, len(self._problem.time)
         final_mean = self._mean[:, last] if last >= 0 else problem.start
         final_covariance = self._covariance[last] if last >= 0 else problem.covariance
@@ -305,8 +322,8 @@ class FilterBuffers(NamedTuple):
     ----------
     mean, covariance : ``(N, n)`` and ``(N, n, n)`` after each update.
     predicted_mean, predicted_covariance : ``(N, n)`` and ``(N, n, n)`` before each update.
-    transition : ``(N, n, n)`` from the sample before.
-    innovation, S : ``(N, m)`` and its covariance ``(N, m, m)``.
+    transition : ``(N, n, n)`` fundamental matrix from the sample before.
+    innovation, S : ``(N, m)`` innovation, and its covariance ``(N, m, m)``.
     sensitivity : ``(N, m, n)`` Jacobian of the outputs.
     outputs : ``(N, m)`` predicted outputs.
     """
@@ -322,8 +339,10 @@ class FilterBuffers(NamedTuple):
     outputs: np.ndarray
 
 
-def empty_history(problem: FilterProblem) -> FilterBuffers:
-    """Return the arrays for a pass: transitions are the identity, all others are not yet set."""
+def empty_buffers(problem: FilterProblem) -> FilterBuffers:
+    """Return the arrays for a pass. Transitions are the identity; all other arrays are
+    uninitialised.
+    """
     n, (m, N) = len(problem.names), problem.valid.shape
     covariance_shape, mean_shape, output_shape = (N, n, n), (N, n), (N, m)
     transition = np.array(np.broadcast_to(np.eye(n), covariance_shape), order="C")
@@ -339,9 +358,11 @@ def empty_history(problem: FilterProblem) -> FilterBuffers:
     return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output_shape))
 
 
-def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:
-    """Return the estimate of a complete pass; None where a number is not finite or a variance is
-    negative.
+def estimate_from_buffers(
+    problem: FilterProblem, buffers: FilterBuffers, method: str
+) -> Estimate | None:
+    """Return the estimate of a complete pass from its buffers; None where a number is not finite or
+    a variance is negative.
     """
     variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
     finite = all(
@@ -404,6 +425,7 @@ def _estimate(
     fitted: np.ndarray,
     history: FilterHistory,
 ) -> Estimate:
+    """Return the Estimate of the free parameters from the final mean and covariance."""
     n_x = len(problem.system.states)
     names = problem.names[n_x:]
     return Estimate(

@@ -7,9 +7,10 @@ exactly, and nearly singular for parameters without process noise.
 
 The covariance of a filter holds for white measurement noise. Coloured noise is correlated between
 samples, so that the record has less information. The correction is that of whole-record fits
-(`ident.statistics.residual_spectrum`): the information matrix stays, and the covariance of the
-gradient has the spectra of the residuals. These are the residuals of a filter that starts from the
-smoothed initial state with zero covariance. Without process noise they are those of output error.
+(`ident.statistics.residual_spectrum`): the information matrix is unchanged, and the covariance of
+the gradient is computed with the spectra of the residuals. These are the residuals of a filter that
+starts from the smoothed initial state with zero covariance. Without process noise they are those of
+output error.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class SmoothedHistory:
     time : ``(N,)``, s.
     names : names of the states, then of the free parameters.
     mean, std : ``(n, N)`` estimates and their standard deviations.
-    covariance : ``(N, n, n)``.
+    covariance : ``(N, n, n)`` of these estimates.
     """
 
     time: np.ndarray
@@ -53,13 +54,13 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
     The recursion runs backwards, with r and W zero after the last sample. At sample k, with K =
     P_pred H^T S^-1, it sets r <- H^T S^-1 y + (I - K H)^T r and W <- H^T S^-1 H + (I - K H)^T W (I
     - K H), then r <- G^T r and W <- G^T W G with the ``transition`` G. The smoothed values are x_s
-    = x + P r and P_s = P - P W P. A smoothed variance is at most that of the filter. Where W is not
-    finite, the earlier samples keep the values of the filter.
+    = x + P r and P_s = P - P W P. A smoothed variance is at most the variance of the filter. Where
+    r or W is not finite, this and all earlier samples keep the values of the filter.
     """
     N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
     with np.errstate(all="ignore"):
-        r, W = _backwards(history)
+        r, W = _adjoint_recursion(history)
         x = mean[:, :-1] + (covariance[:-1] @ r[:, :, None])[:, :, 0].T
         reduced = covariance[:-1] - covariance[:-1] @ W @ covariance[:-1]
         lost_samples = np.flatnonzero(
@@ -68,31 +69,33 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
     finite_samples = slice(lost_samples[-1] + 1 if lost_samples.size else 0, N - 1)
     mean[:, finite_samples] = x[:, finite_samples]
     symmetric = 0.5 * (reduced[finite_samples] + reduced[finite_samples].transpose(0, 2, 1))
-    covariance[finite_samples] = _at_most(
+    covariance[finite_samples] = _with_bounded_variances(
         symmetric, np.diagonal(covariance[finite_samples], axis1=1, axis2=2)
     )
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
 
 
-def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
-    """Return r ``(N - 1, n)`` and W ``(N - 1, n, n)`` at every sample but the last: r <- c + M^T r
-    and W <- D + M^T W M, with c, D and M of each sample.
+def _adjoint_recursion(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
+    """Return r ``(N - 1, n)`` and W ``(N - 1, n, n)`` of `smooth` at every sample but the last.
+
+    Both steps of the recursion are combined: r <- c + M^T r and W <- D + M^T W M, with c, D and M
+    of each sample.
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
-    # A missing channel has zeros in H and a one in S, which change nothing.
+    # A missing channel has zeros in H and a one in S, so that it has no effect.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     gain_to_state = G.transpose(0, 2, 1) @ weighted
     c, D = (gain_to_state @ history.innovation.T[later, :, None])[:, :, 0], gain_to_state @ (H @ G)
-    M_turned = M.transpose(0, 2, 1)
+    M_transposed = M.transpose(0, 2, 1)
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
     workspace, dot, add = np.empty((n, n)), np.dot, np.add
     for k in range(N - 1, 0, -1):
-        turned, before = M_turned[k - 1], W[k - 1]
+        turned, before = M_transposed[k - 1], W[k - 1]
         add(dot(turned, r[k]), c[k - 1], r[k - 1])
         dot(turned, W[k], workspace)
         dot(workspace, M[k - 1], before)
@@ -100,22 +103,24 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     return r, W
 
 
-def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """Return ``P (N, n, n)`` with rows and columns scaled so that each variance is at most
-    ``largest (N, n)``; those of a negative variance become zero.
+def _with_bounded_variances(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """Return the covariances ``P (N, n, n)`` with rows and columns scaled so that each variance is
+    at most ``largest (N, n)``. Rows and columns with a negative variance become zero.
     """
-    own = np.diagonal(P, axis1=1, axis2=2)
+    variance = np.diagonal(P, axis1=1, axis2=2)
     factor = np.sqrt(
-        np.divide(np.minimum(own, largest), own, out=np.zeros_like(own), where=own > 0)
+        np.divide(
+            np.minimum(variance, largest), variance, out=np.zeros_like(variance), where=variance > 0
+        )
     )
     return np.asarray(P * (factor[:, :, None] * factor[:, None]))
 
 
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
-# smallest significant autocorrelation, in standard deviations 1/sqrt(N) of that of white noise
+# smallest significant autocorrelation, in its standard deviations 1/sqrt(N) for white noise
 _SIGNIFICANT_SIGMAS = 4.0
-# smallest process noise, relative to the covariance: a smaller difference is rounding
+# smallest process noise over the covariance; a smaller difference of covariances is rounding
 _ROUNDING_SHARE = 1e-9
 
 
@@ -129,7 +134,8 @@ class ColouredInnovations:
     covariance : ``(s, s)`` corrected covariance.
     factor : ``(s,)`` corrected standard deviations over those for white noise, at least 1.
     lag_one : measured output -> autocorrelation of its whitened residuals at lag one.
-    significant : whether the autocorrelation of an output is larger than that of white noise.
+    significant : whether the autocorrelation of an output is significantly larger than for white
+        noise.
     """
 
     names: tuple[str, ...]
@@ -143,16 +149,16 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     """Return the correction of the parameter covariance for coloured innovations; None where the
     filter broke down or the correction is not finite.
 
-    ``estimate`` is that of an extended or unscented filter with its history. Its parameters have no
-    random walk.
+    ``estimate`` is the estimate of an extended or unscented filter with its history. Its parameters
+    are not random walks.
     """
     history = estimate.history
     if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return None
     free = np.flatnonzero(np.diagonal(history.predicted_covariance[0]) > 0.0)
-    known = [history.names[i] for i in free]
-    names = tuple(name for name in estimate.names if name in known)
-    at = [known.index(name) for name in names]
+    free_names = [history.names[i] for i in free]
+    names = tuple(name for name in estimate.names if name in free_names)
+    at = [free_names.index(name) for name in names]
     with np.errstate(all="ignore"):
         try:
             residual, slopes = _whitened(history, np.square(estimate.noise_std))
@@ -181,11 +187,11 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
     outputs = zip(estimate.output_names, residual, history.valid, strict=True)
-    rows = [(name, row, known) for name, row, known in outputs if known.any()]
-    lag_one = {name: _lag_one(row, known) for name, row, known in rows}
+    rows = [(name, row, valid) for name, row, valid in outputs if valid.any()]
+    lag_one = {name: _lag_one(row, valid) for name, row, valid in rows}
     significant = any(
-        abs(lag_one[name]) > _SIGNIFICANT_SIGMAS / np.sqrt(np.count_nonzero(known))
-        for name, _, known in rows
+        abs(lag_one[name]) > _SIGNIFICANT_SIGMAS / np.sqrt(np.count_nonzero(valid))
+        for name, _, valid in rows
     )
     return ColouredInnovations(
         names,
@@ -210,7 +216,7 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
     """Return the residuals ``(m, N)`` and their derivatives ``(m, N, n)``, whitened to unit
     variance, of a filter that starts from the smoothed initial state and parameters.
 
-    The linearisation in the history gives this filter. Its covariance is that of the process noise
+    This filter uses the linearisation in the history. Its covariance comes from the process noise
     alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
@@ -236,8 +242,8 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Return Q_k ``(N, n, n)`` that each prediction adds to the covariance; None if all of it is
-    rounding.
+    """Return the process noise Q_k ``(N, n, n)`` that each prediction adds to the covariance; None
+    if all of it is rounding.
     """
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
@@ -251,9 +257,11 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     )
 
 
-def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
-    """Return the autocorrelation at lag one of a row ``(N,)`` with the valid samples ``known``."""
-    pairs, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+def _lag_one(row: np.ndarray, valid: np.ndarray) -> float:
+    """Return the autocorrelation at lag one of a ``row (N,)``. ``valid (N,)`` is False where a
+    sample is missing.
+    """
+    pairs, power = valid[1:] & valid[:-1], float(np.sum(np.square(row[valid])))
     if not power > 0.0:
         return 0.0
     return float(np.sum(row[1:][pairs] * row[:-1][pairs]) / power)

@@ -1,16 +1,17 @@
 """Unscented Kalman filter for states and parameters, and its iterated form.
 
-filterpy computes the update and the weights. The square root is one that is unique and also exists
-for singular covariances: a state that is known exactly has no variance. All sigma points go through
-the System in one call. Channels without a sample are left out of the update.
+filterpy computes the update and the weights. The square root of the covariance is unique and exists
+for singular covariances too: a state that is known exactly has no variance. The System is called
+once for all sigma points. Channels without a sample are left out of the update.
 
-The points are sqrt(n) sigmas from the mean (alpha = 1, kappa = 0). The central one has the weight
-beta = 2 in the covariance, for a part of the fourth moments of a Gaussian. No weight is negative,
-so that the predicted covariance is semi-definite and no digits cancel (alpha = 0.001 loses six).
+The points are sqrt(n) sigmas from the mean (alpha = 1, kappa = 0). The central point has the weight
+beta = 2 in the covariance, which represents a part of the fourth moments of a Gaussian. No weight
+is negative, so that the predicted covariance is semi-definite and no digits cancel (alpha = 0.001
+loses six digits).
 
 The iterated filter is the posterior linearisation of Garcia-Fernandez, Svensson and Sarkka
 ("Iterated Posterior Linearization Smoother", IEEE Transactions on Automatic Control 62(4), 2017).
-The points of the plain filter cover the prior. Where the prior is wide, products of unknowns are
+The points of the ordinary filter cover the prior. Where the prior is wide, products of unknowns are
 strongly nonlinear over it, and the estimate is biased. The points of the iterated filter cover the
 posterior of the whole record. The prior keeps its mean and weight, so that no sample counts twice.
 """
@@ -40,7 +41,7 @@ from sim.record import Record
 
 ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
 BETA = 2.0  # further weight of the central point in the covariance, 2 for a Gaussian
-KAPPA = 0.0  # secondary scaling
+KAPPA = 0.0  # secondary scaling of the sigma points
 # eigenvalues of a correlation matrix below this share of the largest one are rounding
 ROUNDING_EIGENVALUE_SHARE = 1e-14
 
@@ -51,16 +52,16 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     Parameters
     ----------
     record, system : as for ``run_ekf``.
-    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` is for
+    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` is used for
         the process noise only.
 
     Returns
     -------
     Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G
-    of the interval. In each sub-step C = P G^T, with P the covariance before and C the
+    of the interval: in each sub-step C = P G^T, with P the covariance before and C the
     cross-covariance of the states before and after. ``history.sensitivity`` is the statistical
-    linearisation H of the outputs: their cross-covariance with the state is P H^T. With these the
-    fixed-interval smoother applies to both filters.
+    linearisation H of the outputs: the cross-covariance of state and outputs is P H^T. With these
+    matrices the fixed-interval smoother applies to both filters.
 
     Raises
     ------
@@ -88,18 +89,19 @@ def square_root(P: np.ndarray) -> np.ndarray:
     zero for entries without variance.
 
     U is the symmetric root of the correlation matrix times the standard deviations. This root is
-    unique and continuous in P. Points along eigenvectors would not be: those of equal eigenvalues
-    depend on rounding.
+    unique and continuous in P. Points along eigenvectors would not be unique: eigenvectors of equal
+    eigenvalues depend on rounding.
     """
     return roots(P)[0]
 
 
-def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
-    """Return the statistical linearisation ``L (rows, n)``: ``P L^T`` is the cross-covariance.
+def statistical_slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
+    """Return the statistical linearisation ``L (rows, n)`` of a function: ``P L^T`` is the
+    cross-covariance of its argument and its values.
 
-    ``half_differences (n, rows)`` are half the differences of the images of the paired points ``x
-    +- U_i`` with ``U = square_root(P)``. Division by the root and not by P keeps the digits of a
-    nearly singular P.
+    ``half_differences (n, rows)`` are half the differences between the values at the paired points
+    ``x + U_i`` and ``x - U_i``, with ``U = square_root(P)``. Division by the root, not by P, keeps
+    the digits of a nearly singular P.
     """
     return (roots(P)[1] @ half_differences).T
 
@@ -115,8 +117,8 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the eigenvalues and eigenvectors of the correlation matrix, the standard deviations
-    and their inverses. Eigenvalues that are rounding, and inverses of zero, are zero.
+    """Return the eigenvalues and the eigenvectors of the correlation matrix of ``P``, the standard
+    deviations, and their inverses. Eigenvalues that are rounding, and inverses of zero, are zero.
     """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -132,7 +134,9 @@ def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def filter_by_points(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None
 ) -> Estimate:
-    """Return one pass of the filter from the mean ``start (n,)``; None takes the declared one."""
+    """Return the estimate of one pass of the filter from the mean ``start (n,)``; None takes the
+    declared mean.
+    """
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
@@ -154,13 +158,13 @@ def filter_by_points(
                         u = tuple([float(row[s]) for row in stage] for stage in drive.stages)
                         t, dt = float(grid.edges[s]), float(grid.steps[s])
                         G = _predict(ukf, problem, settings, t, u, dt) @ G
-                keeper.predicted(k, ukf.x, ukf.P, G)
+                keeper.store_prediction(k, ukf.x, ukf.P, G)
                 failure = _update(ukf, problem, k, keeper)
             except (ArithmeticError, ValueError):
                 failure = Outcome.DIVERGED
             if failure is not None:
                 return keeper.estimate("ukf", failure)
-            keeper.filtered(k, ukf.x, ukf.P)
+            keeper.store_update(k, ukf.x, ukf.P)
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
 
@@ -191,12 +195,12 @@ def _predict(
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
-    return slopes(len(P) * P, _central_differences(after))
+    return statistical_slopes(len(P) * P, _central_differences(after))
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
-    """Update by filterpy with the channels that have a sample; return how the filter broke down, or
-    None.
+    """Update by filterpy with the channels that have a sample. Return the outcome of a filter that
+    broke down, else None.
     """
     n_x, at = len(problem.system.states), problem.grid.sample[k]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
@@ -222,16 +226,16 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
             return breakdown(ukf.x, ukf.S) or Outcome.INDEFINITE
     failure = breakdown(ukf.x, ukf.P, keeper.transition(k), expected, nis)
     if failure is None:
-        keeper.outputs(k, expected)
+        keeper.store_outputs(k, expected)
         if rows.size:
-            H = slopes(len(before) * before, _central_differences(outputs[rows].T))
-            keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
+            H = statistical_slopes(len(before) * before, _central_differences(outputs[rows].T))
+            keeper.store_innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
     return failure
 
 
 def _central_differences(rows: np.ndarray) -> np.ndarray:
-    """Return half the differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points.
-    The points are a root of ``n P`` away from the mean.
+    """Return half the differences ``(n, ...)`` between the values ``rows (2n + 1, ...)`` at paired
+    sigma points. The points are a root of ``n P`` away from the mean.
     """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
@@ -239,9 +243,9 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # ---- Iterated unscented filter
 
-# relative rounding error of a difference of covariances, which may lose half the digits
+# relative rounding error of a difference of covariances, in which half the digits may cancel
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
-# weight of the central point in a covariance, beta of the scaled points
+# weight of the central point in a covariance (beta of the scaled points)
 CENTRAL_COVARIANCE_WEIGHT = 2.0
 
 
@@ -258,16 +262,16 @@ def run_iterated_ukf(
     Parameters
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
-    iterations : most passes. They end when no parameter changes by more than a hundredth of its
-        sigma.
+    iterations : largest number of passes. They end when no parameter changes by more than a
+        hundredth of its sigma.
     first : the same model with narrower priors, for the first pass only, whose points cover the
-        prior.
+        prior; None takes ``system``.
 
     Returns
     -------
-    Estimate of the last pass; its outcome is ``MAX_ITERATIONS`` where the passes have not
-    converged. Where a pass broke down, the estimate is that of the pass before it, with the outcome
-    of the broken pass.
+    Estimate of the last pass. Its outcome is ``MAX_ITERATIONS`` where the passes have not
+    converged. Where a pass broke down, values and sigmas are those of the pass before, and the
+    outcome is that of the broken pass.
 
     Raises
     ------
@@ -279,83 +283,88 @@ def run_iterated_ukf(
         problem if first is None else filter_problem(record, first, settings.max_step), settings
     )
     return iterated_to_convergence(
-        first_pass, lambda smoothed: _pass_about(problem, settings, smoothed), iterations
+        first_pass, lambda smoothed: _filter_about(problem, settings, smoothed), iterations
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Cloud:
+class _SigmaPoints:
     """Sigma points of a mean and a covariance.
 
     Attributes
     ----------
     points : ``(2n + 1, n)``, the mean first.
-    back : ``(n, n)`` matrix that turns half the differences of images of paired points into slopes.
+    slope_map : ``(n, n)`` matrix that turns half the differences of images of paired points into
+        slopes.
     """
 
     points: np.ndarray
-    back: np.ndarray
+    slope_map: np.ndarray
 
     @property
     def mean(self) -> np.ndarray:
         return self.points[0]
 
 
-def _cloud(nominal: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
-    """Return the points for the mean and covariance of sample ``k`` of a smoothed result.
+def _sigma_points(nominal: SmoothedHistory, k: int, fallback_std: np.ndarray) -> _SigmaPoints:
+    """Return the sigma points of the mean and covariance at sample ``k`` of a smoothed result.
 
-    Slopes need distinct points along every direction. Where a smoothed variance is rounding,
-    ``reach (n,)`` is the standard deviation. A direction without variance gets the share
-    ``ROUNDING`` of the largest one.
+    Slopes need distinct points along every direction. Where a smoothed standard deviation is
+    rounding, ``fallback_std (n,)`` is used in its place. A direction without variance gets the
+    share ``ROUNDING`` of the largest eigenvalue.
     """
     mean, P = nominal.mean[:, k], nominal.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
-    scale = np.where(std < ROUNDING * reach, reach, std)
+    scale = np.where(std < ROUNDING * fallback_std, fallback_std, std)
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
     values = np.maximum(values, ROUNDING * values[-1])
-    root, back = roots(len(mean) * (vectors * values) @ vectors.T * np.outer(scale, scale))
-    return _Cloud(np.concatenate([mean[None], mean + root, mean - root]), back)
+    root, slope_map = roots(len(mean) * (vectors * values) @ vectors.T * np.outer(scale, scale))
+    return _SigmaPoints(np.concatenate([mean[None], mean + root, mean - root]), slope_map)
 
 
-def _pass_about(
+def _filter_about(
     problem: FilterProblem, settings: FilterSettings, nominal: SmoothedHistory
 ) -> Estimate:
-    """Return one pass of the Kalman filter, linearised statistically over the smoothed result
-    ``nominal``.
+    """Return the estimate of one pass of the Kalman filter, linearised statistically over the
+    smoothed result ``nominal``.
     """
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
-    reach = np.sqrt(np.maximum(np.diagonal(nominal.covariance[-1]), 0.0))
-    cloud = _cloud(nominal, 0, reach)
+    fallback_std = np.sqrt(np.maximum(np.diagonal(nominal.covariance[-1]), 0.0))
+    sigma_points = _sigma_points(nominal, 0, fallback_std)
     with quiet_numerics():
         for k in range(len(problem.time)):
             G = np.eye(len(x))
             try:
                 if k:
-                    moved, G, noise = _moved(
-                        problem, settings, cloud, grid.sample[k - 1], grid.sample[k]
+                    moved, G, noise = _predicted(
+                        problem, settings, sigma_points, grid.sample[k - 1], grid.sample[k]
                     )
-                    x, P = moved + G @ (x - cloud.mean), _symmetric(G @ P @ G.T + noise)
-                    cloud = _cloud(nominal, k, reach)
-                keeper.predicted(k, x, P, G)
-                x, P, failure = _updated(problem, keeper, k, x, P, cloud)
+                    x, P = moved + G @ (x - sigma_points.mean), _symmetric(G @ P @ G.T + noise)
+                    sigma_points = _sigma_points(nominal, k, fallback_std)
+                keeper.store_prediction(k, x, P, G)
+                x, P, failure = _updated(problem, keeper, k, x, P, sigma_points)
             except (ArithmeticError, ValueError):
                 failure = Outcome.DIVERGED
             if failure is not None:
                 return keeper.estimate("ukf", failure)
-            keeper.filtered(k, x, P)
+            keeper.store_update(k, x, P)
     return keeper.estimate("ukf", Outcome.CONVERGED)
 
 
-def _moved(
-    problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, first: int, last: int
+def _predicted(
+    problem: FilterProblem,
+    settings: FilterSettings,
+    sigma_points: _SigmaPoints,
+    first: int,
+    last: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the prediction over the sub-steps ``first`` to ``last``: the mean ``(n,)``, the slopes
     ``(n, n)``, and the covariance ``(n, n)`` of process noise and linearisation error.
     """
-    system, n_x, points = problem.system, len(problem.system.states), cloud.points
-    noise = np.zeros_like(cloud.back)
+    system, n_x, points = problem.system, len(problem.system.states), sigma_points.points
+    noise = np.zeros_like(sigma_points.slope_map)
     for s in range(first, last):
         t, dt = float(problem.grid.edges[s]), float(problem.grid.steps[s])
         u: Any = tuple([float(row[s]) for row in stage] for stage in problem.drive.stages)
@@ -369,12 +378,12 @@ def _moved(
             system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt
         )
         points = np.array([*(np.broadcast_to(row, len(points)) for row in rows), *columns[n_x:]]).T
-    moved, G, curved = _linearised(points, cloud)
-    return moved, G, noise + curved
+    moved, G, nonlinear_covariance = _linearised(points, sigma_points)
+    return moved, G, noise + nonlinear_covariance
 
 
 def _slopes(problem: FilterProblem, at: np.ndarray, t: float, u: list[float]) -> np.ndarray:
-    """F ``(n, n)`` at a point, for the process noise."""
+    """Return F ``(n, n)`` at the point ``at (n,)``, for the process noise."""
     n_x, F = len(problem.system.states), np.zeros((len(at), len(at)))
     F[:n_x] = complex_step_jacobian(
         lambda a: problem.system.f(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:])),
@@ -389,26 +398,29 @@ def _updated(
     k: int,
     x: np.ndarray,
     P: np.ndarray,
-    cloud: _Cloud,
+    sigma_points: _SigmaPoints,
 ) -> tuple[np.ndarray, np.ndarray, Outcome | None]:
-    """Return the mean and covariance after the update with the available channels (Joseph's form),
-    and how it diverged, if so.
+    """Return the mean and the covariance after the update with the channels that have a sample
+    (Joseph's form), and the outcome of a filter that broke down, else None.
     """
     system, n_x, at = problem.system, len(problem.system.states), problem.grid.sample[k]
-    columns, u = list(cloud.points.T), [float(row[at]) for row in problem.drive.begin]
+    columns, u = list(sigma_points.points.T), [float(row[at]) for row in problem.drive.begin]
     y: Any = system.h(
         float(problem.grid.edges[at]),
         columns[:n_x],
         u,
         with_free(problem.p, problem.free, columns[n_x:]),
     )
-    middle, slope, curved = _linearised(
-        np.array([np.broadcast_to(row, len(cloud.points)) for row in y]).T, cloud
+    middle, slope, nonlinear_covariance = _linearised(
+        np.array([np.broadcast_to(row, len(sigma_points.points)) for row in y]).T, sigma_points
     )
-    expected = middle + slope @ (x - cloud.mean)
+    expected = middle + slope @ (x - sigma_points.mean)
     rows, log_likelihood, nis = np.flatnonzero(problem.valid[:, k]), 0.0, 0.0
     if rows.size:
-        H, R = slope[rows], np.diag(problem.variance[rows]) + curved[np.ix_(rows, rows)]
+        H, R = (
+            slope[rows],
+            np.diag(problem.variance[rows]) + nonlinear_covariance[np.ix_(rows, rows)],
+        )
         S, innovation = H @ P @ H.T + R, problem.z[rows, k] - expected[rows]
         try:
             log_likelihood, nis = log_gaussian(innovation, S)
@@ -417,30 +429,32 @@ def _updated(
         K = np.linalg.solve(S, H @ P).T
         I_KH = np.eye(len(x)) - K @ H
         x, P = x + K @ innovation, _symmetric(I_KH @ P @ I_KH.T + K @ R @ K.T)
-    trouble = breakdown(x, P, keeper.transition(k), expected, nis)
-    if trouble is None:
-        keeper.outputs(k, expected)
+    failure = breakdown(x, P, keeper.transition(k), expected, nis)
+    if failure is None:
+        keeper.store_outputs(k, expected)
         if rows.size:
-            keeper.innovation(k, rows, innovation, S, H, log_likelihood, nis)
-    return x, P, trouble
+            keeper.store_innovation(k, rows, innovation, S, H, log_likelihood, nis)
+    return x, P, failure
 
 
-def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Statistical linear regression of the images ``(2n + 1, rows)`` of the points: mean, slopes,
-    and covariance of the nonlinear part.
+def _linearised(
+    images: np.ndarray, sigma_points: _SigmaPoints
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the statistical linear regression of the values ``images (2n + 1, rows)`` at the
+    sigma points: the mean, the slopes, and the covariance of the nonlinear part.
 
-    Even and odd parts of each pair are separate, so that nothing cancels and the covariance is
-    semi-definite.
+    The even and the odd part of each pair are separated, so that no digits cancel and the
+    covariance is semi-definite.
     """
-    n = len(cloud.back)
+    n = len(sigma_points.slope_map)
     plus, minus = images[1 : n + 1], images[n + 1 :]
     even = 0.5 * (plus + minus)
     mean = even.mean(axis=0)
-    off, bent = images[0] - mean, even - mean
+    off, nonlinear = images[0] - mean, even - mean
     return (
         mean,
-        (cloud.back @ (0.5 * (plus - minus))).T,
-        CENTRAL_COVARIANCE_WEIGHT * np.outer(off, off) + bent.T @ bent / n,
+        (sigma_points.slope_map @ (0.5 * (plus - minus))).T,
+        CENTRAL_COVARIANCE_WEIGHT * np.outer(off, off) + nonlinear.T @ nonlinear / n,
     )
 
 

@@ -12,8 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.delays import DelayBank, agreement
-from ident.banks.engines import BATCHED, BankDifferences, FilterpyDifferences, compare_with_filterpy
+from ident.banks.delays import DelayBank
+from ident.banks.engines import (
+    BATCHED,
+    BankDifferences,
+    FilterpyDifferences,
+    bank_differences,
+    compare_with_filterpy,
+)
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
 from ident.frequency_response.segments import estimate_response, fit_response
@@ -231,7 +237,9 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         found_margins,
         None
         if setting.engine is BATCHED
-        else agreement(single_pass(replace(paper, engine=BATCHED)).bank, first_estimate.bank),
+        else bank_differences(
+            single_pass(replace(paper, engine=BATCHED)).bank, first_estimate.bank
+        ),
         None
         if simulated_flight.truth is None or not simulated_flight.truth.stick.any()
         else linear_check(simulated_flight.x29, simulated_flight.truth),

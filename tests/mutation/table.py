@@ -533,7 +533,7 @@ IDENT = (
     *changes(
         "ident/filters/smoother.py",
         ("tests/unit/ident/filters/test_smoother_limits.py",),
-        ("np.minimum(own, largest)", "np.maximum(own, largest)"),
+        ("np.minimum(variance, largest)", "np.maximum(variance, largest)"),
     ),
     *changes(
         "ident/filters/one_record.py",
@@ -549,14 +549,14 @@ IDENT = (
     *changes(
         "ident/whole_record/layout.py",
         ("tests/unit/ident/whole_record/test_layout.py",),
-        ("shared + r * own + np.arange(own)", "shared + (r - 1) * own + np.arange(own)"),
+        ("shared + r * local + np.arange(local)", "shared + (r - 1) * local + np.arange(local)"),
     ),
     *changes(
         "ident/whole_record/unstable_motion.py",
         ("tests/unit/ident/whole_record/test_unstable_motion.py",),
         (
-            "(prior.mean[mine] - fit.theta[prior.positions[mine]])",
-            "(fit.theta[prior.positions[mine]] - prior.mean[mine])",
+            "prior.mean[of_record] - fit.theta[prior.positions[of_record]]",
+            "fit.theta[prior.positions[of_record]] - prior.mean[of_record]",
         ),
     ),
     *changes(

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.banks.delays import agreement
-from ident.banks.engines import BATCHED, FILTERPY
+from ident.banks.engines import BATCHED, FILTERPY, bank_differences
 from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import fly_loop, printed_column
@@ -335,7 +334,7 @@ def test_filterpy_runs_the_filters_where_it_is_asked() -> None:
         engine.run(short.record, short.system, fixed_values={"delay": np.array([0.1, 0.125])})
         for engine in (BATCHED, setting.engine)
     ]
-    assert agreement(*banks).sound and agreement(*banks).largest < 1e-8
+    assert bank_differences(*banks).sound and bank_differences(*banks).largest < 1e-8
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from ident.estimate import Outcome
 from ident.filters.ekf import FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor, Transition
 from ident.filters.smoother import smooth
-from ident.filters.ukf import run_ukf, slopes, square_root
+from ident.filters.ukf import run_ukf, square_root, statistical_slopes
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.propagation import Step, euler_step, make_grid, rk4_step
@@ -153,7 +153,7 @@ def test_roots_of_singular_covariances(seed: int, known: list[int], spread: floa
     assert np.max(np.abs(U.T @ U - P) / np.outer(scale, scale)) < 1e-12
     np.testing.assert_array_equal(U[:, known], 0.0)
     # Of a linear function the slopes are its own, wherever there is variance.
-    found = slopes(P, U @ linear.T)
+    found = statistical_slopes(P, U @ linear.T)
     np.testing.assert_array_equal(found[:, known], 0.0)
     kept = np.isin(np.arange(5), known, invert=True)
     difference = (found - linear) * kept * scale
