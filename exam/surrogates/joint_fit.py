@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.minimise import local_model, unresolved
+from ident.statistics.minimise import cost_rounding, local_model
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from sim.declaration.model import System
@@ -145,7 +145,9 @@ def fit_together(
         if damping < LITTLE and np.all(np.abs(move[0, :n]) < least):
             return Joint(layout.shared, moved, covariance, True)
         trial = _summed(draws, system, settings, moved)
-        if trial is not None and trial[1].cost <= sums.cost + unresolved(float(sums.counts.sum())):
+        if trial is not None and trial[1].cost <= sums.cost + cost_rounding(
+            float(sums.counts.sum())
+        ):
             (point, sums), damping = trial, damping / 10.0 if damping > 1e-5 else 0.0
         elif sums.cost - sums.moved(minimised(sums, point.shared, low, high, 0.0)[0]).cost < KINK:
             # Limits and gaps leave slopes that jump: what the whole step promises is not there.
@@ -170,7 +172,7 @@ def minimised(
         before, weight = weight, sums.moved(move).weight
         if np.all(np.abs(weight - before) < CALM * before):
             break
-    sigma, at = np.zeros(n), np.flatnonzero(model.moving)
+    sigma, at = np.zeros(n), np.flatnonzero(model.movable)
     sigma[at] = model.scale[at] * np.sqrt(
         np.maximum(np.diag(np.linalg.inv(model.information[np.ix_(at, at)])), 0.0)
     )

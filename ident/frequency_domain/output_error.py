@@ -32,14 +32,10 @@ from ident.frequency_domain.transform import (
     usual_band,
 )
 from ident.regression.equation_error import run_equation_error
-from ident.statistics import intervals
-from ident.statistics.intervals import (
-    ProfileInterval,
-    add_normal_equations,
-    determined_and_open,
-    inverse_information,
-)
-from ident.statistics.minimise import Descent, LocalModel, local_model, minimise, unresolved
+from ident.statistics import profile_likelihood
+from ident.statistics.intervals import add_normal_equations, inverse_information, split_covariance
+from ident.statistics.minimise import Descent, LocalModel, cost_rounding, local_model, minimise
+from ident.statistics.profile_likelihood import ProfileInterval
 from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
@@ -234,14 +230,16 @@ def fit_transforms(
     def trial(fit: FrequencyFit, model: LocalModel, damping: float) -> FrequencyFit | None:
         theta = np.clip(fit.theta + model.scale * model.step(damping), *problem.open)
         tried = evaluate(problem, theta)
-        if tried is not None and not tried.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+        if tried is not None and not tried.cost <= fit.cost + cost_rounding(
+            float(fit.counts.sum())
+        ):
             tried = None
         costs.append(fit.cost if tried is None else tried.cost)
         refused.append(tried is None)
         return tried
 
     def settled(fit: FrequencyFit, model: LocalModel) -> bool:
-        return model.promised < 0.5 * problem.tolerance**2 or _between(costs, refused)
+        return model.predicted_gain < 0.5 * problem.tolerance**2 or _between(costs, refused)
 
     solution = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
     done = settled(solution.point, solution.model)
@@ -283,7 +281,7 @@ def profile_intervals(
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
     problem = fit.problem
     places = {name: problem.names.index(name) for name in names}
-    return intervals.profile_intervals(
+    return profile_likelihood.profile_intervals(
         places,
         fit.theta,
         fit.cost,
@@ -428,7 +426,7 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     information, _ = fit.normal_equations
     whole, determined = inverse_information(information, fit.theta)
     inverse, unknown = (
-        (whole, 0.0 * whole) if determined else determined_and_open(information, fit.theta)
+        (whole, 0.0 * whole) if determined else split_covariance(information, fit.theta)
     )
     values = 2.0 * float(fit.counts.sum())
     level = inverse * values / max(values - len(fit.theta), 1.0)

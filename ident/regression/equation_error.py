@@ -37,10 +37,10 @@ from ident.statistics.intervals import (
     UNDETERMINED,
     add_normal_equations,
     conditional_scale,
-    determined_and_open,
     inverse_information,
+    split_covariance,
 )
-from ident.statistics.minimise import unresolved
+from ident.statistics.minimise import cost_rounding
 from ident.statistics.residual_spectrum import RecordScores, corrected_covariance, sandwich
 from sim.declaration.model import System
 from sim.propagation import drive_from_record, make_grid, propagate
@@ -192,7 +192,11 @@ def _descend(
     """Return the point after a step that is halved until the cost does not rise, its residuals, and
     the share of the step; the share is 0 where the cost always rises.
     """
-    cost, share, resolved = _cost(parts), 1.0, unresolved(float(equation_variances(parts)[1].sum()))
+    cost, share, resolved = (
+        _cost(parts),
+        1.0,
+        cost_rounding(float(equation_variances(parts)[1].sum())),
+    )
     for _ in range(_MOST_HALVINGS):
         trial = np.clip(theta + share * step, low, high)
         trial_parts = residuals_at(layout, trial, with_jacobian=False)
@@ -227,7 +231,7 @@ def _least_squares_estimate(
         if determined:
             covariance = corrected_covariance(covariance, coloured, variance)
         else:
-            determined_part, open_part = determined_and_open(information, theta)
+            determined_part, open_part = split_covariance(information, theta)
             covariance = corrected_covariance(determined_part, coloured, variance) + open_part
     log_likelihood = -_cost(parts) - 0.5 * float(counts.sum()) * (1.0 + np.log(2.0 * np.pi))
     units = tuple(system.parameters[name].unit for name in layout.shared)

@@ -1,7 +1,7 @@
-"""Residual tests, coloured residuals, information.
+"""Tests of residuals, covariances for coloured residuals, information matrices, intervals.
 
-May import `ident.estimate` and `sim` only; every other room of `ident` may import this one.
+May import `ident.estimate` and `sim` only; every other package of `ident` may import this one.
 
-To add one: a function of arrays with its source in the docstring, and a test against a textbook
-oracle or a simulated null.
+To add a statistic: a function of arrays with its source in the docstring, and a test against a
+textbook oracle or a simulated null.
 """

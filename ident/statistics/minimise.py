@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt, used by all fits with damped steps.
+"""Levenberg-Marquardt method, used by all fits with damped steps.
 
 The cost is minus a log likelihood. A quadratic model approximates it about a point. The unit of
-each unknown is its sigma with all others known, so that the units of data and unknowns have no
+each unknown is its sigma if all others were known, so that the units of data and unknowns have no
 influence. Damping is added to the diagonal of the information in these units [1]_.
 
 References
@@ -24,7 +24,7 @@ P = TypeVar("P")
 
 LEAST_DAMPING = 1e-12  # least damping of a step where the quadratic model is accurate
 LARGEST_DAMPING = 1e8  # a search ends where no smaller damping lowers the cost
-_FIRST_DAMPING = 1e-4
+_FIRST_DAMPING = 1e-4  # damping of the first step
 # damping of the step whose gain is predicted; it suppresses directions without information
 _LEAST_DAMPING = 1e-10
 
@@ -35,33 +35,33 @@ class LocalModel:
 
     Attributes
     ----------
-    scale : ``(n,)`` sigma of each unknown with all others known.
+    scale : ``(n,)`` sigma of each unknown if all others were known.
     information, gradient : ``(n, n)`` and ``(n,)`` of the log likelihood, in units of ``scale``.
-    moving : ``(n,)`` False where an unknown has no influence or the gradient presses it against a
+    movable : ``(n,)`` False where an unknown has no influence or the gradient presses it against a
         bound.
     """
 
     scale: np.ndarray
     information: np.ndarray
     gradient: np.ndarray
-    moving: np.ndarray
+    movable: np.ndarray
 
     def step(self, damping: float) -> np.ndarray:
         """Return the Levenberg-Marquardt step ``(n,)`` in units of ``scale``, zero where an unknown
         does not move.
         """
         step = np.zeros(len(self.gradient))
-        at = np.flatnonzero(self.moving)
+        at = np.flatnonzero(self.movable)
         damped = self.information[at[:, None], at] + damping * np.eye(len(at))
         step[at] = np.linalg.solve(damped, self.gradient[at])
         return step
 
     @property
-    def promised(self) -> float:
+    def predicted_gain(self) -> float:
         """Gain of log likelihood that the model predicts for the undamped step: half the square of
         its length in sigmas of its direction.
 
-        The step changes no unknown by more than ``sqrt(2 promised)`` of its sigma.
+        The step changes no unknown by more than ``sqrt(2 predicted_gain)`` of its sigma.
         """
         return 0.5 * float(self.gradient @ self.step(_LEAST_DAMPING))
 
@@ -78,36 +78,40 @@ def local_model(
     """
     scale = conditional_scale(information, theta)
     at_bound = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
-    moving = (np.diag(information) > 0) & ~at_bound
-    return LocalModel(scale, information * np.outer(scale, scale), scale * gradient, moving)
+    movable = (np.diag(information) > 0) & ~at_bound
+    return LocalModel(scale, information * np.outer(scale, scale), scale * gradient, movable)
 
 
-def unresolved(samples: float) -> float:
-    """Return the largest rise of a cost that may be rounding of its sums or come from the remaining
-    gaps of trajectories, for a number of samples.
+def cost_rounding(samples: float) -> float:
+    """Return the largest rise of a cost that is no real rise, for a number of samples. It may come
+    from rounding of sums, or from the remaining gaps of trajectories.
     """
     return 5e-9 * samples
 
 
 def _no_shortcut(point: Any, model: LocalModel) -> None:
+    """Return None: there is no other step."""
     return None
 
 
 def _least() -> float:
+    """Return the default of the least damping."""
     return LEAST_DAMPING
 
 
 @dataclass(frozen=True)
 class Descent(Generic[P]):
-    """The functions of one search. A point is the data of the caller for one set of unknowns.
+    """The functions of one search. A point is an object of the caller for one set of unknowns.
 
     Attributes
     ----------
-    model : returns the quadratic model about a point.
-    trial : returns the point after a step with a given damping; None where it is no better.
-    settled : returns whether the search may end at a point.
-    shortcut : returns a better point by another step than a damped one; None where there is none.
-    least : returns the least damping after an accepted step.
+    model : function that returns the quadratic model about a point.
+    trial : function that returns the point after a step with a given damping; None where it is no
+        better.
+    settled : function that returns whether the search may end at a point.
+    shortcut : function that returns a better point by a step other than a damped one; None where
+        there is none.
+    least : function that returns the least damping after an accepted step.
     """
 
     model: Callable[[P], LocalModel]
@@ -119,14 +123,14 @@ class Descent(Generic[P]):
 
 @dataclass(frozen=True, eq=False)
 class Minimum(Generic[P]):
-    """End of a search.
+    """Result of a search.
 
     Attributes
     ----------
     point : the last point.
     model : the quadratic model about it.
-    steps : number of steps, accepted and rejected ones.
-    stuck : whether no damping lowered the cost.
+    steps : number of accepted and rejected steps.
+    stuck : whether the search ended because no damping lowered the cost.
     """
 
     point: P
@@ -143,16 +147,12 @@ def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
     --------
     The minimum of ``0.5 (x - 3)^2``, by a model with its curvature:
 
-    >>> import numpy as np
-    >>> from ident.statistics.minimise import Descent, local_model, minimise
-    >>> def model(x):
-    ...     return local_model(np.eye(1), 3.0 - x, x, np.array([-9.0]), np.array([9.0]))
-    >>> def trial(x, model, damping):
-    ...     there = x + model.scale * model.step(damping)
-    ...     return there if (there[0] - 3.0) ** 2 <= (x[0] - 3.0) ** 2 else None
-    >>> found = minimise(Descent(model, trial, lambda x, m: m.promised < 1e-12), np.zeros(1), 20)
-    >>> round(float(found.point[0]), 6), found.stuck
-    (3.0, False)
+    >>> import numpy as np >>> from ident.statistics.minimise import Descent, local_model, minimise
+    >>> def model(x): ...     return local_model(np.eye(1), 3.0 - x, x, np.array([-9.0]),
+    np.array([9.0])) >>> def trial(x, model, damping): ...     there = x + model.scale *
+    model.step(damping) ...     return there if (there[0] - 3.0) ** 2 <= (x[0] - 3.0) ** 2 else None
+    >>> minimum = minimise(Descent(model, trial, lambda x, m: m.predicted_gain < 1e-12),
+    np.zeros(1), 20) >>> round(float(minimum.point[0]), 6), minimum.stuck (3.0, False)
     """
     point, model = start, descent.model(start)
     damping, count, stuck = _FIRST_DAMPING, 0, False

@@ -1,5 +1,5 @@
-"""Noise levels of a series: robust deviations, sensor noise, envelopes, levels that change along a
-record.
+"""Noise levels of a series: robust standard deviations, sensor noise, envelopes, levels that change
+along a record, and isolated wrong samples.
 
 Sensor noise. The orthonormal cosine transform (DCT-II) separates noise from a smooth motion
 (Garcia, Computational Statistics and Data Analysis 54, 2010, p. 1167). The coefficients of white
@@ -15,15 +15,15 @@ maximise Whittle's likelihood: the squared coefficients over S(w) are chi-square
 freedom. The band begins at half the Nyquist frequency and is extended downwards as long as the next
 block has the power that the band predicts.
 
-Noise envelope. The band that holds a given share of the noise, as NASA TM-101722 found it by eye on
+Noise envelope. It is the band that contains a given share of the noise. NASA TM-101722 read it from
 time histories; here a third difference removes the smooth part first.
 
 Local level. White noise with a burst of four times its level fails most tests for whiteness, since
-a few loud samples weigh as much as all others. Divided by its local level it passes.
+a few large samples have as much weight as all others. Divided by its local level it passes.
 
-Spikes. Isolated wrong samples are set aside before models are compared, and claimed only from the
-final residual. One spike dominates every score. Large residuals in runs, or everywhere in a
-channel, are no spikes but an error of the model or heavy-tailed noise.
+Spikes. One spike dominates every measure of fit. Isolated wrong samples are therefore masked before
+models are compared, but reported from the final residual only. Large residuals in runs, or
+everywhere in a channel, are not spikes but an error of the model or heavy-tailed noise.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from scipy.special import fdtri
 from sim.errors import RecordError
 from sim.record import Record
 
-# ---- A standard deviation that outliers do not move
+# ---- Standard deviation that is insensitive to outliers
 
-SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # median absolute deviation to sigma
+SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # sigma over median absolute deviation of normal numbers
 
 
 def robust_sigma(values: np.ndarray) -> float:
@@ -60,7 +60,7 @@ def robust_sigma_about_zero(values: np.ndarray) -> float:
 
 # ---- The white noise of a sensor
 
-SHORTEST_RUN = 16  # fewest samples of a run that is used
+SHORTEST_RUN = 16  # fewest samples of a run of residuals that is used
 # fewest coefficients in the band; they give the standard deviation to an eighth
 FEWEST_COEFFICIENTS = 32
 # lowest frequency of the first band, over the Nyquist frequency: residuals of rigid motion have no
@@ -69,16 +69,16 @@ BAND_START_SHARE = 0.5
 BAND_BLOCKS = 12  # number of blocks by which the band grows to the whole spectrum
 FALSE_REJECTION_PROBABILITY = 0.01  # probability that a block of white noise is left out
 LARGEST_GAP = 10.0  # a longer pause, in sample intervals, begins another run
-MOST_ITERATIONS = 12  # of the weights in Whittle's likelihood
-NEGLIGIBLE_POWER_SHARE = 1e-9  # a smaller share of white power is none
+MOST_ITERATIONS = 12  # iterations of the weights in Whittle's likelihood
+NEGLIGIBLE_POWER_SHARE = 1e-9  # white power below this share of all power counts as none
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     """Return the standard deviation of the white part of residuals; None if they are too short or
     have no white part.
 
-    ``series`` are runs of finite residuals ``(N,)`` at even intervals, as of several records, with
-    the same noise.
+    ``series`` are runs of finite residuals ``(N,)`` at even intervals with the same noise, for
+    example one of each record.
     """
     runs = [np.asarray(run, dtype=float) for run in series if len(run) >= SHORTEST_RUN]
     if not runs:
@@ -103,11 +103,11 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
-    """Return the orthonormal cosine transform of the second kind ``(N,)`` of ``x (N,)``. Its first
-    coefficient is too large by root two.
+    """Return the orthonormal cosine transform of the second kind ``(N,)`` of ``x (N,)``, except
+    that its first coefficient is too large by the square root of two.
 
-    It is a Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980): the
-    import of scipy.fft would take a tenth of a second.
+    It is computed by a Fourier transform of the even samples followed by the odd ones backwards
+    (Makhoul 1980), since the import of scipy.fft would take a tenth of a second.
     """
     phase = np.exp(-0.5j * np.pi * np.arange(len(x)) / len(x))
     return np.asarray(
@@ -128,8 +128,9 @@ def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[
 
 def _white_and_walk(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
     """Return s^2 and a, at least zero, that maximise Whittle's likelihood of the squared
-    coefficients ``power (K,)``; ``walk (K,)`` is 1/x. Least squares are repeated with the weights
-    of the step before.
+    coefficients ``power (K,)``. ``walk (K,)`` is 1/x.
+
+    Weighted least squares are repeated, each time with weights from the result before.
     """
     white, random = float(np.mean(power)), 0.0
     for _ in range(MOST_ITERATIONS):
@@ -154,15 +155,15 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])  # weights of consecutive s
 
 
 def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float]:
-    """Return the standard deviation of the noise of each output: a quarter of the width of the band
-    that holds 95.45 % of the noise.
+    """Return output -> standard deviation of its noise: a quarter of the width of the band that
+    contains 95.45 % of the noise.
 
     Parameters
     ----------
     record : measured data, whose samples are taken as evenly spaced.
-    stop : end of a quiet part at the beginning, s. None takes the whole record, which serves as
-        well where the motion is slow against the sampling: a third difference passes (w dt)^3/4.5
-        of the amplitude of a motion at w rad/s.
+    stop : end of a part without motion at the beginning, s. None takes the whole record. This gives
+        the same result where the motion is slow compared with the sampling: a third difference
+        passes (w dt)^3/4.5 of the amplitude of a motion at w rad/s.
 
     Four consecutive samples give d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
     the variance of the white noise. The band is between quantiles, so that isolated spikes and
@@ -189,7 +190,7 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
         half_width = float(np.quantile(np.abs(d - np.median(d)), WITHIN_TWO_SIGMA))
         if half_width == 0.0:
             raise RecordError(
-                "shows no noise at all", where=where, remedy="declare the noise level"
+                "the channel has no noise", where=where, remedy="declare the noise level"
             )
         envelope[channel.name] = half_width / 2.0
     return envelope
@@ -197,9 +198,9 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
 
 # ---- Noise whose level changes along a series
 
-RECORD_PARTS = 8  # most parts of a series whose levels are compared
+RECORD_PARTS = 8  # largest number of parts of a series whose levels are compared
 LOCAL_LEVEL_FEWEST = 40  # fewest differences of a part
-# smallest ratio of levels that is corrected: smaller ones hardly change a test
+# smallest ratio of levels that is corrected; a smaller ratio hardly changes a test
 NOTABLE_NOISE_RATIO = 1.5
 # standard deviation of the logarithm of a robust sigma from n fourth differences, times sqrt(n), by
 # simulation
@@ -207,17 +208,17 @@ LOG_SIGMA_SCATTER = 1.6
 # smallest difference of the logarithms of the largest and least level, in standard deviations;
 # chance gives it once in 5000 series
 UNEVEN_NOISE_SIGMAS = 4.5
-# a part has motion, and its noise is unknown, where the level by second differences exceeds that by
-# fourth ones by this factor
+# a part contains motion, so that its noise is unknown, where the level from second differences is
+# more than this times the level from fourth differences
 MOTION_NOISE_RATIO = 1.25
 
 
-def levelled(series: np.ndarray) -> np.ndarray:
-    """Return a series ``(N,)`` divided by its local noise level and times its rms level; unchanged
-    where the level changes no more than by chance.
+def with_constant_level(series: np.ndarray) -> np.ndarray:
+    """Return a series ``(N,)`` divided by its local noise level and multiplied by its rms level;
+    unchanged where the level changes no more than by chance.
 
-    A part with motion gets a level within those of the other parts, so that a residual that is not
-    noise stays visible.
+    The level of a part with motion is limited to the range of the other parts, so that a residual
+    that is not noise stays visible.
     """
     count = len(series)
     parts = min(RECORD_PARTS, count // LOCAL_LEVEL_FEWEST)
@@ -236,14 +237,14 @@ def levelled(series: np.ndarray) -> np.ndarray:
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)
-    # The level of a part with motion is limited to those of the others.
+    # Limit the level of a part with motion to the range of the other parts.
     level = np.clip(local, levels[determined].min(), levels[determined].max())[middle]
     return np.asarray(series / level * np.sqrt(np.mean(level**2)))
 
 
 def _differences(series: np.ndarray, order: int) -> np.ndarray:
-    """Return the differences of an order, scaled so that those of white noise have its standard
-    deviation: 6 and 70 are sums of squared binomial coefficients.
+    """Return the differences of order 2 or 4, scaled so that white noise keeps its standard
+    deviation. The divisors are sums of squared binomial coefficients.
     """
     return np.diff(series, order) / np.sqrt({2: 6.0, 4: 70.0}[order])
 
@@ -259,11 +260,13 @@ def _running_level(fourth: np.ndarray, half: int) -> np.ndarray:
     return np.interp(np.arange(len(fourth)), at, levels)
 
 
+# ---- Isolated wrong samples
+
 # smallest spike, in robust sigmas, while the model is incomplete and its residual not normal
 SPIKE_WHILE_SEARCHING = 8.0
 # smallest spike of the final residual, in robust sigmas; normal noise has one in 3e7 samples
 SPIKE_AT_THE_END = 5.5
-# range of the tail, in robust sigmas: it has 2 of 10,000 samples of normal noise
+# range of the tail, in robust sigmas: 2 of 10,000 samples of normal noise are in it
 HEAVY_TAIL = (3.7, 6.5)
 HEAVY_TAIL_CHANCE = 1e-3  # the tail is heavy where Poisson's law gives its count a smaller p-value
 FEWEST_AT_EDGES = 9  # fewest samples near the edges of an input; each edge has three
@@ -271,7 +274,15 @@ FEWEST_AT_EDGES = 9  # fewest samples near the edges of an input; each edge has 
 
 @dataclass(frozen=True)
 class Spikes:
-    """Spikes of one channel of one record: sample numbers and sizes in the channel's unit."""
+    """Spikes of one channel of one record.
+
+    Attributes
+    ----------
+    record : position of the record.
+    channel : name of the channel.
+    samples : positions of the samples.
+    sizes : residuals of these samples, in the unit of the channel.
+    """
 
     record: int
     channel: str
@@ -280,12 +291,15 @@ class Spikes:
 
 
 def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return a mask ``(m, N)`` that is False at single samples far from their six neighbours.
-    ``edges (N,)`` is True near a switch of an input, where no sample is masked.
+    """Return a mask ``(m, N)`` that is False at single samples of a ``residual (m, N)`` far from
+    their six neighbours.
+
+    ``valid (m, N)`` is False where a sample is missing. ``edges (N,)`` is True near a switch of an
+    input, where no sample is masked.
     """
     keep = np.ones_like(valid)
     for i in range(len(residual)):
-        away = from_neighbours(residual[i], valid[i])
+        away = difference_from_neighbours(residual[i], valid[i])
         sigma = robust_sigma(away[valid[i]])
         if sigma > 0:
             keep[i] = ~(_isolated(np.abs(away) > SPIKE_WHILE_SEARCHING * sigma) & ~edges)
@@ -299,16 +313,16 @@ def final_spikes(
     measured: Sequence[np.ndarray],
     blocked: Sequence[np.ndarray],
 ) -> tuple[list[np.ndarray], list[Spikes]]:
-    """Return the masks ``(m, N)`` of all records by their final residuals, and the spikes that may
-    be claimed.
+    """Return the masks ``(m, N)`` of all records, False at isolated wrong samples, and the spikes
+    to report. Both follow from the final residuals.
 
     Parameters
     ----------
     channels : names of the m outputs.
     residuals : ``(m, N)`` of each record.
-    measured : ``(m, N)`` of each record, whether a sample is valid.
+    measured : ``(m, N)`` of each record, True where a sample is valid.
     blocked : ``(N,)`` of each record, True near the edge of a fitted event: a sample there is
-        masked but not claimed.
+        masked but not reported.
     """
     masks, claims = [np.ones_like(valid) for valid in measured], []
     for i, channel in enumerate(channels):
@@ -335,19 +349,20 @@ def final_spikes(
     return masks, claims
 
 
-def isolated_wrong(
+def isolated_wrong_samples(
     residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return for each record which samples ``(N,)`` of one channel are isolated and wrong, by the
-    residuals of a model that may be incomplete.
+    """Return a mask ``(N,)`` of each record that is True at isolated wrong samples of one channel.
 
-    A wrong sample is far from its neighbours, as in `provisional_mask`, or has a large residual, as
-    in `final_spikes`. There is none where the residual has heavy tails. Near the ``edges`` of an
-    input an incomplete model always fails: a sample there is compared with those at the other
-    edges.
+    ``residuals``, ``valid`` and ``edges`` are ``(N,)`` of each record. The model of the residuals
+    may be incomplete. A wrong sample is far from its neighbours, as in `provisional_mask`, or has a
+    large residual, as in `final_spikes`. There is none where the residual has heavy tails. Near the
+    ``edges`` of an input an incomplete model always has large residuals: a sample there is compared
+    with those at the other edges.
     """
     away = [
-        from_neighbours(residual, usable) for residual, usable in zip(residuals, valid, strict=True)
+        difference_from_neighbours(residual, usable)
+        for residual, usable in zip(residuals, valid, strict=True)
     ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
     for series, sigmas in ((away, SPIKE_WHILE_SEARCHING), (residuals, SPIKE_AT_THE_END)):
@@ -380,8 +395,8 @@ def isolated_wrong(
 
 
 def input_edges(record: Record, reach: int = 1) -> np.ndarray:
-    """Return which samples ``(N,)`` are within ``reach`` samples of a switch of an input: a step of
-    more than a fifth of its range.
+    """Return a mask ``(N,)`` that is True within ``reach`` samples of a switch of an input: a step
+    of more than a fifth of its range.
     """
     near = np.zeros(len(record), dtype=bool)
     for channel in record.inputs:
@@ -396,8 +411,8 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
-    """Return the positions of single samples of an input that differ from both neighbours, where
-    these agree. No held maneuver has such a sample.
+    """Return the positions of single samples of an input that differ from both neighbours while the
+    neighbours agree. No held maneuver has such a sample.
     """
     before, after = values[:-2], values[2:]
     height = values[1:-1] - 0.5 * (before + after)
@@ -409,9 +424,9 @@ def input_spikes(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(spikes) + 1
 
 
-def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return each sample minus the median of its six valid neighbours, ``(N,)``; zero where it is
-    missing.
+def difference_from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return each sample of a series ``(N,)`` minus the median of its six valid neighbours; zero
+    where a sample is missing.
     """
     at = np.flatnonzero(valid)
     difference = np.zeros_like(series)
@@ -425,14 +440,16 @@ def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _isolated(large: np.ndarray) -> np.ndarray:
-    """Return which large samples have no large neighbour within two samples."""
+    """Return a mask ``(N,)`` of the large samples that have no large neighbour within two
+    samples.
+    """
     count = np.convolve(np.pad(large, 2), np.ones(5), mode="valid")
     return large & (count < 1.5)
 
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
-    """Return whether significantly more samples are in the range of the tail than those of normal
-    noise. ``normalised`` are samples over their sigma.
+    """Return whether significantly more samples are in the range ``HEAVY_TAIL`` than normal noise
+    would have. ``normalised (N,)`` are samples over their sigma.
     """
     (low, high), size = HEAVY_TAIL, np.abs(normalised)
     count = int(np.sum((size > low) & (size < high)))

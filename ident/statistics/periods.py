@@ -1,4 +1,4 @@
-"""Periods that residuals show: of a held output's updates, and of the strongest oscillations."""
+"""Periods in residuals: the updates of a held output, and the strongest oscillations."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ import numpy as np
 
 from sim.record import Record
 
-_SMOOTHED_BINS = 801  # width of the smoothing window of a spectrum, frequencies
-_SLOWEST_UPDATE_RATE = 2.0  # Hz: slower updates are motion
-_MOST_PEAKS = 3  # peaks of a residual spectrum that start a search
+_SMOOTHED_BINS = 801  # width of the smoothing window of a spectrum, in frequency bins
+_SLOWEST_UPDATE_RATE = 2.0  # Hz: at lower frequencies a spectral line is motion
+_MOST_PEAKS = 3  # largest number of peaks of a residual spectrum
+_LEAST_PEAK_DISTANCE = 0.15  # smallest distance of two peaks, relative to the frequency
 
 
 def update_period(
     times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
 ) -> float:
-    """Return the period, s, at which an output is most likely held between updates.
+    """Return the most likely period, s, of the updates of an output that is held between updates;
+    infinite where the spectrum has no line.
 
-    The delay of a held output is a sawtooth between zero and the period: its residual is minus the
-    delay times the output's slope. The product of residual and slope has a line at the frequency of
-    the updates.
+    The delay of a held output is a sawtooth between zero and the period. The residual of the output
+    is minus the delay times its slope. The product of residual and slope therefore has a line at
+    the frequency of the updates.
 
     Parameters
     ----------
-    times, predicted, residuals : of each record ``(N,)``, s and the output's unit.
+    times : ``(N,)`` of each record, s.
+    predicted, residuals : ``(N,)`` of each record, in the unit of the output.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -38,7 +41,7 @@ def update_period(
             np.abs(np.fft.rfft((product - product.mean()) * np.hanning(len(product)), size)) ** 2
         )
     frequency = np.fft.rfftfreq(size, interval)
-    # The power of the maneuver falls with frequency; a line exceeds the power around it.
+    # The power of the maneuver decreases with frequency: a line exceeds the power around it.
     around = uniform_filter1d(power, _SMOOTHED_BINS)
     inside = (frequency > _SLOWEST_UPDATE_RATE) & (frequency < 0.5 / interval)
     height = np.where(inside, power / np.maximum(around, 1e-300), 0.0)
@@ -52,12 +55,17 @@ def spectral_peaks(
     valid: Sequence[np.ndarray],
     variance: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the three frequencies (rad/s) at which the normalised residuals have most power,
-    largest first, at least 15 % apart.
+    """Return up to three frequencies (rad/s) at which the normalised residuals have most power, the
+    strongest first. They are at least 15 % apart.
 
-    Missing samples count as zero; samples are taken as even at their mean interval.
+    Missing samples count as zero. Samples are taken as evenly spaced at their mean interval.
+
+    Parameters
+    ----------
+    residuals, valid : ``(m, N)`` of each record.
+    variance : ``(m,)`` noise variance of each output.
     """
-    best: dict[float, float] = {}
+    peak_power: dict[float, float] = {}
     for record, residual, mask in zip(records, residuals, valid, strict=True):
         n = residual.shape[1]
         interval = float((record.time[-1] - record.time[0]) / (n - 1))
@@ -69,10 +77,10 @@ def spectral_peaks(
         smooth = np.convolve(power, [0.25, 0.5, 0.25], mode="same")
         for k in range(2, len(smooth) - 1):
             if smooth[k] >= smooth[k - 1] and smooth[k] > smooth[k + 1]:
-                best[float(omega[k])] = float(smooth[k]) / n
+                peak_power[float(omega[k])] = float(smooth[k]) / n
     chosen: list[float] = []
-    for frequency in sorted(best, key=lambda f: -best[f]):
-        if all(abs(frequency - other) > 0.15 * other for other in chosen):
+    for frequency in sorted(peak_power, key=lambda f: -peak_power[f]):
+        if all(abs(frequency - other) > _LEAST_PEAK_DISTANCE * other for other in chosen):
             chosen.append(frequency)
         if len(chosen) == _MOST_PEAKS:
             break

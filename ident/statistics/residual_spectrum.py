@@ -2,17 +2,18 @@
 residuals.
 
 The correction follows Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from
-Flight Test Data", J. Guidance, Control and Dynamics 20(1), 1997: the information matrix is that of
-white noise, and the covariance of the gradient has the spectrum of the residuals.
+Flight Test Data", J. Guidance, Control and Dynamics 20(1), 1997: the information matrix is that for
+white noise, and the covariance of the gradient is computed with the spectrum of the residuals.
 
-The residuals of a fit are the noise minus the part that the unknowns have fitted. For noise of long
-correlation this part is large at the low frequencies of maneuvers. The autocovariances of residuals
-are then too small, and tapering reduces them further (Kiefer and Vogelsang, Econometric Theory
-21(6), 2005). Here the noise is an autoregression, with its order by Akaike's criterion (Berk,
-Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996). Each output
-has its own one, or all outputs have one together if a common cause such as gusts acts. The
-autoregression implies a difference between noise and residuals. The autocovariance is corrected by
-this difference until both agree.
+The residuals of a fit are the noise minus the part of it that the unknowns have absorbed. For noise
+with a long correlation time, this part is large at the low frequencies of maneuvers. The
+autocovariances of the residuals are then too small, and tapering reduces them further (Kiefer and
+Vogelsang, Econometric Theory 21(6), 2005). Here the noise is modelled as an autoregression, whose
+order is chosen by Akaike's criterion (Berk, Annals of Statistics 2(3), 1974; den Haan and Levin,
+NBER technical paper 197, 1996). Each output has an autoregression of its own, or all outputs have
+one together if a common cause such as gusts acts. The autoregression implies a difference between
+the autocovariances of noise and residuals. The autocovariance is corrected by this difference until
+both agree.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from scipy.special import ndtr, stdtrit
 
 # ---- Power spectra of the residuals of a fit
 
-_MOST_AUTOCOVARIANCE_PASSES = 8  # most corrections of the autocovariance
-# the corrections end when no variance of the gradient changes by a larger share: half a percent of
-# a sigma
+_MOST_AUTOCOVARIANCE_PASSES = 8  # largest number of corrections of the autocovariance
+# the corrections end when no variance of the gradient changes by more than this share, which is
+# half a percent of a sigma
 _SETTLED_VARIANCE_SHARE = 0.01
 
 
@@ -38,7 +39,7 @@ class Autoregression:
 
     Attributes
     ----------
-    coefficients : ``(p, m, m)`` the matrices A.
+    coefficients : ``(p, m, m)`` matrices A of the lags 1 to p.
     free : ``(p, m, m)`` True where a coefficient was fitted.
     covariance : ``(m, m)`` of w.
     count : number of samples of an output.
@@ -70,11 +71,11 @@ class Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RecordScores:
-    """Contribution of one record to the gradient of a fit.
+    """Contribution of one record to the gradient (score) of a fit.
 
     Attributes
     ----------
-    at : ``(c,)`` positions of its unknowns.
+    at : ``(c,)`` positions of the unknowns of the record among all unknowns.
     weights : ``(m, N, c)`` factors of the residuals, whose sum is the gradient.
     jacobian : ``(m, N, c)`` derivatives of the fitted outputs.
     residual, valid : ``(m, N)``; all arrays are zero where a sample is missing.
@@ -93,8 +94,10 @@ class ScoreCovariance:
 
     Attributes
     ----------
-    middle : ``(n, n)`` the covariance.
-    spread : ``(n,)`` variance of each diagonal entry of ``inverse middle inverse^T``.
+    middle : ``(n, n)`` the covariance: the middle matrix of the sandwich ``inverse middle
+        inverse^T``, which is the covariance of the estimate.
+    spread : ``(n,)`` variance of each diagonal entry of the sandwich, since the spectrum is
+        uncertain.
     """
 
     middle: np.ndarray
@@ -111,12 +114,14 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     ]
     n = len(inverse)
     middle = np.zeros((n, n))
-    for turn in range(_MOST_AUTOCOVARIANCE_PASSES):
+    for correction in range(_MOST_AUTOCOVARIANCE_PASSES):
         before, middle = middle, np.zeros((n, n))
         for transforms in spectra:
-            middle[np.ix_(transforms.scores.at, transforms.scores.at)] += transforms.middle()
+            middle[np.ix_(transforms.scores.at, transforms.scores.at)] += (
+                transforms.score_covariance()
+            )
         variance, earlier = np.diag(middle), np.diag(before)
-        if turn == _MOST_AUTOCOVARIANCE_PASSES - 1 or np.all(
+        if correction == _MOST_AUTOCOVARIANCE_PASSES - 1 or np.all(
             np.abs(variance - earlier) <= _SETTLED_VARIANCE_SHARE * variance
         ):
             break
@@ -133,8 +138,8 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
     """Return whether the residuals of several outputs have a common cause, such as gusts.
 
-    They have one where Akaike's criterion prefers an autoregression of all outputs together to one
-    for each output, in any record. The arrays of each record are ``(m, N)``.
+    They have one where, in at least one record, Akaike's criterion prefers an autoregression of all
+    outputs together to one for each output. The arrays of each record are ``(m, N)``.
     """
     for residual, usable in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
@@ -162,7 +167,7 @@ class _ScoreTransforms:
             if np.any(scores.valid[i]) and np.any(scores.residual[i])
         ]
         self.count = scores.residual.shape[1]
-        self.size = good_length(2 * self.count)
+        self.size = fast_transform_length(2 * self.count)
         self.valid = scores.valid[rows]
         self.samples = float(np.count_nonzero(self.valid)) / max(len(rows), 1)
         self.share = max(float(np.mean(self.valid)) if rows else 1.0, 1e-12)
@@ -197,11 +202,11 @@ class _ScoreTransforms:
         inverse = np.linalg.inv(self.model.transfer(self.size))
         self.inverse = inverse
         self.density = inverse @ self.model.covariance @ np.conj(inverse.transpose(0, 2, 1))
-        # Covariance between each output's noise and the gradient, (F, m, c).
-        self.driven = np.asarray(self.density @ self.weights)
+        # cross-spectrum of the noise of each output and the gradient, (F, m, c)
+        self.noise_gradient = np.asarray(self.density @ self.weights)
 
     @cached_property
-    def moves(self) -> np.ndarray:
+    def jacobian_transform(self) -> np.ndarray:
         """Transforms ``(F, m, c)`` of the Jacobian."""
         return np.asarray(np.fft.rfft(self.jacobian.transpose(1, 0, 2), self.size, axis=0))
 
@@ -213,8 +218,8 @@ class _ScoreTransforms:
         )
 
     def _separate(self, autocovariance: np.ndarray) -> Autoregression:
-        """Return an autoregression for each output. Their white noises may be correlated at the
-        same sample.
+        """Return one autoregression for each output, as one object. Their white noises may be
+        correlated at the same sample.
         """
         m = len(self.residual)
         fitted = [autoregression(autocovariance[:, i, i], self.samples) for i in range(m)]
@@ -235,23 +240,28 @@ class _ScoreTransforms:
             self.samples,
         )
 
-    def middle(self) -> np.ndarray:
+    def score_covariance(self) -> np.ndarray:
         """Return the covariance ``(c, c)`` of the gradient of the record, by Parseval's theorem."""
         c = len(self.scores.at)
         weighted = _stacked(self.weights * self.parseval[:, None, None]).reshape(-1, c)
-        total = weighted.T @ _stacked(self.driven).reshape(-1, c)
+        total = weighted.T @ _stacked(self.noise_gradient).reshape(-1, c)
         return 0.5 * (total + total.T)
 
     def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
-        """Fit the autoregression again, to the autocovariance of the residuals plus that of the
-        part of the noise that the unknowns have fitted.
+        """Fit the autoregression again: to the autocovariance of the residuals, corrected for the
+        part of the noise that the unknowns have absorbed.
+
+        ``inverse (c, c)`` times the gradient is a step of the unknowns, and ``covariance (c, c)``
+        is the covariance of this step.
         """
         n = self.residual.shape[1]
-        fitted_part = np.fft.irfft(_by_real(self.driven, inverse.T), self.size, axis=0)[:n]
+        fitted_part = np.fft.irfft(_times_real(self.noise_gradient, inverse.T), self.size, axis=0)[
+            :n
+        ]
         fitted_transform = np.fft.rfft(fitted_part, self.size, axis=0)
-        jacobian = self.moves
+        jacobian = self.jacobian_transform
         # Products of the transforms give the correlations of the fitted part of the noise.
-        other = np.conj(fitted_transform - _by_real(jacobian, covariance)).transpose(0, 2, 1)
+        other = np.conj(fitted_transform - _times_real(jacobian, covariance)).transpose(0, 2, 1)
         products = jacobian @ other + fitted_transform @ np.conj(jacobian.transpose(0, 2, 1))
         fitted_autocovariance = np.fft.irfft(products, self.size, axis=0)[: self.lags + 1]
         corrected = self.measured + fitted_autocovariance / (self.share * n)
@@ -260,20 +270,20 @@ class _ScoreTransforms:
         self._fit(corrected if np.all(corrected[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
-        """Return the variance ``(n,)`` of the diagonal of ``inverse middle inverse^T`` by the
-        uncertainty of the autoregression.
+        """Return the variance ``(n,)`` of the diagonal of ``inverse middle inverse^T`` due to the
+        uncertainty of the autoregression. ``inverse`` is ``(n, c)``.
         """
         model = self.model
         p, m, _ = model.coefficients.shape
         back = np.conj(self.inverse.transpose(0, 2, 1))
-        white = _by_real(back @ self.weights, inverse.T).transpose(2, 1, 0)  # (n, m, F)
+        white = _times_real(back @ self.weights, inverse.T).transpose(2, 1, 0)  # (n, m, F)
         left = white * self.parseval
         power = _real_products(left, white)
-        turned = power @ model.covariance
-        total = 2.0 / model.count * np.einsum("nab,nba->n", turned, turned)
+        weighted_power = power @ model.covariance
+        total = 2.0 / model.count * np.einsum("nab,nba->n", weighted_power, weighted_power)
         if p == 0:
             return np.asarray(total)
-        right = _by_real(self.driven, inverse.T).transpose(2, 1, 0)
+        right = _times_real(self.noise_gradient, inverse.T).transpose(2, 1, 0)
         angles = np.exp(
             -2j * np.pi * np.outer(np.arange(1, p + 1), np.arange(self.size // 2 + 1)) / self.size
         )
@@ -303,11 +313,13 @@ class _ScoreTransforms:
                 / model.count
             )
         for i in range(m):
-            own = np.flatnonzero(model.free[:, i, i])
-            mine = rows[:, i, own * m + i]
-            inside = np.linalg.pinv(blocks[np.ix_(own, own)][:, :, i, i], hermitian=True)
+            fitted_lags = np.flatnonzero(model.free[:, i, i])
+            slopes_of_output = rows[:, i, fitted_lags * m + i]
+            inside = np.linalg.pinv(
+                blocks[np.ix_(fitted_lags, fitted_lags)][:, :, i, i], hermitian=True
+            )
             total = total + model.covariance[i, i] / model.count * np.einsum(
-                "nk,kl,nl->n", mine, inside, mine
+                "nk,kl,nl->n", slopes_of_output, inside, slopes_of_output
             )
         return np.asarray(total)
 
@@ -317,9 +329,9 @@ def _stacked(z: np.ndarray) -> np.ndarray:
     return np.concatenate([z.real, z.imag])
 
 
-def _by_real(z: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Return ``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)`` by real products,
-    which take half the time.
+def _times_real(z: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Return ``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)``, computed by real
+    products, which take half the time.
     """
     F, m, c = z.shape
     real_product = (_stacked(z).reshape(-1, c) @ factor).reshape(2, F, m, -1)
@@ -411,7 +423,7 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
     """Return the autocovariances R[k] = mean of r[t + k] r[t]^T, ``(lags + 1, m, m)``, of series
     ``(m, N)`` with missing samples.
 
-    They have the taper (N - k)/N of the biased autocovariances of complete series.
+    They have the factor (N - k)/N of the biased autocovariances of complete series.
     """
     n = residual.shape[1]
     usable = valid.astype(float)
@@ -424,9 +436,9 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
 
 
 @lru_cache(maxsize=64)
-def good_length(least: int) -> int:
-    """Return the smallest length, at least ``least``, whose prime factors are 2, 3 and 5: Fourier
-    transforms of these lengths are fast.
+def fast_transform_length(least: int) -> int:
+    """Return the smallest length of at least ``least`` whose prime factors are 2, 3 and 5. Fourier
+    transforms of such lengths are fast.
     """
     result, fives = 1 << (least - 1).bit_length(), 1
     while fives < result:
@@ -442,7 +454,8 @@ def good_length(least: int) -> int:
 
 _NORMAL_DEGREES = 1e6  # with more degrees of freedom Student's distribution is normal
 _FEWEST_DEGREES = 2.0  # fewest degrees of freedom of a quantile
-_EXACT_VARIANCE_SHARE = 1e-12  # data are exact where a corrected variance is a smaller share
+# data are exact where a corrected variance is less than this share of the one for white noise
+_EXACT_VARIANCE_SHARE = 1e-12
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -450,7 +463,7 @@ def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
     removed.
     """
     n = len(residual)
-    size = good_length(n + lags)
+    size = fast_transform_length(n + lags)
     spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
     return np.fft.irfft(spectrum, size)[: lags + 1] / n
 
@@ -465,17 +478,17 @@ def corrected_covariance(
 
     Parameters
     ----------
-    inverse : ``(n, n)`` inverse information matrix for white noise, with that of the prior.
+    inverse : ``(n, n)`` inverse information matrix for white noise, including the prior.
     parts : for each record the positions of its columns in theta, its Jacobian ``(m, N, c)``, its
-        residuals ``(m, N)`` and their validity ``(m, N)``. Missing samples count as zero.
+        residuals ``(m, N)``, and a mask ``(m, N)`` that is False where a sample is missing.
     variance : ``(m,)`` noise variance of each output.
     prior : ``(n, n)`` information of the prior, which coloured noise does not change; None without.
 
     Returns
     -------
-    The covariance. Each variance is at least that for white noise, so that a residual which happens
-    to have a weak spectrum does not make a sigma smaller. The spectrum of the residuals is
-    uncertain, and sigmas include this by Student's quantile (`student_factor`).
+    The covariance. Each variance is at least the one for white noise, so that a spectrum that is
+    weak by chance does not make a sigma smaller. The spectrum of the residuals is uncertain. Sigmas
+    include this uncertainty by Student's quantile (`student_factor`).
     """
     records = []
     for at, jacobian, residual, valid in parts:
@@ -497,8 +510,8 @@ def sandwich(
     """Return the covariance ``(n, n)`` of an estimate whose step is ``inverse (n, n)`` times the
     gradient, as with instrumental variables.
 
-    With ``coloured`` it has the spectra of the residuals and Student's quantiles as in
-    `corrected_covariance`; without, it is that for white noise.
+    With ``coloured``, it includes the spectra of the residuals and Student's quantiles, as in
+    `corrected_covariance`. Otherwise it is the covariance for white noise.
     """
     if coloured:
         result = score_covariance(records, inverse)
@@ -506,21 +519,22 @@ def sandwich(
         factor = student_factor(np.diag(covariance), result.spread)
         return np.asarray(covariance * np.outer(factor, factor))
     middle = np.zeros_like(inverse)
-    for each in records:
-        count = np.maximum(each.valid.sum(axis=1), 1)
-        level = (each.residual**2).sum(axis=1) / count
-        middle[np.ix_(each.at, each.at)] += np.einsum(
-            "eni,e,enj->ij", each.weights, level, each.weights
+    for scores in records:
+        count = np.maximum(scores.valid.sum(axis=1), 1)
+        level = (scores.residual**2).sum(axis=1) / count
+        middle[np.ix_(scores.at, scores.at)] += np.einsum(
+            "eni,e,enj->ij", scores.weights, level, scores.weights
         )
     return np.asarray(inverse @ middle @ inverse.T)
 
 
 def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Return the factor ``(n,)`` on sigmas whose squares, ``variance (n,)``, are estimates with the
-    variance ``spread (n,)``.
+    """Return the factor ``(n,)`` on sigmas that makes two-sigma intervals include the uncertainty
+    of the sigmas.
 
-    It is Student's quantile of 97.7 % over the normal one, two sigmas, with Satterthwaite's degrees
-    of freedom 2 variance^2/spread.
+    The squares of the sigmas, ``variance (n,)``, are themselves estimates with the variance
+    ``spread (n,)``. The factor is Student's quantile of 97.7 % over the normal quantile (two
+    sigmas), with Satterthwaite's degrees of freedom 2 variance^2/spread.
     """
     freedom = 2.0 * np.divide(
         variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0
@@ -534,10 +548,11 @@ def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Return the sum over i, j of s_i R(i - j) s_j^T, ``(c, c)``, for sensitivities s ``(N, c)``
-    and a symmetric autocovariance R, by spectra of padded series (Parseval's theorem).
+    and a symmetric autocovariance R. It is computed from spectra of padded series (Parseval's
+    theorem).
     """
     n, lags = len(sensitivity), len(covariance) - 1
-    size = good_length(n + 2 * lags + 1)
+    size = fast_transform_length(n + 2 * lags + 1)
     kernel = np.zeros(size)
     kernel[: lags + 1] = covariance
     kernel[size - lags :] = covariance[:0:-1]
@@ -549,12 +564,13 @@ def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndar
 
 
 def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:
-    """Return the effective share of independent samples for the squares of residuals, 0 to 1.
+    """Return the number of effectively independent squared residuals over the number of samples, 0
+    to 1.
 
-    It is 1/(1 + 2 sum rho_k^2) over lags up to a fifth of the record, with rho_k the correlation of
-    the residual (Bartlett, 1946). The result is the mean over channels and records, weighted by
-    their samples. Residuals and validity of each record are ``(m, N)``; missing samples count as
-    zero.
+    It is 1/(1 + 2 sum rho_k^2) over lags up to a fifth of the record, with rho_k the
+    autocorrelation of the residual (Bartlett, 1946). The result is the mean over channels and
+    records, weighted by their samples. Residuals and validity of each record are ``(m, N)``.
+    Missing samples count as zero.
     """
     weight, total = 0.0, 0.0
     for residual, mask in zip(residuals, valid, strict=True):

@@ -1,4 +1,6 @@
-"""Tests of residuals against noise, and of estimates against declared values and each other."""
+"""Tests of residuals against noise, and of estimates against declared values and against each
+other.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.estimate import Estimate, FilterHistory
-from ident.statistics.noise_levels import levelled, robust_sigma, robust_sigma_about_zero
+from ident.statistics.noise_levels import robust_sigma, robust_sigma_about_zero, with_constant_level
 from sim.errors import ModelError
 from sim.record import Record
 
@@ -48,16 +50,16 @@ class ResidualTest:
 def ljung_box(
     residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25
 ) -> ResidualTest:
-    """Return the Ljung-Box test of a series ``(N,)`` for whiteness over ``lags`` lags (Ljung and
+    """Return the Ljung-Box test of a ``residual (N,)`` for whiteness over ``lags`` lags (Ljung and
     Box, Biometrika 65(2), 1978). Missing samples are skipped.
 
-    A noise level that changes along the series is divided out first (`levelled`). The p-value is
-    that of a shifted gamma distribution with the mean, variance and skewness of the statistic at
-    this length. The limit, chi-square, rejects white noise of 300 samples seven times too often at
-    1e-4.
+    A noise level that changes along the series is divided out first (`with_constant_level`). The
+    p-value is that of a shifted gamma distribution with the mean, variance and skewness of the
+    statistic at this length. The limit, chi-square, rejects white noise of 300 samples seven times
+    too often at 1e-4.
     """
     n = int(np.count_nonzero(valid))
-    series = levelled(residual[valid])
+    series = with_constant_level(residual[valid])
     series = series - (series.mean() if n else 0.0)
     lags = max(1, min(lags, n // 5))
     power = float(series @ series)
@@ -74,7 +76,7 @@ def ljung_box(
 
 
 def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
-    """Return the probability of a larger statistic for white noise of ``n`` samples. The terms in
+    """Return the probability that white noise of ``n`` samples has a larger statistic. The terms in
     lags/n are fitted to simulated noise of 60 to 3000 samples.
     """
     from scipy.special import chdtrc
@@ -87,15 +89,15 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
-    """Return a failed test where a few samples of a residual ``(N,)`` are far larger than the
-    others, else None. Outliers are white, but they are no noise.
+    """Return a failed test where a few samples of a ``residual (N,)`` are far larger than the
+    others, else None. A test of whiteness does not detect such outliers.
 
-    The rms is compared with the robust standard deviation, by the median of the sizes. The
-    logarithm of their ratio has the standard deviation 0.93/sqrt(N) for Gaussian noise.
+    The rms is compared with the robust standard deviation from the median size. For Gaussian noise,
+    the logarithm of their ratio has the standard deviation 0.93/sqrt(N).
     """
     from scipy.special import erfc
 
-    series = levelled(residual[valid])
+    series = with_constant_level(residual[valid])
     n = len(series)
     robust = robust_sigma_about_zero(series) if n >= _FEWEST_SAMPLES else 0.0
     ratio = float(np.sqrt(np.mean(series**2))) / robust if robust > 0.0 else 0.0
@@ -133,7 +135,9 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
 
 
 def tests_of_records(estimate: Estimate, records: Sequence[Record]) -> tuple[ResidualTest, ...]:
-    """Return all tests of an estimate on its records, whose residuals follow each other."""
+    """Return all tests of an estimate on its records. The residuals of all records are tested as
+    one series.
+    """
     measured = [record.output_array(estimate.output_names) for record in records]
     valid = np.concatenate([mask for _, mask in measured], axis=1)
     residuals = np.concatenate(
@@ -145,8 +149,8 @@ def tests_of_records(estimate: Estimate, records: Sequence[Record]) -> tuple[Res
 def residual_tests(
     estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
 ) -> tuple[ResidualTest, ...]:
-    """Return all tests of an estimate: those of the innovations of a filter, or of the ``residuals
-    (m, N)`` of a whole-record fit with validity ``valid (m, N)``.
+    """Return all tests of an estimate. The innovations of a filter are tested, or else the
+    ``residuals (m, N)`` of a whole-record fit with validity ``valid (m, N)``.
     """
     history = estimate.history
     if history is None:
@@ -172,17 +176,18 @@ def residual_tests(
 # ---- Plausibility of an estimate against its declared value
 
 INTERVAL_SIGMAS = 2.0  # half-width of the interval of an estimate, in sigmas
-# largest plausible ratio to the declared value: a vehicle file may be 30 % wrong, and this is ten
-# of its sigmas
+# largest plausible ratio to the declared value: declared values may be 30 % wrong, and this is ten
+# times as much
 IMPLAUSIBLE_CHANGE_FACTOR = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
-    """Return how an estimate contradicts its declared value; empty if it does not.
+    """Return a phrase on how an estimate contradicts its declared value, as in ``"has the other
+    sign"``; empty if it does not.
 
     It contradicts where no value within two sigmas has the declared sign and less than three times
-    the declared size. There is no contradiction where zero was declared, or value or sigma are not
-    finite.
+    the declared size. There is no contradiction where zero was declared, or where the value or the
+    sigma is not finite.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -195,12 +200,12 @@ def contradiction(value: float, std: float, declared: float) -> str:
 
 
 def shortfall(value: float, std: float, declared: float) -> str:
-    """Return how much smaller an estimate is than its declared value, as in ``"is 12 times
-    smaller"``; empty if it is not.
+    """Return a phrase on how much smaller an estimate is than its declared value, as in ``"is 12
+    times smaller"``; empty if it is not much smaller.
 
-    It is smaller where no value within two sigmas reaches a third of the declared size. Constants
-    of the vehicle file that are too large, such as the chord, make derivatives too small by the
-    same factor. `contradiction` is for a value of the other sign.
+    It is much smaller where no value within two sigmas reaches a third of the declared size.
+    Constants of the vehicle file that are too large, such as the chord, make derivatives too small
+    by the same factor. A value of the other sign is left to `contradiction`.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -217,7 +222,7 @@ def shortfall(value: float, std: float, declared: float) -> str:
 
 # ---- Share of the residuals that the inputs predict
 
-# bounds, s, of the past intervals over which inputs are averaged
+# limits, s before a sample, of the intervals over which inputs are averaged
 LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)
 RIDGE_SHARE = 0.01  # ridge of the regression, relative to the variance of a regressor
 # smallest share of a residual that shows a missing response: in twelve flights of the rigid model
@@ -229,19 +234,19 @@ MADE_BY_INPUTS = 0.3
 def share_from_inputs(
     residuals: np.ndarray, valid: np.ndarray, inputs: np.ndarray, interval: float
 ) -> np.ndarray:
-    """Return the share of each residual that the inputs predict.
+    """Return the share of each residual's power that the inputs predict.
 
-    A regression on means of the inputs over past intervals of up to 2.8 s is fitted to one half of
-    the record and predicts the other half, and vice versa. It predicts the residuals of a late or
-    slow input or of a missing response, but not those of rough air and noise, whose share is near
-    zero or negative. Slow residuals and inputs are correlated by chance: a moving average over 5.6
-    s is subtracted from both.
+    A regression on means of the inputs over intervals up to 2.8 s in the past is fitted to one half
+    of the record and predicts the other half, and vice versa. It predicts residuals that come from
+    a late or slow input or from a missing response. It does not predict residuals from rough air
+    and noise: their share is near zero or negative. Slow residuals and inputs are correlated by
+    chance. Therefore a moving average over 5.6 s is subtracted from both.
 
     Parameters
     ----------
     residuals : ``(m, N)`` measured minus fitted outputs.
     valid : ``(m, N)`` False where a sample is missing.
-    inputs : ``(q, N)``.
+    inputs : ``(q, N)`` recorded inputs.
     interval : sampling interval, s.
 
     Returns
@@ -277,7 +282,7 @@ def share_from_inputs(
 
 
 def _without_slow(rows: np.ndarray, interval: float) -> np.ndarray:
-    """Return rows minus their moving averages over twice the longest lag."""
+    """Return ``rows (k, N)`` minus their moving averages over twice the longest lag."""
     from scipy.ndimage import uniform_filter1d
 
     size = min(max(round(2.0 * LAGS[-1] / interval), 1), rows.shape[1])
@@ -285,8 +290,8 @@ def _without_slow(rows: np.ndarray, interval: float) -> np.ndarray:
 
 
 def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
-    """Return the means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``,
-    with mean zero and variance one.
+    """Return the regressors ``(N, q * (len(LAGS) - 1))``: the means of each input over the past
+    intervals between ``LAGS``, scaled to mean zero and variance one.
     """
     at = np.arange(1, inputs.shape[1] + 1)
     columns = []
@@ -308,11 +313,12 @@ BOUND_SIGMAS = 2.0  # half-width of bounds in sigmas, as in NASA TM-101722
 
 @dataclass(frozen=True)
 class EstimateDifference:
-    """One parameter of two estimates.
+    """Difference of one parameter between two estimates.
 
     Attributes
     ----------
-    first, second : values in ``unit``.
+    name, unit : name and unit of the parameter.
+    first, second : values of the two estimates.
     first_std, second_std : their standard deviations.
     z : second minus first, over the root of the sum of both variances; zero where both variances
         are zero and the values are equal.
@@ -335,10 +341,10 @@ class Comparison:
 
     Attributes
     ----------
-    differences : of the common parameters, the largest |z| first.
-    statistic : d^T (P1 + P2)^-1 d of all differences d.
-    degrees : its degrees of freedom.
-    p_value : probability that two estimates of the same parameters differ as much.
+    differences : differences of the common parameters, the largest |z| first.
+    statistic : d^T (P1 + P2)^-1 d of the vector d of all differences.
+    degrees : degrees of freedom of the statistic.
+    p_value : probability that two estimates of the same parameters differ by at least as much.
     """
 
     differences: tuple[EstimateDifference, ...]
@@ -353,11 +359,12 @@ class Comparison:
 
 
 def compare_estimates(first: Estimate, second: Estimate, limit: float = BOUND_SIGMAS) -> Comparison:
-    """Compare two estimates parameter by parameter, and all together with both covariances.
+    """Compare two estimates parameter by parameter, and all parameters together with both
+    covariances. A difference is significant where |z| exceeds ``limit``.
 
     Raises
     ------
-    ModelError : no parameter in common, or a common one in different units.
+    ModelError : where no parameter is common, or a common one has different units.
     """
     from scipy.special import chdtrc
 
@@ -402,18 +409,21 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BOUND_SI
     )
 
 
-# ---- Is the noise white below a few hertz, and equally loud everywhere?
+# ---- Tests whether noise is white below a few hertz, and equally large over the record
 
-LOW_FREQUENCY = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
+# Hz: short periods and first elastic modes of piloted aircraft have lower frequencies
+LOW_FREQUENCY = 4.0
 
 
 def flat_spectrum(
     residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str
 ) -> ResidualTest:
-    """Test whether the noise below 4 Hz is white, by Bartlett's test of the cumulative periodogram.
+    """Return Bartlett's test of the cumulative periodogram: whether a ``residual (N,)`` is white
+    below 4 Hz.
 
-    Recorders' filters colour the noise above; errors of a model appear at the frequencies of the
-    motion. The p-value is Kolmogorov's with the correction of [1]_.
+    Higher frequencies are left out, since the filters of recorders colour the noise there. Errors
+    of a model appear at the frequencies of the motion. The p-value is Kolmogorov's with the
+    correction of [1]_.
 
     References
     ----------
@@ -423,18 +433,18 @@ def flat_spectrum(
     from scipy.special import kolmogorov
 
     series = np.zeros(len(residual))
-    series[valid] = levelled(residual[valid])
+    series[valid] = with_constant_level(residual[valid])
     n = len(series)
     interval = (time[-1] - time[0]) / (n - 1)
     power = np.abs(np.fft.rfft(series)) ** 2
     inside = np.fft.rfftfreq(n, interval) <= LOW_FREQUENCY
     inside[0] = False
-    found = power[inside]
-    k = len(found)
-    if k < 8 or not found.sum() > 0.0:
+    low_power = power[inside]
+    k = len(low_power)
+    if k < 8 or not low_power.sum() > 0.0:  # eight frequencies are the fewest for the test
         return ResidualTest("cumulative-periodogram", channel, 0.0, 1.0, "too short to tell")
     # For white noise the shares are k - 1 ordered uniform numbers.
-    share = np.cumsum(found)[:-1] / found.sum()
+    share = np.cumsum(low_power)[:-1] / low_power.sum()
     rank = np.arange(1, k)
     above, below = rank / (k - 1) - share, share - (rank - 1) / (k - 1)
     most = int(np.argmax(np.maximum(above, below)))
@@ -450,15 +460,19 @@ def flat_spectrum(
     return ResidualTest("cumulative-periodogram", channel, distance, p_value, sentence)
 
 
-BURST_BLOCK = 0.5  # s
+BURST_BLOCK = 0.5  # length of the blocks whose variances are compared, s
 
 
 @dataclass(frozen=True)
 class NoiseBurst:
-    """An interval in which the residual of a channel is louder than in the rest of its record.
+    """Interval in which the residual of a channel is larger than in the rest of its record.
 
-    ``channel`` : with the record, as in residual tests. ``begin``, ``end`` : s. ``ratio`` : of the
-    standard deviations. ``p_value`` : of its loudest half second.
+    Attributes
+    ----------
+    channel : name of the channel, as in residual tests.
+    begin, end : limits of the interval, s.
+    ratio : standard deviation in the interval over that of a median block.
+    p_value : p-value of the loudest half second.
     """
 
     channel: str
@@ -469,11 +483,11 @@ class NoiseBurst:
 
 
 def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
-    """Return the half seconds in which a residual ``(N,)`` is louder than the median; None where
-    chance explains the loudest.
+    """Return the interval around the half second in which a ``residual (N,)`` is largest; None
+    where chance explains this half second.
 
-    Variances of half seconds are compared by the F distribution. Squares of filtered noise are
-    correlated, which lowers the degrees of freedom.
+    Variances of half seconds are compared with their median by the F distribution. Squares of
+    filtered noise are correlated, which reduces the degrees of freedom.
     """
     from scipy.special import fdtrc
 
@@ -514,8 +528,14 @@ def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> Noise
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Errors of a simulation by channel: root mean square, the same over the measured spread, R
-    squared, Theil's inequality coefficient.
+    """Errors of a simulation; each attribute maps the name of a channel to a figure.
+
+    Attributes
+    ----------
+    rmse : root-mean-square error, in the unit of the channel.
+    nrmse : the same over the standard deviation of the measured channel.
+    r2 : coefficient of determination, R squared.
+    theil : Theil's inequality coefficient.
     """
 
     rmse: Mapping[str, float]
@@ -530,11 +550,13 @@ def error_figures(
     masks: Sequence[np.ndarray],
     channels: Sequence[str],
 ) -> ErrorFigures:
-    """Return the errors of the predictions of records, without masked samples.
+    """Return the errors of predicted channels over several records.
 
     Parameters
     ----------
-    predictions, masks : ``(m, N)`` of each record, in the order of ``channels``.
+    predictions : ``(m, N)`` of each record, in the order of ``channels``.
+    masks : ``(m, N)`` of each record, False where a sample does not count.
+    channels : names of the m outputs.
     """
     rmse, nrmse, r2, theil = {}, {}, {}, {}
     for i, name in enumerate(channels):

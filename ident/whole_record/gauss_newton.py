@@ -15,20 +15,17 @@ from functools import cached_property, partial
 import numpy as np
 
 from ident.estimate import LARGEST_NUMBER, Outcome
-from ident.statistics import intervals
-from ident.statistics.intervals import (
-    ProfileInterval,
-    add_normal_equations,
-    inverse_information,
-)
+from ident.statistics import profile_likelihood
+from ident.statistics.intervals import add_normal_equations, inverse_information
 from ident.statistics.minimise import (
     LEAST_DAMPING,
     Descent,
     LocalModel,
+    cost_rounding,
     local_model,
     minimise,
-    unresolved,
 )
+from ident.statistics.profile_likelihood import ProfileInterval
 from ident.whole_record.layout import ROUNDING_SHARE, FitLayout, FitProblem, FitSettings
 from ident.whole_record.linearise import Linearisation, linearise
 from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
@@ -282,7 +279,7 @@ class _Search:
         trial = evaluate(
             self.bare if cost_first else problem, theta, predicted_trajectories(fit, theta)
         )
-        highest_cost = fit.cost + unresolved(float(fit.counts.sum()))
+        highest_cost = fit.cost + cost_rounding(float(fit.counts.sum()))
         no_change = trial is not None and abs(trial.cost - fit.cost) < max(
             settings.enough, _NEGLIGIBLE_GAIN
         )
@@ -358,7 +355,7 @@ class _Valley:
         least_gain = max(
             fit.layout.settings.enough, self.last_gain / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN
         )
-        if self.straight_steps_left >= 0 or model.promised <= least_gain:
+        if self.straight_steps_left >= 0 or model.predicted_gain <= least_gain:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
         acceleration = self._second_order_term(fit, model, step, low, high)
@@ -368,7 +365,7 @@ class _Valley:
             theta = np.clip(fit.theta + share * step + 0.5 * share**2 * acceleration, low, high)
             trial = self._cost_at(fit, theta)
             # half of the gain that the quadratic model predicts for this share of the step
-            required_gain = 0.5 * (2.0 - share) * share * model.promised
+            required_gain = 0.5 * (2.0 - share) * share * model.predicted_gain
             if trial is not None and fit.cost - trial.cost > required_gain:
                 curved_fit = _finite_or_none(
                     evaluate(
@@ -422,7 +419,7 @@ def has_converged(model: LocalModel, theta: np.ndarray, settings: FitSettings) -
     """
     rounding = float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
     shortest_step = max(settings.tolerance, rounding)  # in sigmas
-    return model.promised < max(settings.enough, 0.5 * shortest_step**2, _NEGLIGIBLE_GAIN)
+    return model.predicted_gain < max(settings.enough, 0.5 * shortest_step**2, _NEGLIGIBLE_GAIN)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
@@ -560,7 +557,7 @@ def profile_intervals(
     layout, noise_model_at = fit.layout, noise_at or (lambda fit, theta: fit.noise_model)
     positions = {name: layout.shared.index(name) for name in names}
     refits = partial(_refit, fit, noise_at=noise_model_at)
-    return intervals.profile_intervals(
+    return profile_likelihood.profile_intervals(
         positions, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits
     )
 

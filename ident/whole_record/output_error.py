@@ -23,8 +23,8 @@ from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
 from ident.statistics.intervals import (
     add_normal_equations,
-    determined_and_open,
     inverse_information,
+    split_covariance,
 )
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.statistics.residuals import IMPLAUSIBLE_CHANGE_FACTOR
@@ -422,7 +422,7 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
             )
     if determined:
         return corrected_covariance(inverse, parts, fit.variance, fixed_information), True
-    resolved, undetermined_part = determined_and_open(normal, fit.theta)
+    resolved, undetermined_part = split_covariance(normal, fit.theta)
     return corrected_covariance(
         resolved, parts, fit.variance, fixed_information
     ) + undetermined_part, False

@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.estimate import Outcome
 from ident.statistics.intervals import inverse_information
-from ident.statistics.minimise import Descent, LocalModel, local_model, minimise, unresolved
+from ident.statistics.minimise import Descent, LocalModel, cost_rounding, local_model, minimise
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.whole_record.gauss_newton import (
     Fit,
@@ -294,7 +294,7 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         if moved is None:
             return None
         moved = _with_optimal_record_unknowns(moved)
-        if not moved.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+        if not moved.cost <= fit.cost + cost_rounding(float(fit.counts.sum())):
             return None
         return moved, _project(moved)
 

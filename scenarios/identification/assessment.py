@@ -13,7 +13,8 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import Characteristics
-from ident.statistics.intervals import ProfileInterval, variance_along
+from ident.statistics.intervals import variance_along
+from ident.statistics.profile_likelihood import ProfileInterval
 from ident.statistics.residuals import ErrorFigures, ResidualTest, error_figures
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.gauss_newton import fit_whole_records

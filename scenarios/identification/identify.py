@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import characteristics, modal_estimate
-from ident.statistics.intervals import ProfileInterval
+from ident.statistics.profile_likelihood import ProfileInterval
 from ident.statistics.residuals import ResidualTest, tests_of_records
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import CHANNEL_UNITS, closest

@@ -12,8 +12,8 @@ from rich.console import Console
 from ident.estimate import Outcome
 from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
-from ident.statistics.intervals import LEVEL, ProfileInterval
 from ident.statistics.noise_levels import sensor_noise, used_runs
+from ident.statistics.profile_likelihood import LEVEL, ProfileInterval
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import InputFile
 from scenarios.files.user_models import Constraints

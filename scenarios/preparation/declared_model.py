@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.statistics.noise_levels import input_edges, isolated_wrong
+from ident.statistics.noise_levels import input_edges, isolated_wrong_samples
 from ident.statistics.residual_spectrum import effective_share
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -302,7 +302,7 @@ def _wrong_samples(*fits: Fit | None) -> list[np.ndarray]:
     ]
     for fit in finite:
         for i in measured:
-            wrong = isolated_wrong(
+            wrong = isolated_wrong_samples(
                 [rows[i] for rows in fit.residuals],
                 [problem.valid[i] for problem in problems],
                 edges,

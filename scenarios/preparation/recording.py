@@ -20,7 +20,7 @@ from ident.recording.series import (
     RecordFinding,
     shown,
 )
-from ident.statistics.noise_levels import input_edges, isolated_wrong
+from ident.statistics.noise_levels import input_edges, isolated_wrong_samples
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import Plan
@@ -326,7 +326,9 @@ def isolated_outliers(
             np.where(valid_row, records[k][name].values - simulated[k][row], 0.0)
             for k, valid_row in zip(with_output, valid, strict=True)
         ]
-        wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in with_output])
+        wrong = isolated_wrong_samples(
+            residuals, valid, [input_edges(records[k]) for k in with_output]
+        )
         for k, mask in zip(with_output, wrong, strict=True):
             if np.any(mask):
                 masks[k][name] = mask

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.statistics.noise_levels import (
+    difference_from_neighbours,
     final_spikes,
-    from_neighbours,
     input_edges,
     input_spikes,
     provisional_mask,
@@ -198,7 +198,7 @@ def test_a_record_may_be_shorter_than_what_a_spike_is_compared_with(count: int) 
 
 
 def test_neighbours_of_too_short_a_series_say_nothing() -> None:
-    assert not np.any(from_neighbours(np.arange(6.0) ** 3, np.ones(6, dtype=bool)))
+    assert not np.any(difference_from_neighbours(np.arange(6.0) ** 3, np.ones(6, dtype=bool)))
 
 
 @given(

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.noise_levels import isolated_wrong
+from ident.statistics.noise_levels import isolated_wrong_samples
 
 N = 400
 SWITCHES = (50, 110, 170, 200, 230)
@@ -17,7 +17,7 @@ for at in SWITCHES:
 
 
 def wrong(residual: np.ndarray) -> list[int]:
-    (mask,) = isolated_wrong([residual], [np.ones(N, dtype=bool)], [EDGES])
+    (mask,) = isolated_wrong_samples([residual], [np.ones(N, dtype=bool)], [EDGES])
     return np.flatnonzero(mask).tolist()
 
 

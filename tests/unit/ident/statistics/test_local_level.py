@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.noise_levels import _differences, levelled
+from ident.statistics.noise_levels import _differences, with_constant_level
 from ident.statistics.residuals import ljung_box
 
 RUNS = 150
@@ -81,7 +81,7 @@ def test_even_noise_is_left_alone_to_the_bit(count: int) -> None:
     rng = np.random.default_rng(2)
     for _ in range(RUNS):
         series = rng.normal(size=count)
-        assert levelled(series) is series
+        assert with_constant_level(series) is series
 
 
 def test_motion_in_a_part_is_not_taken_for_noise() -> None:
@@ -90,13 +90,15 @@ def test_motion_in_a_part_is_not_taken_for_noise() -> None:
 
 def test_the_burst_comes_out_as_loud_as_the_rest() -> None:
     series = burst(np.random.default_rng(4), 2000)
-    level = levelled(series)
+    level = with_constant_level(series)
     loud, quiet = level[700:1100], level[1300:]
     assert np.std(loud) < 1.5 * np.std(quiet)
     assert np.std(series[700:1100]) > 3.5 * np.std(series[1300:])
 
 
 def test_a_short_or_exact_series_is_left_alone() -> None:
-    assert levelled(np.zeros(500)) is not None and np.all(levelled(np.zeros(500)) == 0.0)
+    assert with_constant_level(np.zeros(500)) is not None and np.all(
+        with_constant_level(np.zeros(500)) == 0.0
+    )
     short = np.arange(20.0)
-    assert levelled(short) is short
+    assert with_constant_level(short) is short

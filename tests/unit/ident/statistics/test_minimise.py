@@ -45,7 +45,7 @@ class LeastSquares:
         return there if next(squares) <= next(squares) else None
 
     def settled(self, x: np.ndarray, model: LocalModel) -> bool:
-        return model.promised < self.enough
+        return model.predicted_gain < self.enough
 
     def found(self, start: np.ndarray, steps: int = 200) -> Minimum[np.ndarray]:
         return minimise(Descent(self.model, self.trial, self.settled), start, steps)
@@ -82,7 +82,7 @@ def test_bounds_hold_and_what_is_pressed_does_not_move() -> None:
     low, high = np.array([0.0, 0.0]), np.array([1.5, 5.0])
     found = LeastSquares(lambda x: decay(x) - z, low, high).found(np.array([1.0, 0.5]))
     theirs = least_squares(lambda x: decay(x) - z, [1.0, 0.5], bounds=(low, high), xtol=1e-14)
-    assert found.point[0] == 1.5 and not found.model.moving[0]
+    assert found.point[0] == 1.5 and not found.model.movable[0]
     assert found.point[1] == pytest.approx(theirs.x[1], rel=1e-4)
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from ident.frequency_domain import output_error as in_frequency
 from ident.frequency_domain.output_error import FrequencySettings, covariance_of, frequency_fit
-from ident.statistics.intervals import (
+from ident.statistics.profile_likelihood import (
     LEVEL,
     TWICE_LOG_LIKELIHOOD_DROP,
     ProfileInterval,

@@ -162,7 +162,9 @@ def test_the_noise_that_a_fit_follows_is_taken_from_covariances_of_all_pairs_of_
         record.measured[k] + sum(blocks[s + k, :, s] for s in range(n - k)) / n
         for k in range(record.lags + 1)
     ]
-    np.testing.assert_allclose(inverse @ record.middle() @ inverse.T, S @ G @ S.T, rtol=1e-9)
+    np.testing.assert_allclose(
+        inverse @ record.score_covariance() @ inverse.T, S @ G @ S.T, rtol=1e-9
+    )
     record.refit(inverse, S @ G @ S.T)
     np.testing.assert_allclose(record.autocovariance, expected, rtol=1e-9, atol=1e-12)
 

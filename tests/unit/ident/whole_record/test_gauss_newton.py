@@ -149,13 +149,13 @@ def test_a_promise_does_not_depend_on_how_unknowns_are_combined() -> None:
     """
     information, gradient = np.array([[1e4, 99.9], [99.9, 1.0]]), np.array([30.0, -0.4])
     model = local_model(information, gradient, np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf))
-    assert model.promised == pytest.approx(
+    assert model.predicted_gain == pytest.approx(
         0.5 * gradient @ np.linalg.inv(information) @ gradient, rel=1e-6
     )
     pressed = local_model(
         information, gradient, np.zeros(2), np.array([-np.inf, 0.0]), np.full(2, np.inf)
     )
-    assert pressed.moving.tolist() == [True, False] and pressed.promised == pytest.approx(
+    assert pressed.movable.tolist() == [True, False] and pressed.predicted_gain == pytest.approx(
         0.5 * 30.0**2 / 1e4, rel=1e-6
     )
     released = local_model(
@@ -165,7 +165,7 @@ def test_a_promise_does_not_depend_on_how_unknowns_are_combined() -> None:
         np.array([-np.inf, 0.0]),
         np.full(2, np.inf),
     )
-    assert released.moving.all()
+    assert released.movable.all()
 
 
 def test_damping_goes_as_far_as_a_step_needs_it() -> None:

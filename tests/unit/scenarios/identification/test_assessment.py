@@ -145,7 +145,7 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
 
 
 def test_open_and_skewed_intervals_are_told() -> None:
-    from ident.statistics.intervals import ProfileInterval
+    from ident.statistics.profile_likelihood import ProfileInterval
 
     some = [
         ProfileInterval("lag", 1.0, 0.5, 0.4, None),
