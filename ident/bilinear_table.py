@@ -1,9 +1,9 @@
-"""Bilinear equations as one table of coefficients: Jacobians and values of many runs from one
-matrix product.
+"""Bilinear equations as one table of coefficients. One matrix product then gives the Jacobians and
+values of many runs.
 
 Short-period equations with dimensional derivatives are sums of products of a parameter with a state
-or an input. Their Jacobian is affine in states, inputs and parameters, so a few calls of the
-equations give all coefficients. An on-line filter is three to five times faster with them.
+or an input. Their Jacobian is affine in states, inputs and parameters. Therefore a few calls of the
+equations give all coefficients. An on-line filter is three to five times faster with the table.
 """
 
 from __future__ import annotations
@@ -22,29 +22,33 @@ from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIAL_POINTS = 12  # random points at which the table is compared with the equations
-_LARGEST_DIFFERENCE = 1e-10  # largest relative difference at these points
+_LARGEST_DIFFERENCE = 1e-10  # largest difference at these points, relative to the sum of terms
 
 
 @dataclass(frozen=True, eq=False)
 class Bilinear:
-    """A bilinear function with ``m`` values of w = (1, states, parameters, inputs); ``n`` states
-    and parameters.
+    """Bilinear function with m values of w = (1, states, parameters, inputs).
 
-    ``table (len w, m (n + len w))``: w times the table gives, for each value, its ``n`` slopes and
-    a row of ``len w`` halves of slopes, whose product with w is the value.
+    Attributes
+    ----------
+    n : number of states and parameters together.
+    table : ``(len w, m (n + len w))``. The product of w with the table gives a row for each value.
+        Its first n entries are the derivatives with respect to states and parameters. The product
+        of its last len w entries with w is the value: they are half of the second-order
+        coefficients at w, plus the linear ones.
     """
 
     n: int
     table: np.ndarray
 
     def at(self, w: np.ndarray) -> np.ndarray:
-        """Return the Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n
+        """Return the Jacobian and, as last column, the values, ``(B, m, n + 1)``, at ``w (B, 1 + n
         + inputs)``.
         """
         B, width = w.shape
-        out = (w @ self.table).reshape(B, -1, self.n + width)
-        out[:, :, self.n, None] = out[:, :, self.n :] @ w[:, :, None]
-        return out[:, :, : self.n + 1]
+        rows = (w @ self.table).reshape(B, -1, self.n + width)
+        rows[:, :, self.n, None] = rows[:, :, self.n :] @ w[:, :, None]
+        return rows[:, :, : self.n + 1]
 
     @property
     def feeds_through(self) -> bool:
@@ -54,17 +58,23 @@ class Bilinear:
 
 
 def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear | None:
-    """Return the table of a function of ``n`` states and parameters, the states first, then
-    ``inputs``; None if it is not bilinear.
+    """Return the table of a function; None if it is not bilinear.
 
-    Bilinear means at most a product of two entries in each term, never of two states or inputs.
-    That is checked at random points whose entries lie between 1e-3 and 1e3 in magnitude. The
-    function is called with arrays of points.
+    A function is bilinear if each term has at most a product of two entries, but never of two
+    states or inputs. This is checked at random points whose entries have sizes between 1e-3 and
+    1e3.
+
+    Parameters
+    ----------
+    function : function of a list of entries, each an array over points: first the states, then the
+        parameters, then the inputs.
+    n : number of states and parameters together.
+    states, inputs : numbers of states and of inputs.
     """
     size = n + inputs
     with np.errstate(all="ignore"):
         try:
-            # At rest, and with one entry after the other at one.
+            # at zero, and at the points where one entry is one and all others are zero
             values, slopes = _values_and_slopes(
                 function, np.column_stack([np.zeros(size), np.eye(size)])
             )
@@ -74,30 +84,30 @@ def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear |
             moving = [*range(states), *range(n, size)]
             if np.any(twice[:, moving][:, :, moving]) or not _agrees(function, table):
                 return None
-        # what is wrong with a model is reported where it is simulated
+        # an error of the model is reported where it is simulated
         except (ArithmeticError, TypeError, ValueError, ModelError):
             return None
     return table
 
 
 def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear] | None:
-    """Return the tables of a System's ``f`` and ``h`` with its free parameters as states, at fixed
-    values ``p``.
+    """Return the tables of the state equation f and the output equation h of a System, with its
+    free parameters as states, at fixed values ``p`` of the others.
 
     None if the equations are not bilinear, depend on time, or use a fixed parameter with several
-    values ``(B,)`` elsewhere than on the input path.
+    values ``(B,)`` anywhere but on the input path.
     """
     free = [system.parameters.index(name) for name in system.parameters.free_names]
     n_x, n_u = len(system.states), len(system.inputs)
     n = n_x + len(free)
-    # Several values of a held parameter do not go with the points' axes, unless they are not used.
+    # A fixed parameter with several values has an axis of its own: using it fails, as intended.
     fixed_values = [_scalar_or_row(value) for value in p]
 
     def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-        whole = fixed_values.copy()
+        parameters = fixed_values.copy()
         for index, value in zip(free, w[n_x:n], strict=True):
-            whole[index] = value
-        return w[:n_x], w[n:], whole
+            parameters[index] = value
+        return w[:n_x], w[n:], parameters
 
     time: Any = WatchedTime()
     f = bilinear(lambda w: system.f(time, *split(w)), n, n_x, n_u)
@@ -110,7 +120,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
 
 
 def constant_within_steps(drive: Drive) -> bool:
-    """Return whether the inputs do not change within a step."""
+    """Return whether all inputs are constant within each step."""
     return all(
         a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
         for a, b, c in zip(*drive.stages, strict=True)
@@ -118,6 +128,7 @@ def constant_within_steps(drive: Drive) -> bool:
 
 
 def _scalar_or_row(value: Any) -> Any:
+    """Return a number, or several values ``(B,)`` as ``(B, 1, 1)``."""
     return (
         float(np.asarray(value).reshape(()))
         if np.size(value) == 1
@@ -126,8 +137,8 @@ def _scalar_or_row(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Return the table from values and Jacobian ``(m, size)`` at zero and the second derivatives
-    ``(m, size, size)``.
+    """Return the table from the values ``constant (m,)`` and the Jacobian ``at_rest (m, size)`` at
+    zero, and from the second derivatives ``twice (m, size, size)``.
     """
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
@@ -137,6 +148,7 @@ def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int)
 
 
 def _agrees(function: Function, table: Bilinear) -> bool:
+    """Return whether a table gives the values and Jacobians of its function at random points."""
     rng = np.random.default_rng(0)
     n, width = table.n, len(table.table)
     points = rng.choice([-1.0, 1.0], (width - 1, _TRIAL_POINTS)) * 10.0 ** rng.uniform(
@@ -144,7 +156,7 @@ def _agrees(function: Function, table: Bilinear) -> bool:
     )
     w = np.vstack([np.ones(_TRIAL_POINTS), points]).T
     terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIAL_POINTS, -1, n + width)
-    # of what was added up
+    # sums of the sizes of all terms: rounding errors are relative to them
     largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)
     values, slopes = _values_and_slopes(function, points)
     exact = np.concatenate([slopes[:, :n], values[:, None]], axis=1).transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""Result of an estimator: parameters with covariance, histories, likelihood, outcome."""
+"""Result of an estimator: parameters with covariance, history, likelihood and outcome."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_NUMBER = 1e100  # largest number whose squares and sums are finite
 
 
 class Outcome(Enum):
-    """Outcome of an estimation; the value is the sentence to print."""
+    """Outcome of an estimation. The value of a member is the sentence that is printed."""
 
     CONVERGED = "converged"
     AT_BOUND = "converged; a parameter stands at its bound and has no sigma"
@@ -70,17 +70,18 @@ class FilterHistory:
     Attributes
     ----------
     time : ``(N,)`` s.
-    names : the ``n`` states, then free parameters.
-    mean, std : after each update, ``(n, N)``.
-    innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``;
-        zero and one where the sample is missing.
-    valid : ``(m, N)`` samples used.
-    log_likelihood : ``(N,)`` of each sample given its past.
-    nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
-    predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for
-        smoothers; ``transition[k]`` leads from sample ``k - 1`` to ``k``.
-    sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of
-        missing samples are zero in the first, and of the unit matrix in the second.
+    names : names of the n states, then of the free parameters.
+    mean, std : ``(n, N)`` estimates and standard deviations after each update.
+    innovation, innovation_std : ``(m, N)`` measured minus predicted output, and its standard
+        deviation; zero and one where a sample is missing.
+    valid : ``(m, N)`` False where a sample is missing.
+    log_likelihood : ``(N,)`` log likelihood of each sample given the samples before.
+    nis, degrees : ``(N,)`` normalised innovation squared, and the number of channels in it.
+    predicted_mean, predicted_covariance : ``(n, N)`` and ``(N, n, n)`` before each update.
+    covariance : ``(N, n, n)`` after each update.
+    transition : ``(N, n, n)`` fundamental matrix from sample k - 1 to sample k.
+    sensitivity : ``(N, m, n)`` Jacobian of the outputs; rows of missing samples are zero.
+    innovation_covariance : ``(N, m, m)``; rows of missing samples are those of the unit matrix.
     """
 
     time: np.ndarray
@@ -113,18 +114,19 @@ class Estimate:
 
     Attributes
     ----------
-    method : ``"ekf"``, ``"output-error"``, ...
-    names, units : of the free parameters, length ``n``.
-    values, covariance : ``(n,)`` and ``(n, n)``; finite whatever the outcome.
+    method : name of the method, for example ``"ekf"`` or ``"output-error"``.
+    names, units : names and units of the n free parameters.
+    values, covariance : ``(n,)`` and ``(n, n)``; finite for every outcome.
     outcome : how the estimation ended.
-    log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record
-        fit.
-    output_names, noise_std : outputs used and the measurement noise assumed or estimated.
-    fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its
-        prediction from the past, held at the last finite sample if it failed.
-    history : of a filter; None for whole-record methods.
-    iterations : passes over the data.
-    message : what else is to be said about the outcome; usually empty.
+    log_likelihood : log likelihood of all data: from the innovations of a filter, or from the
+        residuals of a whole-record fit.
+    output_names, noise_std : names of the m outputs, and ``(m,)`` standard deviations of their
+        noise, assumed or estimated.
+    fitted : ``(m, N)`` fitted outputs of each record. Of a filter they are predictions from the
+        samples before, constant after the last finite sample if it failed.
+    history : history of a filter; None for whole-record methods.
+    iterations : number of passes over the data.
+    message : further remark on the outcome; usually empty.
     """
 
     method: str
@@ -159,9 +161,11 @@ class Estimate:
         return self.covariance / np.outer(std, std)
 
     def value(self, name: str) -> float:
+        """Return the value of a parameter."""
         return float(self.values[self.names.index(name)])
 
     def sigma(self, name: str) -> float:
+        """Return the standard deviation of a parameter."""
         return float(self.std[self.names.index(name)])
 
     def only(self, names: Collection[str]) -> Estimate:
@@ -177,14 +181,14 @@ class Estimate:
         )
 
     def as_dict(self) -> dict[str, float]:
-        """Return the values by name, for ``Model.with_values``."""
+        """Return name -> value of the parameters, as ``Model.with_values`` takes them."""
         return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
 
 
 @contextmanager
 def quiet_numerics() -> Iterator[None]:
-    """Suppress warnings of overflow and ill condition; the caller tests the result with
-    ``ident.filters.problem.breakdown``.
+    """Suppress warnings of overflow and of ill-conditioned matrices. The caller must test the
+    result with ``ident.filters.problem.breakdown``.
     """
     from scipy.linalg import LinAlgWarning
 
@@ -195,9 +199,9 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """Suppress the NumPy warnings of a computation that discards overflows itself.
+    """Suppress the NumPy warnings of a computation that handles overflows itself.
 
-    A caller that counts them by ``np.errstate(call=...)`` still does.
+    A caller that counts overflows by ``np.errstate(call=...)`` still receives them.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

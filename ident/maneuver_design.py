@@ -1,17 +1,18 @@
-"""Design of maneuvers: planned flights, the information in them, and the decision between two
-effects.
+"""Design of maneuvers: simulation of planned flights, the information in them, and the decision
+between two effects.
 
-With the noise of a flight the difference D of twice the log likelihoods of the two best fits, the
-true one less the other, is nearly normal. Let s_i be the weighted squares of output i that the
-other leaves of the flight without noise, N_i its samples:
+A flight under a true effect is fitted with this effect and with a rival. Let D be twice the log
+likelihood of the fit with the true effect minus that with the rival. With the noise of a flight, D
+is nearly normal. Let s_i be the sum of weighted squared residuals of output i when the rival is
+fitted to the flight without noise, and N_i the number of its samples:
 
     mean D = sum_i N_i ln(1 + s_i / N_i) + n - n'      variance D = sum_i (4 s_i + 2 s_i^2 / N_i) /
     (1 + s_i / N_i)^2 + 4 s / f
 
-where n and n' count the parameters of the true effect and of the other, s = sum s_i, and f is what
-the declared model alone leaves. For s much smaller than N this is mean s and variance 4 s, of the
-log likelihood itself s/2 and s; the logarithm is there because noise levels are estimated, the last
-term is what the noise along the two signatures adds.
+Here n and n' are the numbers of parameters of the true effect and of the rival, s = sum s_i, and f
+is the sum of squares when the declared model alone is fitted. For s much smaller than N the mean is
+s and the variance 4 s; for the log likelihood itself they are s/2 and s. The logarithm is due to
+the estimated noise levels, and the last term to the noise along the signatures of the two effects.
 """
 
 from __future__ import annotations
@@ -49,10 +50,11 @@ from sim.record import Channel, Record
 
 @dataclass(frozen=True, eq=False)
 class KnownLevels(WithoutUnknowns):
-    """Independent Gaussian noise of known ``variance (m,)``: the cost is half the sum of the
-    weighted squares.
+    """Noise model with independent Gaussian noise of known ``variance (m,)``. The cost is half the
+    sum of weighted squares.
 
-    Where the data have no noise at all, the estimated variances of ``White`` would be nothing.
+    It is needed for data without noise, for which the variances that ``White`` estimates would be
+    zero.
     """
 
     variance: np.ndarray
@@ -65,8 +67,8 @@ class KnownLevels(WithoutUnknowns):
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals:
-        """Return the residuals and sensitivities as they are; the cost is that of residuals over
-        the known levels.
+        """Return the residuals and sensitivities unchanged, with the cost for the known
+        variances.
         """
         cost = 0.5 * float(
             sum(np.sum(residual**2 / self.variance[:, None]) for residual in residuals)
@@ -81,22 +83,23 @@ class KnownLevels(WithoutUnknowns):
         )
 
 
-# ---- A flight that is planned
+# ---- Simulation of a planned flight, and fits to it
 
-NEWTON_PASSES = 12  # Newton iterations on the trajectory; each doubles the digits
+NEWTON_PASSES = 12  # most Newton iterations on the trajectory; each doubles the correct digits
 
 
 @dataclass(frozen=True, eq=False)
-class Planned:
+class PlannedManeuver:
     """A planned maneuver as a record, with its sensors.
 
     Attributes
     ----------
-    record : inputs to be flown; its outputs only say which are measured, and from where a
-        simulation begins.
-    model : the declared model with its biases, at the values that it is believed to have.
-    noise : standard deviation of each measured output, ``(m,)`` in the order of ``outputs``.
-    settings : of the fits.
+    record : inputs of the maneuver. Its outputs are placeholders: only their names, and the first
+        guess of a trajectory, are taken from them.
+    model : the declared model with its biases, at the assumed values.
+    outputs : names of the m measured outputs.
+    noise : ``(m,)`` standard deviation of each measured output.
+    settings : settings of the fits.
     """
 
     record: Record
@@ -105,8 +108,8 @@ class Planned:
     noise: np.ndarray
     settings: FitSettings = field(default_factory=FitSettings)
 
-    def measuring(self, y: np.ndarray) -> Planned:
-        """Return the maneuver with outputs ``(m, N)`` without noise in its record."""
+    def with_outputs(self, y: np.ndarray) -> PlannedManeuver:
+        """Return the maneuver with the outputs ``y (m, N)`` in its record."""
         rows = zip(self.outputs, y, strict=True)
         return replace(
             self,
@@ -117,28 +120,33 @@ class Planned:
         )
 
 
-def simulated(
-    planned: Planned,
+def simulate_maneuver(
+    planned: PlannedManeuver,
     effects: Sequence[Traceable] = (),
     values: Mapping[str, float] | None = None,
     *,
     slopes: bool = True,
 ) -> FittedModel:
-    """Return the model with effects in the maneuver, nothing fitted; ``values`` by full name where
-    they are not the model's and the effects' own.
+    """Return the model with ``effects``, simulated over the maneuver. Nothing is fitted.
 
-    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are
-    most of the work.
+    The residual of the result is measured minus simulated.
 
-    Raises ModelError where the motion leaves all measure.
+    Parameters
+    ----------
+    values : full name -> value of parameters that differ from those of the model and the effects.
+    slopes : whether the result has sensitivities, which take most of the time.
+
+    Raises
+    ------
+    ModelError : where the simulation diverges.
     """
-    layout = _laid_out(planned, effects, values)
+    layout = _layout_of_plan(planned, effects, values)
     problem = FitProblem(layout, KnownLevels(planned.noise**2))
     bare = without_sensitivities(problem)
     fit = evaluate(bare, layout.start, layout.guesses(layout.start))
     for _ in range(NEWTON_PASSES):
         if fit is None or (
-            _gap(fit) < LARGEST_TRAJECTORY_GAP and (fit.problem is problem or not slopes)
+            _trajectory_gap(fit) < LARGEST_TRAJECTORY_GAP and (fit.problem is problem or not slopes)
         ):
             break
         fit = evaluate(
@@ -148,27 +156,29 @@ def simulated(
         )
     if fit is None:
         raise ModelError(
-            "the simulation leaves all measure",
+            "the simulation diverges",
             where=planned.record.name,
-            remedy="give starting values of a motion that stays finite",
+            remedy="give starting values with which the simulation stays finite",
         )
-    return _as_model(planned, effects, layout, fit)
+    return _as_fitted_model(planned, effects, layout, fit)
 
 
-def fitted(
-    planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None = None
+def fit_maneuver(
+    planned: PlannedManeuver,
+    effects: Sequence[Traceable],
+    values: Mapping[str, float] | None = None,
 ) -> FittedModel | None:
-    """Return the model with effects fitted to what the record of the maneuver holds, from
-    ``values``; None where no cost is finite.
+    """Return the model with ``effects`` fitted to the outputs in the record of the maneuver,
+    starting from ``values``; None where no cost is finite.
     """
-    layout = _laid_out(planned, effects, values)
+    layout = _layout_of_plan(planned, effects, values)
     fit = fit_whole_records(FitProblem(layout, KnownLevels(planned.noise**2)))
-    return None if fit is None else _as_model(planned, effects, layout, fit)
+    return None if fit is None else _as_fitted_model(planned, effects, layout, fit)
 
 
-def sigmas_of(fit: Fit) -> dict[str, float]:
-    """Return the standard deviations of the shared parameters by name, from the information of a
-    fit or a simulation.
+def shared_sigmas(fit: Fit) -> dict[str, float]:
+    """Return name -> standard deviation of the shared parameters, from the information matrix of a
+    fit or a simulation; infinite for a parameter without information.
     """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
@@ -177,13 +187,14 @@ def sigmas_of(fit: Fit) -> dict[str, float]:
     return dict(zip(fit.layout.shared, std.tolist(), strict=False))
 
 
-def _laid_out(
-    planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None
+def _layout_of_plan(
+    planned: PlannedManeuver, effects: Sequence[Traceable], values: Mapping[str, float] | None
 ) -> FitLayout:
+    """Return the layout of a fit to the maneuver, with the declared values as start and priors."""
     model = planned.model.with_effects(*effects)
     system = compile_model(model.with_values(values) if values else model, planned.outputs)
     plain = lay_out([planned.record], system, planned.settings)
-    # Not where the record begins, which a plan does not know, but where the model does.
+    # The first samples of a planned record are unknown: start from the initial state of the model.
     items = [system.parameters[name] for name in (*plain.shared, *plain.local)] + [
         system.initial.items[i] for i in plain.free_initial
     ]
@@ -194,15 +205,17 @@ def _laid_out(
     return replace(layout, prior=declared_priors(planned.model, effects, layout))
 
 
-def _as_model(
-    planned: Planned, effects: Sequence[Traceable], layout: FitLayout, fit: Fit
+def _as_fitted_model(
+    planned: PlannedManeuver, effects: Sequence[Traceable], layout: FitLayout, fit: Fit
 ) -> FittedModel:
+    """Return a fit, or a simulation in its form, as a fitted model with ``effects``."""
     return FittedModel(
         tuple(effects), planned.model, planned.model.with_effects(*effects), layout.system, fit
     )
 
 
-def _gap(fit: Fit) -> float:
+def _trajectory_gap(fit: Fit) -> float:
+    """Return the largest difference of guessed and corrected trajectory, over the largest state."""
     gaps = (
         np.max(np.abs(linearisation.states - guess), initial=0.0)
         for linearisation, guess in zip(fit.linearisations, fit.guesses, strict=True)
@@ -215,16 +228,19 @@ def _gap(fit: Fit) -> float:
 
 # ---- Probability that a flight distinguishes two effects
 
-# twice the log likelihood ratio of a certain claim
+# twice the log likelihood ratio at which one of two effects is claimed
 DECISIVE_LOG_LIKELIHOOD_RATIO = 2.0 * math.log(CLAIM_LEVEL / (1.0 - CLAIM_LEVEL))
 
 
 @dataclass(frozen=True)
 class RivalDecision:
-    """Decision between two effects by a flight under the first.
+    """Decision between two effects by a flight under the true one.
 
-    ``mean`` and ``std`` of twice the difference of the log likelihoods; ``price``: by how much more
-    the loop charges for the other's parameters.
+    Attributes
+    ----------
+    mean, std : of twice the difference of the log likelihoods, true effect minus rival.
+    price : cost of the parameters of the rival minus that of the true effect, in twice the log
+        likelihood.
     """
 
     mean: float
@@ -233,37 +249,38 @@ class RivalDecision:
 
     @property
     def log_likelihood(self) -> float:
-        """Expected difference of the log likelihoods."""
+        """Expected difference of the log likelihoods of the true effect and the rival."""
         return 0.5 * self.mean
 
     @property
     def right(self) -> float:
-        """Probability that the search prefers the acting effect by more than the ambiguous
-        margin.
+        """Probability that the search prefers the true effect by more than
+        ``DECISIVE_LOG_LIKELIHOOD_RATIO``.
         """
         return self._above(DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     @property
     def wrong(self) -> float:
-        """Probability that it prefers the other by more than that."""
+        """Probability that the search prefers the rival by more than this."""
         return 1.0 - self._above(-DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     def _above(self, limit: float) -> float:
+        """Return the probability that twice the log likelihood difference exceeds ``limit``."""
         return normal_above(self.mean + self.price - limit, self.std)
 
 
-def decision_of(
+def rival_decision(
     squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
 ) -> RivalDecision:
-    """Return the decision between two effects.
+    """Return the decision between the true effect and a rival.
 
     Parameters
     ----------
-    squares, counts : ``(m,)`` weighted squares that the rival leaves, and samples, by output.
-    gain : weighted squares that the declared model alone leaves.
-    own, other : free parameters of the true effect and of the rival.
-    price : what the loop charges for the rival less what it charges for the true one, in twice the
-        log likelihood.
+    squares, counts : ``(m,)`` weighted squares of each output with the rival fitted, and numbers of
+        samples.
+    gain : weighted squares with the declared model alone fitted.
+    own, other : numbers of free parameters of the true effect and of the rival.
+    price : as in `RivalDecision`.
     """
     samples = np.maximum(counts, 1)
     share = squares / samples
@@ -275,47 +292,64 @@ def decision_of(
 
 
 def detection_probability(gain: float, own: int, price: float, accept: float) -> float:
-    """Probability that an effect raises twice the log likelihood by more than its prior odds cost.
+    """Return the probability that an effect raises twice the log likelihood by more than its cost.
 
-    ``gain``: expected gain of the log likelihood over the declared model. ``own``, ``price``: its
-    free parameters and their cost; ``accept``: threshold of an addition.
+    Parameters
+    ----------
+    gain : expected gain of the log likelihood over the declared model.
+    own : number of free parameters of the effect.
+    price : cost of these parameters, in twice the log likelihood.
+    accept : cost of the prior odds of the effect, in twice the log likelihood.
     """
     mean = 2.0 * gain + own
     return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * own))
 
 
 def normal_above(mean: float, std: float) -> float:
-    """Return the probability that a normal number is above zero."""
+    """Return the probability that a normal number of this mean and standard deviation is above
+    zero.
+    """
     return 0.5 * math.erfc(-mean / (std * math.sqrt(2.0))) if std > 0.0 else float(mean > 0.0)
 
 
 # ---- Two confusable effects
 
-RIVAL_STARTS = 2
+RIVAL_STARTS = 2  # starts of a search from which a rival is fitted
 # cost of an effect's prior odds, in twice the log evidence
 ODDS_COST = -2.0 * math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS)
 
 
 @dataclass(frozen=True, eq=False)
 class ActingEffect:
-    """An acting effect in its present form, with ``values`` of its own parameters by local name."""
+    """An effect that acts, and its values.
+
+    Attributes
+    ----------
+    effect : the effect, in the form in which it acts.
+    values : local name -> value of its parameters.
+    """
 
     effect: Traceable
     values: Mapping[str, float]
 
     @property
     def full_values(self) -> dict[str, float]:
-        """The values by the names that they have in a model."""
+        """Full name in a model -> value of its parameters."""
         return {full_name(self.effect, local): value for local, value in self.values.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """Comparison of ``true`` and ``rival`` by a flight under the former.
+    """Comparison of a true effect and a rival by a flight under the true one.
 
-    ``gain`` : gain of the log likelihood of the true effect over the declared model alone,
-    ``shown`` the probability that this is enough for a search; ``rival`` has the values that fit
-    best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
+    Attributes
+    ----------
+    true : the true effect.
+    rival : the rival, with the values that fit best.
+    gain : gain of the log likelihood by the true effect over the declared model alone.
+    shown : probability that this gain is large enough for a search to add the effect.
+    left : half of the weighted squares of the flight without noise, with the rival fitted.
+    decision : decision between the two.
     """
 
     true: ActingEffect
@@ -333,44 +367,50 @@ class Contest:
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
-def declared_fit(planned: Planned, true: ActingEffect) -> tuple[Planned, FittedModel]:
-    """Return the noise-free flight with an effect, and the declared model fitted to it: half the
-    sum of squares is the expected gain of the effect.
+def fit_declared_model(
+    planned: PlannedManeuver, true: ActingEffect
+) -> tuple[PlannedManeuver, FittedModel]:
+    """Return the flight without noise under an effect, and the declared model fitted to it. The
+    cost of this fit, half the sum of squares, is the expected gain of the effect.
     """
-    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
-    measured = planned.measuring(simulated_fit.fit.linearisations[0].y)
-    base = fitted(measured, ())
-    return measured, base if base is not None else simulated(measured)
+    simulated_fit = simulate_maneuver(planned, (true.effect,), true.full_values, slopes=False)
+    measured = planned.with_outputs(simulated_fit.fit.linearisations[0].y)
+    base = fit_maneuver(measured, ())
+    return measured, base if base is not None else simulate_maneuver(measured)
 
 
 def contest(
-    planned: Planned, true: ActingEffect, rival: Traceable, hint: Mapping[str, float] | None = None
+    planned: PlannedManeuver,
+    true: ActingEffect,
+    rival: Traceable,
+    hint: Mapping[str, float] | None = None,
 ) -> Contest:
-    """Simulate an effect, fit its rival as well as possible, and evaluate the residual.
+    """Return the comparison of a true effect, which is simulated, and a rival, which is fitted as
+    well as possible.
 
-    ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
-    explains nothing leaves what the declared model does.
+    ``hint`` maps local names of the rival to values from which an additional fit starts. Where no
+    fit of the rival succeeds, the declared model takes its place.
     """
-    measured, base = declared_fit(planned, true)
-    best = best_fit(measured, base, rival, hint) or base
+    measured, base = fit_declared_model(planned, true)
+    best = best_rival_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
-    own, other = _free(true.effect), _free(rival)
-    paid = price(rival, counts) - price(true.effect, counts)
-    # Priors of the true effect cost it something, too.
-    spent = _own_cost(measured, true)
-    decision = decision_of(
-        _squares(best),
+    own, other = _number_of_parameters(true.effect), _number_of_parameters(rival)
+    price = parameter_cost(rival, counts) - parameter_cost(true.effect, counts)
+    # The priors of the true effect have a cost too.
+    true_prior_cost = _prior_cost_of_true_effect(measured, true)
+    decision = rival_decision(
+        _weighted_squares(best),
         counts,
         2.0 * base.fit.cost,
         own,
         other,
-        paid + 2.0 * (_prior_cost(best) - spent),
+        price + 2.0 * (_prior_cost(best) - true_prior_cost),
     )
-    gain = max(0.0, base.fit.cost - spent)
-    shown = detection_probability(gain, own, price(true.effect, counts), ODDS_COST)
+    gain = max(0.0, base.fit.cost - true_prior_cost)
+    shown = detection_probability(gain, own, parameter_cost(true.effect, counts), ODDS_COST)
     return Contest(
         true,
-        ActingEffect(_form(best, rival), _values(best, rival)),
+        ActingEffect(_rival_form(best, rival), _rival_values(best, rival)),
         gain,
         shown,
         best.fit.cost,
@@ -378,15 +418,18 @@ def contest(
     )
 
 
-def best_fit(
-    measured: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
+def best_rival_fit(
+    measured: PlannedManeuver,
+    base: FittedModel,
+    rival: Traceable,
+    hint: Mapping[str, float] | None = None,
 ) -> FittedModel | None:
-    """Best fit of the rival to a flight, from the starts of a search and from ``hint``; None if it
-    explains nothing.
+    """Return the best fit of the rival to a flight, from the starts of a search and from ``hint``;
+    None where no fit has a finite cost.
     """
-    known = base.values.shared
+    shared_values = base.values.shared
     places = starts_at(base, rival, search_context(base))
-    tries = [(form, {**known, **start}) for form, (start,) in places[:RIVAL_STARTS]]
+    tries = [(form, {**shared_values, **start}) for form, (start,) in places[:RIVAL_STARTS]]
     if hint:
         form = places[0][0] if places else rival
         named = {
@@ -394,68 +437,73 @@ def best_fit(
             for local, value in hint.items()
             if local in {item.name for item in form.parameters}
         }
-        tries.insert(0, (form, {**known, **named}))
+        tries.insert(0, (form, {**shared_values, **named}))
     fits = [
         result
         for effect, start in tries
-        if (result := fitted(measured, (effect,), start)) is not None
+        if (result := fit_maneuver(measured, (effect,), start)) is not None
     ]
-    return min(fits, key=lambda each: each.fit.cost, default=None)
+    return min(fits, key=lambda result: result.fit.cost, default=None)
 
 
-def linear_squares(planned: Planned, true: ActingEffect, rival: ActingEffect) -> float:
-    """Weighted squares that a rival leaves to first order, about the values that it has: quick, for
-    comparing maneuvers.
+def linear_squares(planned: PlannedManeuver, true: ActingEffect, rival: ActingEffect) -> float:
+    """Return the sum of weighted squares of the flight under the true effect with the rival fitted,
+    to first order about the values of the rival. It is quick and serves to compare maneuvers.
     """
-    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
-    other = simulated(planned, (rival.effect,), rival.full_values).fit
+    simulated_fit = simulate_maneuver(planned, (true.effect,), true.full_values, slopes=False).fit
+    other = simulate_maneuver(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
     difference = ((simulated_fit.linearisations[0].y - other.linearisations[0].y) / sigma).ravel()
     slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(difference.size, -1)
     size = np.linalg.norm(slopes, axis=0)
     basis = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])[0]
-    left = difference - basis @ (basis.T @ difference)
-    return float(left @ left)
+    residual = difference - basis @ (basis.T @ difference)
+    return float(residual @ residual)
 
 
-def _squares(best: FittedModel) -> np.ndarray:
+def _weighted_squares(best: FittedModel) -> np.ndarray:
+    """Return the sum of squared residuals of each output over its noise variance, ``(m,)``."""
     return np.asarray(np.sum(best.fit.residuals[0] ** 2, axis=1) / best.fit.variance)
 
 
 def _prior_cost(best: FittedModel) -> float:
     """Return the cost of a fit from its priors."""
-    return best.fit.cost - 0.5 * float(_squares(best).sum())
+    return best.fit.cost - 0.5 * float(_weighted_squares(best).sum())
 
 
-def _own_cost(measured: Planned, true: ActingEffect) -> float:
-    """Return the cost of the true effect fitted to its own flight: that of its priors."""
-    there = simulated(measured, (true.effect,), true.full_values, slopes=False)
-    if there.fit.layout.prior is None or there.fit.cost < 1e-9:
-        return there.fit.cost
-    own = fitted(measured, (true.effect,), true.full_values)
-    return there.fit.cost if own is None else min(own.fit.cost, there.fit.cost)
+def _prior_cost_of_true_effect(measured: PlannedManeuver, true: ActingEffect) -> float:
+    """Return the cost of the true effect fitted to its own flight, which its priors cause."""
+    simulation = simulate_maneuver(measured, (true.effect,), true.full_values, slopes=False)
+    if simulation.fit.layout.prior is None or simulation.fit.cost < 1e-9:
+        return simulation.fit.cost
+    own = fit_maneuver(measured, (true.effect,), true.full_values)
+    return simulation.fit.cost if own is None else min(own.fit.cost, simulation.fit.cost)
 
 
-def _free(effect: Traceable) -> int:
+def _number_of_parameters(effect: Traceable) -> int:
+    """Return the number of parameters that an effect adds to a model of one record."""
     return added_parameters(effect, 1)
 
 
-def price(effect: Traceable, counts: np.ndarray) -> float:
-    """Approximate cost of an effect's parameters in twice the log evidence, for ``counts`` samples
-    (Schwarz).
+def parameter_cost(effect: Traceable, counts: np.ndarray) -> float:
+    """Return the approximate cost of the parameters of an effect, in twice the log evidence, for
+    ``counts (m,)`` samples (Schwarz). For an event, the number of scanned times adds to it.
     """
-    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(SCANNED_PLACES) * is_event(
-        effect
-    )
+    return _number_of_parameters(effect) * float(np.log(counts.sum())) + 2.0 * math.log(
+        SCANNED_PLACES
+    ) * is_event(effect)
 
 
-def _form(best: FittedModel, rival: Traceable) -> Traceable:
+def _rival_form(best: FittedModel, rival: Traceable) -> Traceable:
+    """Return the rival in the form that was fitted; unchanged where it was not fitted."""
     return best.effects[0] if best.effects else rival
 
 
-def _values(best: FittedModel, rival: Traceable) -> dict[str, float]:
-    """Fitted values of the rival; those of its absence if it explains nothing."""
-    effect = _form(best, rival)
+def _rival_values(best: FittedModel, rival: Traceable) -> dict[str, float]:
+    """Return local name -> fitted value of the rival; where it was not fitted, the values at which
+    it is absent.
+    """
+    effect = _rival_form(best, rival)
     initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:
         return {**initial_values, **effect.absent}

@@ -85,7 +85,7 @@ def scenarios() -> Iterator[tuple[str, str]]:
 def effects() -> Iterator[tuple[str, str]]:
     """Name and signature of each effect that a simulation shows."""
     import flightid as fid
-    from ident.maneuver_design import simulated
+    from ident.maneuver_design import simulate_maneuver
     from scenarios.maneuver_design.setting import KINDS, DesignRequest, setting_of
     from sim.declaration.effect import NoiseEffect
     from sim.declaration.proposal import Traceable
@@ -100,7 +100,7 @@ def effects() -> Iterator[tuple[str, str]]:
         assert shapes is not None
         size = np.array([*setting.limits.amplitude.values()])[:, None]
         planned = setting.planned(0.5 * size * shapes)
-        plain = simulated(planned, slopes=False).fit.linearisations[0].y
+        plain = simulate_maneuver(planned, slopes=False).fit.linearisations[0].y
         for effect in effects_for(setting.model.equations):
             family = effect.name.partition(":")[0]
             if (
@@ -110,7 +110,7 @@ def effects() -> Iterator[tuple[str, str]]:
             ):
                 continue
             try:
-                values = simulated(planned, (effect,), slopes=False).fit.linearisations[0].y
+                values = simulate_maneuver(planned, (effect,), slopes=False).fit.linearisations[0].y
             except FlightidError:
                 continue
             change = np.max(np.abs(values - plain), axis=1) / np.array([*setting.noise.values()])

@@ -23,13 +23,13 @@ from ident.maneuver_design import (
     ODDS_COST,
     ActingEffect,
     Contest,
-    Planned,
+    PlannedManeuver,
     contest,
-    declared_fit,
+    fit_declared_model,
     linear_squares,
-    price,
-    sigmas_of,
-    simulated,
+    parameter_cost,
+    shared_sigmas,
+    simulate_maneuver,
 )
 from ident.tracing.fitted_model import FittedModel
 from scenarios.maneuver_design.limits import no_faster, offset_of
@@ -68,7 +68,7 @@ class LimitedManeuver:
 
     deflections: np.ndarray
     scale: float
-    planned: Planned
+    planned: PlannedManeuver
     motion: FittedModel
     extremes: Mapping[str, tuple[float, float]]
     bound_by: str
@@ -96,7 +96,7 @@ def within_limits(
         deflections = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
         planned = setting.planned(deflections, quick=quick)
         try:
-            motion = simulated(planned, slopes=False)
+            motion = simulate_maneuver(planned, slopes=False)
         except ModelError:
             scale *= TOO_WILD
             continue
@@ -106,7 +106,7 @@ def within_limits(
         if worst <= 1.0:
             margins = {name: 1.0 / share - 1.0 for name, share in shares.items() if share > 0.0}
             return LimitedManeuver(
-                deflections, scale, planned, simulated(planned), extremes, bound_by, margins
+                deflections, scale, planned, simulate_maneuver(planned), extremes, bound_by, margins
             )
         scale, bound_by = (
             scale
@@ -257,7 +257,7 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     return tuple(rivals)
 
 
-def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> ActingEffect:
+def sized(request: DesignRequest, effect: Traceable, reference: PlannedManeuver) -> ActingEffect:
     """Return the first effect as it acts: at the values of ``--size``, at typical ones, or where
     the reference maneuver just finds it.
     """
@@ -275,14 +275,14 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
     return ActingEffect(form, {**typical, **given})
 
 
-def barely_detectable(effect: Traceable, reference: Planned) -> ActingEffect:
+def barely_detectable(effect: Traceable, reference: PlannedManeuver) -> ActingEffect:
     """Return the effect scaled so that the tracing loop just accepts it in the reference maneuver.
 
     Raises DeclarationError if even twice the typical values are not detected.
     """
     typical = {item.name: item.value for item in effect.parameters}
     samples = len(reference.record) * len(reference.outputs)
-    bar = ODDS_COST + price(effect, np.array([samples]))
+    bar = ODDS_COST + parameter_cost(effect, np.array([samples]))
 
     def at(share: float) -> ActingEffect:
         values = {
@@ -294,7 +294,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> ActingEffect:
         return ActingEffect(effect, values)
 
     low, high = 0.0, 2.0
-    if 2.0 * declared_fit(reference, at(high))[1].fit.cost < bar:
+    if 2.0 * fit_declared_model(reference, at(high))[1].fit.cost < bar:
         raise DeclarationError(
             f"{effect.name} is not found at twice its usual size",
             where="--size found",
@@ -304,7 +304,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> ActingEffect:
         middle = 0.5 * (low + high)
         low, high = (
             (low, middle)
-            if 2.0 * declared_fit(reference, at(middle))[1].fit.cost > bar
+            if 2.0 * fit_declared_model(reference, at(middle))[1].fit.cost > bar
             else (middle, high)
         )
         if high - low < 1e-3 * high:
@@ -312,7 +312,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> ActingEffect:
     return at(high)
 
 
-def mimicking(reference: Planned, true: ActingEffect, rival: Traceable) -> ActingEffect:
+def mimicking(reference: PlannedManeuver, true: ActingEffect, rival: Traceable) -> ActingEffect:
     """Return the rival at the values with which it looks most like the true effect; typical ones
     where it cannot.
     """
@@ -322,7 +322,7 @@ def mimicking(reference: Planned, true: ActingEffect, rival: Traceable) -> Actin
     return result.rival
 
 
-def contests(planned: Planned, acting: Sequence[ActingEffect]) -> tuple[Contest, ...]:
+def contests(planned: PlannedManeuver, acting: Sequence[ActingEffect]) -> tuple[Contest, ...]:
     """Return the first effect against each other one, and each of these against the first."""
     first, *others = acting
     out = []
@@ -510,7 +510,7 @@ def _weighed(
     acting: Sequence[ActingEffect],
 ) -> DesignedManeuver:
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
-    sigmas = sigmas_of(flight.motion.fit)
+    sigmas = shared_sigmas(flight.motion.fit)
     responses = (
         predicted_responses(setting, flight) if setting.maneuver_limits.band is not None else None
     )
@@ -524,7 +524,7 @@ def _criterion(flight: LimitedManeuver) -> float:
     """Geometric mean of sigma over value, of parameters with a sigma below their value: lower is
     better.
     """
-    sigmas = sigmas_of(flight.motion.fit)
+    sigmas = shared_sigmas(flight.motion.fit)
     parameters = flight.motion.model.parameters
     shares = [
         min(std / abs(parameters[name].value), 1.0)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.maneuver_design import Planned
+from ident.maneuver_design import PlannedManeuver
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import number_of_text
@@ -309,7 +309,7 @@ class Setting:
     def rate(self) -> float:
         return 1.0 / self.maneuver_limits.interval
 
-    def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
+    def planned(self, rows: np.ndarray, *, quick: bool = False) -> PlannedManeuver:
         """Return a flight with inputs ``(inputs, N)`` about trim; ``quick``: larger steps."""
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
@@ -333,7 +333,7 @@ class Setting:
             if quick
             else self.step
         )
-        return Planned(
+        return PlannedManeuver(
             record,
             self.model,
             tuple(self.noise),

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ident.pooling import (
-    Pooled,
+    PooledValue,
     Trend,
     adjusted_p_values,
-    conditioned,
+    condition_on_shared_value,
+    fit_trend,
     outlying_flights,
-    pooled,
-    trend,
-    without_one,
+    pool_values,
+    pooled_without_flight,
 )
 from scenarios.survey.recurring import Recurring, fit_with
 
@@ -47,7 +47,7 @@ class Derivative:
     flights: tuple[str, ...]
     values: np.ndarray
     sigmas: np.ndarray
-    common: Pooled
+    common: PooledValue
     differs: float
     trends: Mapping[str, tuple[Trend, float]]
     off: np.ndarray
@@ -88,14 +88,14 @@ def estimates(
             at = np.array([fit["names"].index(full) for full in fitted["effects"][name]["full"]])
             # In the common value a flight has the weight of its probability.
             weighted = fit_covariance[np.ix_(at, at)] / effect.recurrence.probability[number]
-            of_others = without_one(
+            of_others = pooled_without_flight(
                 effect.recurrence.value,
                 effect.recurrence.covariance,
                 effect.values[number],
                 weighted,
             )
             if of_others is not None:
-                value, covariance = conditioned(value, covariance, at, *of_others)
+                value, covariance = condition_on_shared_value(value, covariance, at, *of_others)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         estimates_of_flights.append(
             {
@@ -125,7 +125,7 @@ def effects_over(
             ]
             where = np.array([by_flight[effect.flights[number]] for number in at])
             for place, local in enumerate(effect.parameters):
-                line = trend(effect.values[at, place], effect.sigmas[at, place], where)
+                line = fit_trend(effect.values[at, place], effect.sigmas[at, place], where)
                 if line is not None:
                     trends.append(((effect.name, local), condition, line))
     rates = adjusted_p_values(np.array([line.p_value for *_, line in trends]))
@@ -164,7 +164,7 @@ def over_flights(
         for condition, at_flight in conditions.items():
             at = [n for n, flight in enumerate(by_flight) if flight in at_flight]
             where = np.array([at_flight[flight] for flight in by_flight if flight in at_flight])
-            line = trend(values[at], sigmas[at], where)
+            line = fit_trend(values[at], sigmas[at], where)
             if line is not None:
                 trends[condition] = line, np.nan  # the rate follows from all derivatives
         derivatives.append(
@@ -174,7 +174,7 @@ def over_flights(
                 tuple(by_flight),
                 values,
                 sigmas,
-                pooled(values, sigmas),
+                pool_values(values, sigmas),
                 np.nan,
                 trends,
                 np.zeros(len(values)),

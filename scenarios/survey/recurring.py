@@ -13,7 +13,7 @@ import numpy as np
 from ident.pooling import (
     Evidence,
     Recurrence,
-    pooled,
+    pool_values,
     recurrence,
 )
 
@@ -297,7 +297,7 @@ def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str
                 fitted["declared"], fit["estimate"], sigmas, strict=False
             ):
                 found.setdefault(name, []).append((value, float(sigma)))
-    return sum(pooled(*np.array(values).T).q for values in found.values() if len(values) > 1)
+    return sum(pool_values(*np.array(values).T).q for values in found.values() if len(values) > 1)
 
 
 def recurrence_of_effect(
@@ -309,7 +309,7 @@ def recurrence_of_effect(
     evidence, has_evidence = evidence_of(fits, name, sets)
     if has_evidence.sum() < 2:
         return None
-    result = recurrence(evidence.of(np.flatnonzero(has_evidence)), LIBRARY_SIZE)
+    result = recurrence(evidence.select(np.flatnonzero(has_evidence)), LIBRARY_SIZE)
     if has_evidence.all():
         return result
     probability = np.full(len(has_evidence), result.share)

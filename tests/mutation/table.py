@@ -467,7 +467,7 @@ IDENT = (
     *changes(
         "ident/pooling.py",
         ("tests/unit/ident/test_pooling.py",),
-        ("left = covariance - gain @", "left = covariance - 0.5 * gain @"),
+        ("remaining = covariance - gain @", "remaining = covariance - 0.5 * gain @"),
     ),
     *changes(
         "ident/pooling.py",
@@ -492,7 +492,7 @@ IDENT = (
     *changes(
         "ident/pooling.py",
         ("tests/unit/ident/test_pooling.py",),
-        ("float(weight @ left**2) / (n - 2)", "float(weight @ left**2) / n"),
+        ("float(weight @ residual**2) / (n - 2)", "float(weight @ residual**2) / n"),
     ),
     *changes(
         "ident/statistics/intervals.py",

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from ident.maneuver_design import DECISIVE_LOG_LIKELIHOOD_RATIO, ODDS_COST, ActingEffect, price
+from ident.maneuver_design import (
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
+    ODDS_COST,
+    ActingEffect,
+    parameter_cost,
+)
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
@@ -119,7 +124,9 @@ def decides(record: Record, found: DesignResult, true: ActingEffect, rival: Acti
 
     def weighed(acting: ActingEffect | None) -> float:
         fit = fitted(acting).fit
-        return 2.0 * fit.cost + (price(acting.effect, fit.counts) if acting is not None else 0.0)
+        return 2.0 * fit.cost + (
+            parameter_cost(acting.effect, fit.counts) if acting is not None else 0.0
+        )
 
     mine, other, none = (weighed(each) for each in (true, rival, None))
     return none - mine >= ODDS_COST and other - mine >= DECISIVE_LOG_LIKELIHOOD_RATIO

@@ -10,14 +10,14 @@ from scipy.stats import t as student
 
 from ident.pooling import (
     Evidence,
-    _gains_at,
+    _gains_about,
     adjusted_p_values,
-    conditioned,
+    condition_on_shared_value,
+    fit_trend,
     outlying_flights,
-    pooled,
+    pool_values,
+    pooled_without_flight,
     recurrence,
-    trend,
-    without_one,
 )
 
 
@@ -45,7 +45,7 @@ def test_scatter_and_common_value_are_those_of_the_contrasts() -> None:
     rng = np.random.default_rng(1)
     sigmas = rng.uniform(0.1, 1.0, 15)
     values = 3.0 + 0.7 * rng.standard_normal(15) + sigmas * rng.standard_normal(15)
-    found = pooled(values, sigmas)
+    found = pool_values(values, sigmas)
     scatter = restricted_oracle(values, sigmas)
     weight = 1.0 / (sigmas**2 + scatter**2)
     assert found.scatter == pytest.approx(scatter, rel=1e-3)
@@ -61,9 +61,9 @@ def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
     for _ in range(300):
         sigmas = rng.uniform(0.2, 1.0, 8)
         values = 0.5 * rng.standard_normal(8) + sigmas * rng.standard_normal(8)
-        found = pooled(values, sigmas)
+        found = pool_values(values, sigmas)
         held.append(found.low < 0.0 < found.high)
-        p_same.append(pooled(sigmas * rng.standard_normal(8), sigmas).p_same)
+        p_same.append(pool_values(sigmas * rng.standard_normal(8), sigmas).p_same)
     assert np.mean(held) > 0.91  # of 95 %: 300 draws scatter by 1.3 %
     assert kstest(p_same, "uniform").pvalue > 1e-3
 
@@ -90,7 +90,7 @@ def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_tha
         rng = np.random.default_rng(seed)
         sigmas = np.exp(rng.normal(0.0, 1.0, n))
         values = 3.0 + sigmas * rng.standard_normal(n) + 0.5 * rng.standard_normal(n)
-        found = pooled(values, sigmas)
+        found = pool_values(values, sigmas)
         (value,), covariance = weighted_least_squares(
             np.ones((n, 1)), values, sigmas**2 + found.scatter**2
         )
@@ -113,7 +113,7 @@ def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> N
         values = (
             2.0 + 0.01 * condition + sigmas * rng.standard_normal(n) + 0.3 * rng.standard_normal(n)
         )
-        found = trend(values, sigmas, condition)
+        found = fit_trend(values, sigmas, condition)
         assert found is not None
         variance = sigmas**2 + found.scatter**2
         design = np.stack([np.ones(n), condition - found.middle], axis=1)
@@ -143,14 +143,17 @@ def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_fl
 
 
 def test_a_single_flight_keeps_its_own_value() -> None:
-    found = pooled(np.array([2.0]), np.array([0.3]))
+    found = pool_values(np.array([2.0]), np.array([0.3]))
     assert (found.value, found.sigma, found.scatter) == (2.0, 0.3, 0.0)
 
 
 def test_scaling_and_order_change_nothing_but_the_unit() -> None:
     rng = np.random.default_rng(3)
     values, sigmas = rng.standard_normal(9), rng.uniform(0.1, 0.5, 9)
-    plain, other = pooled(values, sigmas), pooled(1e-4 * values[::-1], 1e-4 * sigmas[::-1])
+    plain, other = (
+        pool_values(values, sigmas),
+        pool_values(1e-4 * values[::-1], 1e-4 * sigmas[::-1]),
+    )
     assert other.value == pytest.approx(1e-4 * plain.value, rel=1e-4)
     assert other.scatter == pytest.approx(1e-4 * plain.scatter, rel=1e-3)
 
@@ -163,8 +166,8 @@ def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
         condition, sigmas = rng.uniform(100.0, 200.0, 12), rng.uniform(0.05, 0.2, 12)
         noise = 0.1 * rng.standard_normal(12) + sigmas * rng.standard_normal(12)
         found, null = (
-            trend(2.0 + 0.01 * condition + noise, sigmas, condition),
-            trend(noise, sigmas, condition),
+            fit_trend(2.0 + 0.01 * condition + noise, sigmas, condition),
+            fit_trend(noise, sigmas, condition),
         )
         assert found is not None
         assert null is not None
@@ -179,8 +182,8 @@ def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
 
 
 def test_no_trend_is_told_of_one_condition_or_of_three_flights() -> None:
-    assert trend(np.arange(5.0), np.ones(5), np.full(5, 7.0)) is None
-    assert trend(np.arange(3.0), np.ones(3), np.arange(3.0)) is None
+    assert fit_trend(np.arange(5.0), np.ones(5), np.full(5, 7.0)) is None
+    assert fit_trend(np.arange(3.0), np.ones(3), np.arange(3.0)) is None
 
 
 def test_false_discoveries_against_the_step_up_rule() -> None:
@@ -225,9 +228,11 @@ def test_conditioning_every_flight_is_the_joint_fit() -> None:
     assert value[0] == pytest.approx(joint[8])
     at = np.array([2])
     for i in range(4):
-        others = without_one(value, covariance, estimates[i, at], covariances[i][np.ix_(at, at)])
+        others = pooled_without_flight(
+            value, covariance, estimates[i, at], covariances[i][np.ix_(at, at)]
+        )
         assert others is not None
-        moved, left = conditioned(estimates[i], covariances[i], at, *others)
+        moved, left = condition_on_shared_value(estimates[i], covariances[i], at, *others)
         mine = [2 * i, 2 * i + 1, 8]
         assert moved == pytest.approx(joint[mine])
         assert left == pytest.approx(inverse[np.ix_(mine, mine)])
@@ -252,7 +257,7 @@ def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int
     seen = 3.0 * rng.standard_normal((6, k))
     best = 0.5 * np.einsum("ni,nij,nj->n", seen, np.linalg.inv(covariance), seen)
     values, scatters = rng.standard_normal((3, k)) * 4.0, np.array([0.0, 0.2, 0.8])
-    found, _ = _gains_at(Evidence(best, seen, covariance), values, scatters)
+    found, _ = _gains_about(Evidence(best, seen, covariance), values, scatters)
     for c in range(3):
         between = np.diag((scatters[c] * values[c]) ** 2)
         for n in range(6):

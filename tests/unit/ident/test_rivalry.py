@@ -15,14 +15,14 @@ from scipy.stats import ncx2
 from ident.maneuver_design import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     ActingEffect,
-    Planned,
+    PlannedManeuver,
     RivalDecision,
     contest,
-    decision_of,
     detection_probability,
     linear_squares,
-    sigmas_of,
-    simulated,
+    rival_decision,
+    shared_sigmas,
+    simulate_maneuver,
 )
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -57,14 +57,16 @@ def plain() -> Model:
     return model_from_constants("rigid", CONSTANTS, DERIVATIVES).with_noise(Noise())
 
 
-def planned(duration: float = 8.0) -> Planned:
+def planned(duration: float = 8.0) -> PlannedManeuver:
     time = sample_times(50.0, duration)
     outputs = tuple(Channel.of(name, unit, np.zeros(len(time))) for name, unit in UNITS.items())
     record = Record(time, (Channel.of("elevator", "rad", MANEUVER(time)),), outputs)
-    return Planned(record, plain().with_biases([*UNITS]), tuple(UNITS), np.array([*NOISE.values()]))
+    return PlannedManeuver(
+        record, plain().with_biases([*UNITS]), tuple(UNITS), np.array([*NOISE.values()])
+    )
 
 
-def flown(model: Model, plan: Planned) -> np.ndarray:
+def flown(model: Model, plan: PlannedManeuver) -> np.ndarray:
     """Outputs ``(m, N)`` by the truth generator."""
     record, _ = fly(model, MANEUVER, plan.record.time, np.random.default_rng(0), step=0.002)
     return record.output_array(plan.outputs)[0]
@@ -99,7 +101,7 @@ def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:
         columns.append(one.ravel())
     information = np.array(columns) @ np.array(columns).T
     bounds = np.sqrt(np.diag(np.linalg.inv(information)))[: len(DERIVATIVES)]
-    found = sigmas_of(simulated(plan).fit)
+    found = shared_sigmas(simulate_maneuver(plan).fit)
     assert list(found) == [*DERIVATIVES]
     assert [*found.values()] == pytest.approx(bounds, rel=2e-3)
 
@@ -107,7 +109,7 @@ def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:
 def test_a_simulation_is_the_flight() -> None:
     plan, true = planned(), acting("sensor-lag:alpha", time_constant=0.04)
     model = plain().with_effects(true.effect).with_values(true.full_values)
-    mine = simulated(plan, (true.effect,), true.full_values).fit.linearisations[0].y
+    mine = simulate_maneuver(plan, (true.effect,), true.full_values).fit.linearisations[0].y
     assert np.max(np.abs(mine - flown(model, plan)) / plan.noise[:, None]) < 0.02
 
 
@@ -146,7 +148,7 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
     z = size * one + rng.standard_normal((20_000, 2))
     difference = (z @ one) ** 2 - (z @ other) ** 2
     left = size**2 * (1.0 - cosine**2)
-    told = decision_of(np.array([left]), np.array([10**9]), size**2, 1, 1)
+    told = rival_decision(np.array([left]), np.array([10**9]), size**2, 1, 1)
     assert difference.mean() == pytest.approx(told.mean, abs=0.1)
     assert difference.std() == pytest.approx(told.std, rel=0.02)
     assert np.mean(difference > DECISIVE_LOG_LIKELIHOOD_RATIO) == pytest.approx(
@@ -168,7 +170,7 @@ def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(
     rng, count, runs = np.random.default_rng(6), 300, 20_000
     e = rng.standard_normal((runs, count))
     difference = count * np.log(np.sum((e + math.sqrt(share)) ** 2, axis=1) / np.sum(e**2, axis=1))
-    told = decision_of(np.array([share * count]), np.array([count]), 1e12, 2, 2)
+    told = rival_decision(np.array([share * count]), np.array([count]), 1e12, 2, 2)
     assert told.mean == pytest.approx(difference.mean(), rel=0.02)
     assert told.std == pytest.approx(difference.std(), rel=0.03)
 
@@ -185,7 +187,7 @@ def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_pri
 
 
 def test_what_leaves_nothing_decides_nothing() -> None:
-    nothing = decision_of(np.zeros(3), np.full(3, 400), 500.0, 1, 1)
+    nothing = rival_decision(np.zeros(3), np.full(3, 400), 500.0, 1, 1)
     assert nothing.right < 0.01 and nothing.wrong < 0.01
     assert RivalDecision(100.0, 20.0).right > 0.999
     assert (
@@ -207,5 +209,5 @@ def test_effects_that_no_record_tells_apart_are_told_by_no_maneuver() -> None:
 
 
 def test_a_longer_flight_tells_more() -> None:
-    short, long = (sigmas_of(simulated(replace(planned(t))).fit) for t in (4.0, 8.0))
+    short, long = (shared_sigmas(simulate_maneuver(replace(planned(t))).fit) for t in (4.0, 8.0))
     assert all(long[name] < short[name] for name in short)
