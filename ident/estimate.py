@@ -17,7 +17,7 @@ class Outcome(Enum):
     """Outcome of an estimation. The value of a member is the sentence that is printed."""
 
     CONVERGED = "converged"
-    AT_BOUND = "converged; a parameter stands at its bound and has no sigma"
+    AT_BOUND = "converged; a parameter is at its bound and has no sigma"
     MAX_ITERATIONS = "stopped at the iteration limit before the estimate settled"
     DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
     INDEFINITE = "the covariance lost its positive definiteness"

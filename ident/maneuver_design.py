@@ -270,7 +270,12 @@ class RivalDecision:
 
 
 def rival_decision(
-    squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
+    squares: np.ndarray,
+    counts: np.ndarray,
+    gain: float,
+    true_count: int,
+    rival_count: int,
+    price: float = 0.0,
 ) -> RivalDecision:
     """Return the decision between the true effect and a rival.
 
@@ -279,30 +284,30 @@ def rival_decision(
     squares, counts : ``(m,)`` weighted squares of each output with the rival fitted, and numbers of
         samples.
     gain : weighted squares with the declared model alone fitted.
-    own, other : numbers of free parameters of the true effect and of the rival.
+    true_count, rival_count : numbers of free parameters of the true effect and of the rival.
     price : as in `RivalDecision`.
     """
     samples = np.maximum(counts, 1)
     share = squares / samples
     total = float(squares.sum())
-    mean = float(np.sum(samples * np.log1p(share))) + own - other
+    mean = float(np.sum(samples * np.log1p(share))) + true_count - rival_count
     variance = float(np.sum((4.0 * squares + 2.0 * squares * share) / (1.0 + share) ** 2))
     along = min(1.0, total / gain) if gain > 0.0 else 1.0
     return RivalDecision(mean, math.sqrt(variance + 4.0 * along), price)
 
 
-def detection_probability(gain: float, own: int, price: float, accept: float) -> float:
+def detection_probability(gain: float, count: int, price: float, accept: float) -> float:
     """Return the probability that an effect raises twice the log likelihood by more than its cost.
 
     Parameters
     ----------
     gain : expected gain of the log likelihood over the declared model.
-    own : number of free parameters of the effect.
+    count : number of free parameters of the effect.
     price : cost of these parameters, in twice the log likelihood.
     accept : cost of the prior odds of the effect, in twice the log likelihood.
     """
-    mean = 2.0 * gain + own
-    return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * own))
+    mean = 2.0 * gain + count
+    return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * count))
 
 
 def normal_above(mean: float, std: float) -> float:
@@ -394,7 +399,7 @@ def contest(
     measured, base = fit_declared_model(planned, true)
     best = best_rival_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
-    own, other = _number_of_parameters(true.effect), _number_of_parameters(rival)
+    true_count, rival_count = _number_of_parameters(true.effect), _number_of_parameters(rival)
     price = parameter_cost(rival, counts) - parameter_cost(true.effect, counts)
     # The priors of the true effect have a cost too.
     true_prior_cost = _prior_cost_of_true_effect(measured, true)
@@ -402,12 +407,12 @@ def contest(
         _weighted_squares(best),
         counts,
         2.0 * base.fit.cost,
-        own,
-        other,
+        true_count,
+        rival_count,
         price + 2.0 * (_prior_cost(best) - true_prior_cost),
     )
     gain = max(0.0, base.fit.cost - true_prior_cost)
-    shown = detection_probability(gain, own, parameter_cost(true.effect, counts), ODDS_COST)
+    shown = detection_probability(gain, true_count, parameter_cost(true.effect, counts), ODDS_COST)
     return Contest(
         true,
         ActingEffect(_rival_form(best, rival), _rival_values(best, rival)),
@@ -476,8 +481,8 @@ def _prior_cost_of_true_effect(measured: PlannedManeuver, true: ActingEffect) ->
     simulation = simulate_maneuver(measured, (true.effect,), true.full_values, slopes=False)
     if simulation.fit.layout.prior is None or simulation.fit.cost < 1e-9:
         return simulation.fit.cost
-    own = fit_maneuver(measured, (true.effect,), true.full_values)
-    return simulation.fit.cost if own is None else min(own.fit.cost, simulation.fit.cost)
+    refit = fit_maneuver(measured, (true.effect,), true.full_values)
+    return simulation.fit.cost if refit is None else min(refit.fit.cost, simulation.fit.cost)
 
 
 def _number_of_parameters(effect: Traceable) -> int:

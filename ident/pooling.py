@@ -40,7 +40,10 @@ def condition_on_shared_value(
 
 
 def pooled_without_flight(
-    value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray
+    value: np.ndarray,
+    covariance: np.ndarray,
+    flight_value: np.ndarray,
+    flight_covariance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a pooled value ``(k,)`` and its covariance ``(k, k)`` with one flight taken out; None
     if it was the only flight.
@@ -48,15 +51,16 @@ def pooled_without_flight(
     Parameters
     ----------
     value, covariance : ``(k,)`` and ``(k, k)`` pooled value of all flights.
-    own, own_covariance : the value of the flight to take out.
+    flight_value, flight_covariance : ``(k,)`` and ``(k, k)`` of the flight to take out.
     """
-    information = np.linalg.inv(covariance) - np.linalg.inv(own_covariance)
+    information = np.linalg.inv(covariance) - np.linalg.inv(flight_covariance)
     rounding = 1e-9 * np.trace(np.linalg.inv(covariance))
     if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= rounding:
         return None
     remaining = np.linalg.inv(information)
     return (
-        remaining @ (np.linalg.solve(covariance, value) - np.linalg.solve(own_covariance, own)),
+        remaining
+        @ (np.linalg.solve(covariance, value) - np.linalg.solve(flight_covariance, flight_value)),
         remaining,
     )
 
@@ -387,14 +391,14 @@ class _MixtureFit:
     scatter : relative scatter between flights.
     share : share of the flights that have the effect.
     total : gain of the log likelihood of all flights.
-    each : ``(n,)`` gain of each flight if it has the effect.
+    flight_gains : ``(n,)`` gain of each flight if it has the effect.
     """
 
     value: np.ndarray
     scatter: float
     share: float
     total: float
-    each: np.ndarray
+    flight_gains: np.ndarray
 
 
 def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
@@ -419,8 +423,8 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     without_scatter = best if best.scatter == 0.0 else _most_likely(evidence, (0.0,))
     agrees = 2.0 * (best.total - without_scatter.total) < COMMON_VALUE_CHI_SQUARE
     best = without_scatter if agrees else best
-    gain_of_flight = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
-    probability = expit(best.each + _logit(np.array(best.share)))
+    gain_of_flight = np.log1p(best.share * np.expm1(np.clip(best.flight_gains, -700.0, 700.0)))
+    probability = expit(best.flight_gains + _logit(np.array(best.share)))
     others = np.delete(np.arange(n), int(np.argmax(gain_of_flight)))
     statistic = 2.0 * _most_likely(evidence.select(others)).total if n > 1 else 0.0
     p_value = min(1.0, candidates * float(chdtrc(k + 3, max(statistic, 0.0))))
@@ -436,7 +440,7 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
         best.share,
         probability,
         best.total,
-        best.each,
+        best.flight_gains,
         p_value,
     )
 

@@ -217,7 +217,7 @@ def shortfall(value: float, std: float, declared: float) -> str:
         return ""
     if share > INTERVAL_SIGMAS * sigma:
         return f"is {1.0 / share:.2g} times smaller"
-    return "is not told from zero"
+    return "is not distinguishable from zero"
 
 
 # ---- Share of the residuals that the inputs predict
@@ -482,7 +482,7 @@ class NoiseBurst:
     p_value: float
 
 
-def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
+def largest_burst(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
     """Return the interval around the half second in which a ``residual (N,)`` is largest; None
     where chance explains this half second.
 

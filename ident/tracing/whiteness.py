@@ -14,7 +14,7 @@ from ident.statistics.residuals import (
     NoiseBurst,
     ResidualTest,
     flat_spectrum,
-    loudest_spell,
+    largest_burst,
 )
 from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit
@@ -59,7 +59,7 @@ def noise_bursts(fit: Fit, label: str, tests: Sequence[ResidualTest]) -> list[No
     """
     white = {test.channel for test in tests if test.passed}
     found = (
-        loudest_spell(residual[valid], time[valid], channel)
+        largest_burst(residual[valid], time[valid], channel)
         for channel, residual, valid, time in _labelled(fit, label)
         if channel in white
     )

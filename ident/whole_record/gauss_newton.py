@@ -49,7 +49,7 @@ _CURVATURE_STEP_SHARE = 0.1
 # shares of a curved step, tried in turn until one gains
 _CURVED_STEP_SHARES = (1.0, 0.5, 0.25, 0.125)
 # most successive trials without progress before the fit of a model comparison ends
-_MOST_IDLE_TRIALS = 3
+_MOST_TRIALS_WITHOUT_GAIN = 3
 # largest difference of guess and corrected trajectory at the end of a fit, over the largest state:
 # of an ordinary fit, and of a fit for a model comparison
 _CLOSED_GAP, _COMPARISON_GAP = 1e-13, 1e-6
@@ -188,7 +188,10 @@ def fit_whole_records(
     minimum = minimise(descent, fit, settings.iterations)
     fit = minimum.point
     # Steps along an undetermined direction may stay long; then the gain of likelihood decides.
-    ended = minimum.steps == settings.iterations or search.idle == _MOST_IDLE_TRIALS
+    ended = (
+        minimum.steps == settings.iterations
+        or search.trials_without_gain == _MOST_TRIALS_WITHOUT_GAIN
+    )
     no_progress = search.small_step or minimum.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
     converged = no_progress and has_converged(minimum.model, fit.theta, settings)
     return replace(
@@ -206,7 +209,7 @@ class _Search:
     ----------
     gain : gain of log likelihood by the last accepted step; infinite before the first one.
     small_step : whether the last accepted step was below the tolerance.
-    idle : number of successive trials with a negligible change of the likelihood.
+    trials_without_gain : number of successive trials with a negligible change of the likelihood.
     rejected_damping : damping of the last rejected step; 0 after an accepted one.
     moves : recent steps ``(n,)``, each with its change of the gradient ``(n,)``.
     noise_unknowns : whether noise levels are unknowns; only then ``moves`` are used.
@@ -217,7 +220,7 @@ class _Search:
     problem: FitProblem
     gain: float = np.inf
     small_step: bool = False
-    idle: int = 0
+    trials_without_gain: int = 0
     rejected_damping: float = 0.0
     moves: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
@@ -247,10 +250,10 @@ class _Search:
 
         The last step and the undamped next step must both be small, since damping or a bound may
         have shortened the last one. A fit for a model comparison also ends after
-        ``_MOST_IDLE_TRIALS`` trials without a gain.
+        ``_MOST_TRIALS_WITHOUT_GAIN`` trials without a gain.
         """
         settings = self.problem.layout.settings
-        if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
+        if self.trials_without_gain == _MOST_TRIALS_WITHOUT_GAIN and settings.enough > 0.0:
             return True
         return self.small_step and has_converged(model, fit.theta, settings)
 
@@ -283,7 +286,7 @@ class _Search:
         no_change = trial is not None and abs(trial.cost - fit.cost) < max(
             settings.enough, _NEGLIGIBLE_GAIN
         )
-        self.idle = self.idle + 1 if no_change else 0
+        self.trials_without_gain = self.trials_without_gain + 1 if no_change else 0
         if cost_first and trial is not None and trial.cost <= highest_cost:
             trial, self.rejected_damping = (
                 evaluate(problem, theta, predicted_trajectories(fit, theta)),

@@ -462,7 +462,7 @@ IDENT = (
         "ident/maneuver_design.py",
         ("tests/unit/ident/test_rivalry.py",),
         ("2.0 * squares * share", "4.0 * squares * share"),
-        ("8.0 * gain + 2.0 * own", "4.0 * gain + 2.0 * own"),
+        ("8.0 * gain + 2.0 * count", "4.0 * gain + 2.0 * count"),
     ),
     *changes(
         "ident/pooling.py",

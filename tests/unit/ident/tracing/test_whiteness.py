@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter
 from scipy.stats import kstest
 
-from ident.statistics.residuals import flat_spectrum, ljung_box, loudest_spell
+from ident.statistics.residuals import flat_spectrum, largest_burst, ljung_box
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.whiteness import is_noise, whiteness
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
@@ -94,10 +94,10 @@ def test_noise_that_is_louder_for_a_while_is_found_and_noise_alone_is_not(colour
     for seed in range(200):
         rng = np.random.default_rng(seed)
         noise = lfilter([1.0], [1.0, -colour], rng.standard_normal(1100))[100:]
-        alarms += loudest_spell(noise, time, "q, fitted") is not None
+        alarms += largest_burst(noise, time, "q, fitted") is not None
         if seed < 20:
             inside = (time >= 8.0) & (time < 11.0)
-            found = loudest_spell(np.where(inside, 4.0, 1.0) * noise, time, "q, fitted")
+            found = largest_burst(np.where(inside, 4.0, 1.0) * noise, time, "q, fitted")
             assert found is not None and found.channel == "q, fitted"
             assert found.begin == pytest.approx(8.0, abs=0.6)
             assert found.end == pytest.approx(11.0, abs=0.6)
@@ -107,4 +107,4 @@ def test_noise_that_is_louder_for_a_while_is_found_and_noise_alone_is_not(colour
 
 def test_a_short_residual_tells_of_no_spell() -> None:
     rng = np.random.default_rng(1)
-    assert loudest_spell(rng.standard_normal(30), np.arange(30) / 50.0, "q") is None
+    assert largest_burst(rng.standard_normal(30), np.arange(30) / 50.0, "q") is None
