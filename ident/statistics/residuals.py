@@ -514,14 +514,24 @@ def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> Noise
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Errors of a simulation by channel: root mean square, the same over the measured spread, R
-    squared, Theil's inequality coefficient.
+    """Errors of a simulation by channel.
+
+    Attributes
+    ----------
+    rmse : root mean square error, in the unit of the channel.
+    nrmse : ``rmse`` over the standard deviation of the measured channel.
+    r2 : coefficient of determination.
+    theil : Theil's inequality coefficient.
     """
 
     rmse: Mapping[str, float]
     nrmse: Mapping[str, float]
     r2: Mapping[str, float]
     theil: Mapping[str, float]
+
+    def fit_percent(self, channel: str) -> float:
+        """Return 100 (1 - e), where e is the error of a channel over its standard deviation."""
+        return 100.0 * (1.0 - self.nrmse[channel])
 
 
 def error_figures(

@@ -600,9 +600,9 @@ SCENARIOS = (
         ("LEAST_SAMPLE_SHARE = 0.5", "LEAST_SAMPLE_SHARE = 0.05"),
     ),
     *changes(
-        "scenarios/tolerances.py",
+        "ident/statistics/residuals.py",
         ("tests/unit/scenarios/test_predict.py",),
-        ("(1.0 - self.figures.nrmse[channel])", "(1.0 - self.figures.nrmse[channel] ** 2)"),
+        ("(1.0 - self.nrmse[channel])", "(1.0 - self.nrmse[channel] ** 2)"),
     ),
     *changes(
         "scenarios/identification/assessment.py",
