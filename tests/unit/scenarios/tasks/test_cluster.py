@@ -72,12 +72,14 @@ def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Clus
         run_study(work, _there(cluster)),
         run_study(work, dataclasses.replace(ASKED, jobs=2)),
     )
-    assert same(table, here) and re.match("2 processes died over it", table.columns["error"][21])
+    assert same(table, here) and re.match(
+        "2 processes died while they ran it", table.columns["error"][21]
+    )
     late = run_study(Toy(stuck=(13,)), dataclasses.replace(_there(cluster), count=20, longest=0.7))
     assert [bool(error) for error in late.columns["error"]] == [
         number // 4 == 3 for number in range(20)
     ]
-    assert late.columns["error"][12] == "ended after 0.7 s, the time that it was given"
+    assert late.columns["error"][12] == "ended after 0.7 s, the time limit"
 
 
 @pytest.mark.long
