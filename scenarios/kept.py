@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -11,8 +12,10 @@ from typing import Any, get_type_hints
 
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.layout import FitSettings
-from scenarios.files.sources import InputFile, json_or_none, read_json
-from scenarios.files.writing import write_json
+from scenarios.files.sources import InputFile, json_or_none, read_json, read_source
+from scenarios.files.user_models import OwnModel
+from scenarios.files.vehicles import AIRCRAFT, VehicleFile, read_vehicle
+from scenarios.files.writing import write_json, write_text
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effect_modules
@@ -440,3 +443,60 @@ def _trained(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -
         tuple(content["own"]),
         FitSettings(**content["settings"]),
     )
+
+
+# ---- Files of the user that a study used
+
+
+def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
+    """Return the vehicle of a study from its stored text.
+
+    A study of a user's model also needs the file of the model, ``model``.
+    """
+    own, text = file.file("model_file"), file.content["vehicle_text"]
+    chosen: str | OwnModel = file.content["model"]
+    if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
+        own = None
+    if own is not None:
+        if model is None:
+            what = (
+                f"the study's model is in {own.name}, a user's Python file, which is run only if "
+                "it is named"
+            )
+            raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
+        chosen = model if isinstance(model, OwnModel) else unchanged_file(model, own, "--model")
+        if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
+            what = f"{model.model.name} is not the {own.name} that the study was made with"
+            raise DeclarationError(
+                what, where="--model", remedy="give that model as it was, or run the study again"
+            )
+    elif model is not None:
+        raise DeclarationError(
+            f"the study's model is {chosen}, which is built in",
+            where="--model",
+            remedy="leave it out",
+        )
+    if not text:
+        return read_vehicle(None, chosen)
+    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
+        entry = file.file("vehicle")
+        # A study may be untrusted: its file names must not lead outside this folder.
+        named = Path(entry.name).name.lstrip(".") if entry is not None else ""
+        path = Path(folder) / (named or "vehicle.toml")
+        write_text(path, text)
+        return read_vehicle(path, chosen)
+
+
+def unchanged_file(path: Path, known: InputFile, option: str) -> str:
+    """Return the path of a user's file as a text.
+
+    Raises
+    ------
+    DeclarationError : its bytes are not those of the file that the study used, ``known``.
+    """
+    if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
+        what = f"{path} is not the {known.name} that the study was made with"
+        raise DeclarationError(
+            what, where=option, remedy="name that file as it was, or run the study again"
+        )
+    return str(path)

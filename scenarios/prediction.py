@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,19 +13,23 @@ from ident.tracing.predictive import predict
 from scenarios.diagnosis.opening import checked_effects, read_effects
 from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
-from scenarios.files.sources import InputFile, read_source, versions
+from scenarios.files.sources import InputFile, versions
 from scenarios.files.user_models import OwnModel, channel_units
 from scenarios.files.vehicles import (
-    AIRCRAFT,
-    VehicleFile,
     files_read_unnamed,
-    read_vehicle,
     vehicle_with_file,
 )
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
-from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.kept import (
+    DIAGNOSE,
+    KeptFile,
+    KeptModel,
+    read_kept,
+    unchanged_file,
+    vehicle_of_study,
+)
 from scenarios.plots import draw_into
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
@@ -262,45 +265,6 @@ def _predict_like_diagnosis(
     )
 
 
-def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """Return the vehicle of a study from its stored text.
-
-    A study of a user's model also needs the file of the model, ``model``.
-    """
-    own, text = file.file("model_file"), file.content["vehicle_text"]
-    chosen: str | OwnModel = file.content["model"]
-    if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
-        own = None
-    if own is not None:
-        if model is None:
-            what = (
-                f"the study's model is in {own.name}, a user's Python file, which is run only if "
-                "it is named"
-            )
-            raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
-        chosen = model if isinstance(model, OwnModel) else _unchanged_file(model, own, "--model")
-        if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
-            what = f"{model.model.name} is not the {own.name} that the study was made with"
-            raise DeclarationError(
-                what, where="--model", remedy="give that model as it was, or run the study again"
-            )
-    elif model is not None:
-        raise DeclarationError(
-            f"the study's model is {chosen}, which is built in",
-            where="--model",
-            remedy="leave it out",
-        )
-    if not text:
-        return read_vehicle(None, chosen)
-    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        entry = file.file("vehicle")
-        # A study may be untrusted: its file names must not lead outside this folder.
-        named = Path(entry.name).name.lstrip(".") if entry is not None else ""
-        path = Path(folder) / (named or "vehicle.toml")
-        write_text(path, text)
-        return read_vehicle(path, chosen)
-
-
 def _user_effects(
     file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model
 ) -> Sequence[Traceable]:
@@ -321,22 +285,7 @@ def _user_effects(
             where="--effects",
             remedy="leave it out",
         )
-    return read_effects(_unchanged_file(effects, known, "--effects"), model)
-
-
-def _unchanged_file(path: Path, known: InputFile, option: str) -> str:
-    """Return the path of a user's file as a text.
-
-    Raises
-    ------
-    DeclarationError : its bytes are not those of the file that the study used, ``known``.
-    """
-    if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
-        what = f"{path} is not the {known.name} that the study was made with"
-        raise DeclarationError(
-            what, where=option, remedy="name that file as it was, or run the study again"
-        )
-    return str(path)
+    return read_effects(unchanged_file(effects, known, "--effects"), model)
 
 
 def _plan_of_study(kept: KeptModel, requested: Plan) -> Plan:

@@ -23,7 +23,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import AIRCRAFT, BESIDE_RECORD
-from scenarios.kept import read_kept
+from scenarios.kept import read_kept, vehicle_of_study
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import OnlineForm, full_name
 from sim.declaration.model import System
@@ -183,8 +183,6 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
         aircraft, _ = read_aircraft(read_toml_source(folder))
         return exported(aircraft.name, aircraft_model(aircraft), aircraft=aircraft)
-    from scenarios.prediction import vehicle_of_study
-
     file = read_kept(folder)
     vehicle = vehicle_of_study(file, user_model)
     stored = file.model()

@@ -248,10 +248,10 @@ class NonlinearControl:
     ----------
     control : the signal.
     moment_by, lift_by : names of the derivatives.
-    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
-    ports : that moment and lift add to.
-    further : ports beside them, each with its derivative by the control.
-    label : of the name, where there are several controls.
+    share_free : whether ``lift_share`` is estimated; it is not for a control with hardly any lift.
+    ports : ports of the moment and of the lift.
+    further : further ports, each with its derivative by the control.
+    label : suffix of the effect's name, where the vehicle has several controls.
     speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
         deflections are totals, and d counts from the ``middle`` of the range.
     """
@@ -396,7 +396,7 @@ class SizedOnInput(OfInput):
     ----------
     signal, unit : the input it acts on.
     typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
+    label : suffix of the effect's name, where the vehicle has several inputs.
     """
 
     signal: str = "elevator"

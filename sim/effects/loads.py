@@ -330,7 +330,7 @@ class LoadCurve:
     port : what it adds to.
     name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
     unit, size : of what is added, and a usual one.
-    needs_constants : those of the equations it is written for.
+    needs_constants : constants that the equations must have.
     angle, flown : what it is a curve of, and the output that shows its range.
     middle : of that range, from which f counts where the angle is a ``total``.
     low, high : the flown range, rad.

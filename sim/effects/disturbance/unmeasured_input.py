@@ -35,11 +35,11 @@ class UnmeasuredInput(SizedOnPorts):
     Attributes
     ----------
     lasting : a step without ``duration``.
-    width : of the edges, s.
-    units, sizes : of lift and moment.
+    width : duration of an edge, s.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
-    label : of the name, where it is one port of several.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    label : suffix of the effect's name, if it loads one of several ports.
     sized : whether it is known what is large there; else any size is believed.
     """
 

@@ -40,13 +40,13 @@ class ControlNonlinearity:
     fine : nine shapes instead of four, the first four the same.
     control, unit, size : the signal, its unit, and a usual size.
     moment_by, lift_by : names of the derivatives.
-    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    share_free : whether ``lift_share`` is estimated; it is not for a control with hardly any lift.
     by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An
         input of a few levels leaves f and the derivative to trade off; with a fixed factor beside f
         that stays a straight line, which a Gaussian can describe.
-    ports : that moment and lift add to.
-    further : ports beside them, each with its derivative by the control.
-    label : of the name, where there are several controls.
+    ports : ports of the moment and of the lift.
+    further : further ports, each with its derivative by the control.
+    label : suffix of the effect's name, where the vehicle has several controls.
     speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
         deflections are totals, and f counts from the ``middle`` of the range.
     """

@@ -38,10 +38,10 @@ class ParameterJump:
     Attributes
     ----------
     changing : name and unit of each parameter.
-    label : of the name, where there are several groups.
+    label : suffix of the effect's name, where there are several groups.
     sizes : usual changes, in their units; unknown before a record's model gives the declared
         values, and any size is believed then.
-    width : of the edge, s.
+    width : duration of an edge, s.
     """
 
     changing: tuple[tuple[str, str], ...]
@@ -215,7 +215,7 @@ class DerivativeJump:
     Attributes
     ----------
     moment, lift : derivatives that may change.
-    width : of the edge, s.
+    width : duration of an edge, s.
     ports : that these add to.
     label : of the name, where an aircraft has several groups of derivatives: yaw, roll, side force.
     """

@@ -63,7 +63,7 @@ class ElasticMode:
         lift, moment, gyro.
     needs_constants : constants that the equations must have.
     fastest : rad/s, that the records resolve.
-    ports : that it loads, and the names of these parameters.
+    ports : load ports that the effect adds to; its size parameters have their names.
     read_as : the angle that drives it, the rate that its gyro adds to, the accelerometer's channel.
     total : whether control and angle are totals; ``trim``, what they force in steady flight, is
         then free and taken off, since a record begins without bending, and starts from ``middle``,

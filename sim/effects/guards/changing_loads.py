@@ -29,10 +29,10 @@ class DampingCurve(SizedOnPorts):
     Attributes
     ----------
     rate : the signal.
-    units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters.
-    label : of the name, where there are several rates.
+    units, sizes : units and usual sizes of the loads, by port.
+    needs_constants : constants that the equations must have.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    label : suffix of the effect's name, where there are several rates.
     """
 
     rate: str
@@ -90,7 +90,7 @@ class DriftingDerivatives:
     needs_constants : constants that the equations must have.
     ports : of lift and moment or their like.
     angle : the signal of alpha or its like.
-    label : of the name, where there are several groups of derivatives.
+    label : suffix of the effect's name, where there are several groups of derivatives.
     """
 
     control_signal: str
@@ -218,7 +218,7 @@ class ControlDrag:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("drag",)),)
 
 
@@ -261,7 +261,7 @@ class DragDrift:
         return replace(self, begin=context.begin)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("rate",)),)
 
 
@@ -282,9 +282,9 @@ class Hysteresis(SizedOnPorts):
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
+    ports : load ports that the effect adds to; its size parameters have their names.
     rate : the signal of the motion that is remembered.
     """
 
@@ -324,7 +324,7 @@ class Hysteresis(SizedOnPorts):
         return ((rate - absolute(rate) * s.memory) / p.width,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slopes by both loads at some widths."""
+        """Probe the loads at some widths."""
         return tuple(Probe({"width": width, **self.absent}, self.ports) for width in WIDTHS)
 
 

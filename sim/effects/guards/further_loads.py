@@ -40,9 +40,9 @@ class LaggedLoads(SizedOnPorts):
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
+    ports : load ports that the effect adds to; its size parameters have their names.
     angle : the signal that is followed late.
     aliases : effects that look like it.
     total : whether the signal is one; it then counts from ``middle``, that of the values flown, so
@@ -194,10 +194,10 @@ class PeriodicLoads:
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads; they name the parameters.
-    label : of the name, where there are several.
+    ports : load ports that the effect adds to; its parameters are named after them.
+    label : suffix of the effect's name, where there are several such effects.
     """
 
     units: tuple[str, ...]
@@ -312,10 +312,10 @@ class ProductLoads(SizedOnPorts):
     ----------
     label : after ``guard:``.
     first, second : the signals, which may be the same.
-    units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for.
+    units, sizes : units and usual sizes of the loads, by port.
+    needs_constants : constants that the equations must have.
     aliases : effects that contain it.
-    ports : that it loads, lift and moment or their like, and the names of these parameters.
+    ports : load ports that the effect adds to; its size parameters have their names.
     """
 
     label: str
@@ -360,7 +360,7 @@ class ProductLoads(SizedOnPorts):
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slopes by both where there is none."""
+        """Probe the slopes by all sizes at absence."""
         return (Probe(self.absent, self.ports),)
 
 

@@ -48,7 +48,7 @@ class VaneNearControl:
         return Traits(guard=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("gain",)),)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:

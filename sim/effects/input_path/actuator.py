@@ -104,7 +104,7 @@ class ActuatorLag(OfInput):
         return bool(self.own_name)
 
     def rename(self, local: str) -> str:
-        """Full name of a parameter."""
+        """Return the full name of a parameter, whose name in the effect is ``local``."""
         return self.own_name or f"{self.name}.{local}"
 
     @property
@@ -297,7 +297,7 @@ DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder()
 
 
 def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(
         equations,
         lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
@@ -499,7 +499,7 @@ class ActuatorSaturation(SizedOnInput):
         ]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells."""
+        """Return the input behind the effect; exact for an input that is constant within cells."""
         return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
@@ -518,7 +518,7 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 
 
 def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 

@@ -70,7 +70,7 @@ class InputDelay(OfInput):
         return self.own_name
 
     def rename(self, local: str) -> str:
-        """Full name of a parameter."""
+        """Return the full name of a parameter, whose name in the effect is ``local``."""
         return local if self.own_name else f"{self.name}.{local}"
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -146,7 +146,7 @@ VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(
         equations,
         lambda signal, label: InputDelay(signal.name, label=label),

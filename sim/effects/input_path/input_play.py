@@ -133,7 +133,7 @@ class InputDeadband(SizedOnInput):
         return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells."""
+        """Return the input behind the effect; exact for an input that is constant within cells."""
         return each_column(lambda row, width: row - clip(row, -width, width), u, p.half_width)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
@@ -152,5 +152,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(equations, sized(InputBacklash, 0.05), sized(InputDeadband, 0.1))
