@@ -292,7 +292,7 @@ SIM = (
         ("row[-1] + (row[-1] - row[-2])", "row[-1] - (row[-1] - row[-2])"),
     ),
     *changes(
-        "sim/propagation.py",
+        "sim/truth/motion.py",
         ("tests/unit/sim/truth/test_motion.py",),
         ("_AFFINE_TOLERANCE = 1e-11", "_AFFINE_TOLERANCE = 1e-4"),
     ),
