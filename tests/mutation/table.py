@@ -236,7 +236,7 @@ SIM = (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
         ),
-        ("left - 0.5 * way, left", "left - way, left"),
+        ("left - 0.5 * travel, left", "left - travel, left"),
         ("of_peak: ClassVar[float] = 3.0", "of_peak: ClassVar[float] = 1.0"),
     ),
     *changes(
