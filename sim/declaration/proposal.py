@@ -1,4 +1,4 @@
-"""Traits and trial values that an effect declares for a search, which itself knows no physics."""
+"""Traits and trial values that an effect declares for a search that is independent of physics."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def test_other_versions_there_are_refused(
     monkeypatch.setattr("scenarios.tasks.cluster.versions", lambda: {**here, "scipy": "0.1"})
     with pytest.raises(
         FlightidError,
-        match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; have the same on every worker",
+        match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; install on every worker",
     ) as told:
         run_study(Toy(), dataclasses.replace(_there(cluster), folder=tmp_path / "study" / "runs"))
     assert "\n" not in str(told.value) and not list(tmp_path.iterdir())
