@@ -39,7 +39,7 @@ from scenarios.report.terminal import (
     rows_table,
     table_as_lines,
 )
-from scenarios.tasks.study import Execution, Tell, stopped
+from scenarios.tasks.study import Execution, ShowProgress, stopped
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
@@ -98,7 +98,7 @@ class Campaign:
         runs: int,
         seed: int | None,
         execution: Execution,
-        tell: Tell = lambda stage, share: None,
+        tell: ShowProgress = lambda stage, share: None,
     ) -> Flown:
         """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
         root = self.root if seed is None else seed

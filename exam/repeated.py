@@ -12,7 +12,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, Protocol
 
-from scenarios.tasks.study import Execution, Tell, run_study
+from scenarios.tasks.study import Execution, ShowProgress, run_study
 from scenarios.tasks.work import Row, RowTable, Task, Work
 
 # columns: what was found as JSON, the time of its diagnosis; the field that has it
@@ -151,7 +151,7 @@ def fly_all(
     runs: int,
     root: int,
     execution: Execution,
-    tell: Tell = lambda stage, share: None,
+    tell: ShowProgress = lambda stage, share: None,
 ) -> Flown:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
@@ -160,6 +160,6 @@ def fly_all(
     FlightidError : the folder of ``execution`` holds another campaign, or none to go on with.
     KeyboardInterrupt : where no flight had ended.
     """
-    table = run_study(work, execution.asked(runs, root, work.block, "flights"), tell)
+    table = run_study(work, execution.request(runs, root, work.block, "flights"), tell)
     failures = Counter(error for error in table.columns["error"] if error)
     return Flown(root, runs, len(table), work.read(table), dict(failures.most_common()))

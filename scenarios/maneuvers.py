@@ -69,15 +69,13 @@ MOTION = (
     "phi",
     "az",
 )
-LEAD, TAIL = (
-    2.0,
-    5.0,
-)  # s of a record before and after an input that belong to its maneuver: rest, and the response
+LEAD = 2.0  # s of rest before an input that belong to its maneuver
+TAIL = 5.0  # s of response after an input that belong to its maneuver
 PART = (
     f"part to use: the input with {LEAD:g} s of rest before it and {TAIL:g} s of response after "
     "it, at most half way to the next maneuver"
 )
-DIGITS = 3  # after the point, of the times in maneuvers.toml
+DIGITS = 3  # decimals of the times in maneuvers.toml, s
 
 
 @dataclass(frozen=True)
@@ -86,12 +84,11 @@ class NumberedManeuver:
 
     Attributes
     ----------
-    number : from 1 on, in the order of the times.
-    name : axis, kind and a count, ``"pitch-doublet-2"``.
-    found : what the search found.
-    unit : of its amplitude.
-    start, stop : s, the part of the record to use: with rest before the input and the response
-        after it.
+    number : number from 1 on, in the order of time.
+    name : axis, kind and count of this kind, as ``"pitch-doublet-2"``.
+    found : the maneuver as detected.
+    unit : unit of its amplitude.
+    start, stop : s, part of the record to use: rest, input and response.
     """
 
     number: int
@@ -108,14 +105,15 @@ class FoundManeuvers:
 
     Attributes
     ----------
-    identity : the file.
-    record : searched channels, SI; controls are among the outputs, which may have missing samples.
-    maneuvers : in the order of their times.
+    identity : name and hash of the file.
+    record : searched channels in SI units. Controls are among the outputs, because their samples
+        may be missing.
+    maneuvers : the maneuvers in the order of time.
     active : share of the time in which an input moves beyond its rest level.
-    path : of the file, None if the record is in memory.
-    simulated : the record is simulated.
-    unread : columns that look like channels but need a channel map, by channel.
-    surfaces : of the channel map, not used as controls in the search.
+    path : path of the file; None if the record is in memory.
+    simulated : whether the record is simulated.
+    unread : channel -> column that looks like it but is read only with a channel map.
+    surfaces : surfaces in the channel map that the search does not use as controls.
     """
 
     identity: InputFile
@@ -130,8 +128,11 @@ class FoundManeuvers:
     @property
     def parts(self) -> DeclaredParts:
         """The parts of the record as ``maneuvers.toml`` declares them."""
-        some = tuple(Part(each.number, each.name, each.start, each.stop) for each in self.maneuvers)
-        return DeclaredParts(self.identity.name, self.identity.name, self.identity.sha256, some)
+        parts = tuple(
+            Part(maneuver.number, maneuver.name, maneuver.start, maneuver.stop)
+            for maneuver in self.maneuvers
+        )
+        return DeclaredParts(self.identity.name, self.identity.name, self.identity.sha256, parts)
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -140,7 +141,7 @@ class FoundManeuvers:
         cautions = (
             []
             if inputs
-            else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
+            else [f"no input is recorded ({', '.join(CONTROLS)}): only turns can be found"]
         )
         if self.surfaces:
             missing = [name for name in CONTROLS if name not in inputs]
@@ -152,14 +153,13 @@ class FoundManeuvers:
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
             cautions.append(
-                "no maneuver found: no input has the form of one, and none rises above what it "
-                "does at rest"
+                "no maneuver found: no input moves beyond its rest level in the form of a maneuver"
             )
         if self.unread:
             alike = [f"{column} looks like {channel}" for channel, column in self.unread.items()]
             name = self.identity.name if self.path is None else self.path
             cautions.append(
-                f"{', '.join(alike)}: not read, since only a channel map says so; "
+                f"{', '.join(alike)}: not read without a channel map; "
                 f"flightid map {name} --out DRAFT drafts one for --channels DRAFT/channels.toml"
             )
         return tuple(cautions)
@@ -173,14 +173,18 @@ def maneuvers_of(
     channels: Mapping[str, ColumnChoice] | None = None,
     plan: Plan | None = None,
 ) -> FoundManeuvers:
-    """Search a record file of any length.
+    """Return the maneuvers in a record of any length.
 
-    ``plan`` : names of its columns, and its rate where it has no clock or several; None: its own.
+    Parameters
+    ----------
+    source : the record.
+    channels : channel map; None takes the channels with their usual names.
+    plan : names of the columns, and the rate (Hz) of a file without a clock or with several; None
+        takes those of the file.
 
     Raises
     ------
-    RecordError : anything in the file that keeps it from being used; none of the channels that are
-        searched.
+    RecordError : the file cannot be used, or has none of the searched channels.
     """
     plan = plan or Plan()
     file = with_names(opened(source), plan.columns)
@@ -190,12 +194,12 @@ def maneuvers_of(
         read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate)
     )
     signals = signals_of(record)
-    found = find_maneuvers(signals)
+    detected = find_maneuvers(signals)
     path = None if file.in_memory else file.path
     return FoundManeuvers(
         file.identity,
         record,
-        numbered(found, record),
+        numbered(detected, record),
         active_share(signals),
         path,
         file.sidecar.simulated,
@@ -213,7 +217,7 @@ def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
 
 
 def signals_of(record: Record) -> FlightSignals:
-    """Return a record's controls and motion as the search takes them."""
+    """Return the controls and the motion of a record as the detection takes them."""
     values = {channel.name: channel.with_gaps() for channel in record.channels}
     return FlightSignals(
         record.time,
@@ -222,49 +226,52 @@ def signals_of(record: Record) -> FlightSignals:
     )
 
 
-def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[NumberedManeuver, ...]:
-    """Return the maneuvers with numbers, names and parts of the record that do not reach into the
-    next maneuver's.
+def numbered(detected: Sequence[DetectedManeuver], record: Record) -> tuple[NumberedManeuver, ...]:
+    """Return the maneuvers with numbers, names, and the parts of the record to use.
+
+    The parts of two maneuvers do not overlap.
     """
     counts: Counter[str] = Counter()
-    out = []
-    for number, each in enumerate(found, start=1):
-        stem = each.kind if each.kind == "trim" else f"{each.axis}-{each.kind}"
+    maneuvers = []
+    for number, maneuver in enumerate(detected, start=1):
+        stem = maneuver.kind if maneuver.kind == "trim" else f"{maneuver.axis}-{maneuver.kind}"
         counts[stem] += 1
-        start, stop = _part(each, found, record)
-        out.append(
+        start, stop = _part_to_use(maneuver, detected, record)
+        maneuvers.append(
             NumberedManeuver(
                 number,
                 f"{stem}-{counts[stem]}",
-                each,
-                record[each.channel].unit if each.channel else "",
+                maneuver,
+                record[maneuver.channel].unit if maneuver.channel else "",
                 start,
                 stop,
             )
         )
-    return tuple(out)
+    return tuple(maneuvers)
 
 
-def _part(
-    each: DetectedManeuver, found: Sequence[DetectedManeuver], record: Record
+def _part_to_use(
+    maneuver: DetectedManeuver, detected: Sequence[DetectedManeuver], record: Record
 ) -> tuple[float, float]:
-    """Return the input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
-    neighbours; a trim point as it is.
+    """Return start and end (s) of the part of a record to use for a maneuver.
+
+    The part is the input with ``LEAD`` before it and ``TAIL`` after it. It ends at a pause in the
+    rows, and half way to the next maneuver. The part of a trim point is the trim point.
     """
-    if each.kind == "trim":
-        return round(each.start, DIGITS), round(each.end, DIGITS)
-    start, stop = each.start - LEAD, each.end + TAIL
-    for other in found:
-        if other.kind == "trim" or other is each:
+    if maneuver.kind == "trim":
+        return round(maneuver.start, DIGITS), round(maneuver.end, DIGITS)
+    start, stop = maneuver.start - LEAD, maneuver.end + TAIL
+    for other in detected:
+        if other.kind == "trim" or other is maneuver:
             continue
-        if other.end <= each.start:
-            start = max(start, 0.5 * (other.end + each.start))
-        elif other.start >= each.end:
-            stop = min(stop, 0.5 * (each.end + other.start))
+        if other.end <= maneuver.start:
+            start = max(start, 0.5 * (other.end + maneuver.start))
+        elif other.start >= maneuver.end:
+            stop = min(stop, 0.5 * (maneuver.end + other.start))
     first = int(np.searchsorted(record.time, start))
     last = int(np.searchsorted(record.time, stop, side="right")) - 1
     pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > LONGEST_GAP) + first
-    middle = 0.5 * (each.start + each.end)
+    middle = 0.5 * (maneuver.start + maneuver.end)
     first = max([first, *(int(k) + 1 for k in pauses if record.time[k] < middle)])
     last = min([last, *(int(k) for k in pauses if record.time[k] >= middle)])
     return round(float(record.time[first]), DIGITS), round(float(record.time[last]), DIGITS)
@@ -276,7 +283,7 @@ def _part(
 def print_maneuvers(
     found: FoundManeuvers, out: Console | None = None, details: str = BELOW
 ) -> None:
-    """Print a search."""
+    """Print the maneuvers of a record: a summary, cautions and a table."""
     out = out or console()
     print_summary(out, maneuvers_summary(found, details))
     for line in found.cautions:
@@ -286,7 +293,7 @@ def print_maneuvers(
         print_paragraph(
             out,
             "t values: each derivative over its standard deviation, by equation error on this "
-            "maneuver alone; below about 5 it hardly determines it",
+            "maneuver alone; below about 5 the maneuver hardly determines the derivative",
             indent=0,
         )
     if found.maneuvers:
@@ -294,7 +301,7 @@ def print_maneuvers(
 
 
 def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
-    """Return the record, what was found, and how much of the time an input moves."""
+    """Return a summary: the record, counts of maneuvers, and the share of time of moving inputs."""
     record, kinds = found.record, Counter(each.found.kind for each in found.maneuvers)
     moves = sum(count for kind, count in kinds.items() if kind != "trim")
     named = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if kind != "trim")
@@ -311,28 +318,28 @@ def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
 
 def maneuvers_table(found: FoundManeuvers) -> Table:
     """Return a row for each maneuver and trim point."""
-    some = found.maneuvers
+    maneuvers = found.maneuvers
     columns: list[tuple[Column, Sequence[Cell]]] = [
-        (Column("no.", PURE), [Number(each.number, digits=0) for each in some]),
-        (Column("start", "s"), [Number(each.found.start, digits=2) for each in some]),
-        (Column("end", "s"), [Number(each.found.end, digits=2) for each in some]),
-        (Column("axis"), [each.found.axis for each in some]),
-        (Column("kind"), [each.found.kind for each in some]),
-        (Column("input"), [each.found.channel or MISSING for each in some]),
-        (Column("amplitude", PURE), [_amplitude(each) for each in some]),
-        (Column("part to use"), [options_text(each) for each in some]),
+        (Column("no.", PURE), [Number(each.number, digits=0) for each in maneuvers]),
+        (Column("start", "s"), [Number(each.found.start, digits=2) for each in maneuvers]),
+        (Column("end", "s"), [Number(each.found.end, digits=2) for each in maneuvers]),
+        (Column("axis"), [each.found.axis for each in maneuvers]),
+        (Column("kind"), [each.found.kind for each in maneuvers]),
+        (Column("input"), [each.found.channel or MISSING for each in maneuvers]),
+        (Column("amplitude", PURE), [_amplitude(each) for each in maneuvers]),
+        (Column("part to use"), [options_text(each) for each in maneuvers]),
     ]
     for name, unit, digits in (("airspeed", "m/s", 1), ("height", "m", 0)):
-        if any(name in each.found.conditions for each in some):
-            cells = [known(each.found.conditions.get(name), digits) for each in some]
+        if any(name in each.found.conditions for each in maneuvers):
+            cells = [known(each.found.conditions.get(name), digits) for each in maneuvers]
             columns.append((Column(name, unit), cells))
-    if any(each.found.excitation for each in some):
-        columns.append((Column("t values"), [excitation_text(each) for each in some]))
+    if any(each.found.excitation for each in maneuvers):
+        columns.append((Column("t values"), [excitation_text(each) for each in maneuvers]))
     return table("maneuvers and trim points", *columns)
 
 
 def _kinds_text(found: FoundManeuvers) -> str:
-    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty if nothing was found."""
+    """Return the count of each kind, as ``"1 doublet, 2 sweep, 1 trim"``."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
 
@@ -346,12 +353,12 @@ def _amplitude(each: NumberedManeuver) -> Cell:
 
 
 def options_text(each: NumberedManeuver) -> str:
-    """``"--from 7 --to 16"``: the options of other commands that select a maneuver."""
+    """Return the options of other commands that select a maneuver, as ``"--from 7 --to 16"``."""
     return f"--from {each.start:.9g} --to {each.stop:.9g}"
 
 
 def excitation_text(each: NumberedManeuver) -> str:
-    """``"Cm_alpha 12, Cm_q 8.1"``."""
+    """Return the t values of the derivatives, as ``"Cm_alpha 12, Cm_q 8.1"``."""
     return (
         ", ".join(
             f"{name} {value:.2g}" if value < 10.0 else f"{name} {value:.0f}"
@@ -375,7 +382,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
         f"flightid identify {name} --maneuver N uses one of them, by number or name; diagnose and "
         "survey do so as well.",
         "A t value is a derivative over its standard deviation, by equation error on this maneuver "
-        "alone; below about 5 it hardly determines it.",
+        "alone; below about 5 the maneuver hardly determines the derivative.",
     )
     return Page(
         title=f"{name}: maneuvers",
@@ -410,13 +417,14 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
 MAIN = "maneuvers.json"
 SCHEMA = "flightid/maneuvers/1"
 _HEAD = """\
-# Maneuvers of one record, for --maneuver NUMBER or NAME of identify, diagnose and survey. Edit it freely: names and times, further
-# tables, tables deleted. Times are in s and include rest before the input and the response after it.
-"""  # noqa: E501
+# Maneuvers of one record, for --maneuver NUMBER or NAME of identify, diagnose and survey.
+# You may change names and times, and add or delete tables.
+# Times are in s. They include rest before the input and the response after it.
+"""
 
 
 def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a search into ``folder``, whole or not at all; returns the folder."""
+    """Write all files of a search into ``folder``, or none if one fails; return the folder."""
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
         if figures:
@@ -454,12 +462,12 @@ def maneuvers_toml(found: FoundManeuvers) -> str:
 
 
 def _text(text: str) -> str:
-    """A text as TOML writes it; JSON's escapes are among TOML's, but for the delete character."""
+    """Return a text as a string of TOML: a string of JSON, with the delete character escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
-    """Return the content of ``maneuvers.json``: SI, nz in g."""
+    """Return the content of ``maneuvers.json``, in SI units, nz in g."""
     return {
         "schema": SCHEMA,
         "maneuvers": [_content(each) for each in found.maneuvers],
@@ -471,22 +479,22 @@ def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
 
 
 def _content(each: NumberedManeuver) -> dict[str, Any]:
-    one = each.found
-    moved = (
-        {"channel": one.channel, "amplitude": one.amplitude, "unit": each.unit}
-        if one.channel
+    detected = each.found
+    moved_input = (
+        {"channel": detected.channel, "amplitude": detected.amplitude, "unit": each.unit}
+        if detected.channel
         else {}
     )
     return {
         "number": each.number,
         "name": each.name,
-        "start": one.start,
-        "end": one.end,
+        "start": detected.start,
+        "end": detected.end,
         "from": each.start,
         "to": each.stop,
-        "axis": one.axis,
-        "kind": one.kind,
-        **moved,
-        **dict(one.conditions),
-        "excitation": dict(one.excitation),
+        "axis": detected.axis,
+        "kind": detected.kind,
+        **moved_input,
+        **dict(detected.conditions),
+        "excitation": dict(detected.excitation),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,19 +13,23 @@ from ident.tracing.predictive import predict
 from scenarios.diagnosis.opening import checked_effects, read_effects
 from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
-from scenarios.files.sources import InputFile, read_source, versions
+from scenarios.files.sources import InputFile, versions
 from scenarios.files.user_models import OwnModel, channel_units
 from scenarios.files.vehicles import (
-    AIRCRAFT,
-    VehicleFile,
     files_read_unnamed,
-    read_vehicle,
     vehicle_with_file,
 )
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
-from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.kept import (
+    DIAGNOSE,
+    KeptFile,
+    KeptModel,
+    read_kept,
+    unchanged_file,
+    vehicle_of_study,
+)
 from scenarios.plots import draw_into
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
@@ -54,7 +57,7 @@ from scenarios.tolerances import (
     COLUMNS_NOTE,
     Simulation,
     ToleranceVerdict,
-    carried_over,
+    error_against_fit,
     read_tests,
     residuals_of,
     tolerance_content,
@@ -72,15 +75,22 @@ if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
 
 
-# ---- The model that a study keeps
+# ---- Prediction with the stored model of a study
 
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """Request of a prediction: a study folder, a record and its columns.
+    """Request of a prediction.
 
-    ``model``, ``effects``: a user's files or their content. ``tolerances``: tests of simulator
-    qualification, see `scenarios.tolerances`.
+    Attributes
+    ----------
+    study : folder of the study.
+    record : the record to predict.
+    channels : channel map, or its path.
+    plan : preparation of the record.
+    model : file of the user's model that the study used, or its content.
+    effects : file of the user's effects that the study used, or the effects.
+    tolerances : tests of simulator qualification, see `scenarios.tolerances.read_tests`.
     """
 
     study: Path
@@ -96,9 +106,19 @@ class PredictionRequest:
 class PredictionResult:
     """A record predicted by a study's model.
 
-    ``after``: by the identified model. ``before``: by the declared model of a diagnosis.
-    ``simulated``: the record is simulated, according to its JSON file. ``residuals``: of the
-    study's fit, and the sensor noise (1 sigma), by channel.
+    Attributes
+    ----------
+    study : folder of the study.
+    kept : stored model of the study.
+    vehicle : name of the vehicle.
+    record, source : the record, and name and hash of its file.
+    channels : predicted outputs that the record has.
+    after : simulation with the identified model.
+    before : simulation with the declared model of a diagnosis; None for an identification.
+    notes, warnings : sentences for the user.
+    simulated : whether the record is simulated, according to its JSON file.
+    verdicts : results of the requested tolerance tests.
+    residuals : by channel, the residual of the study's fit and the sensor noise (both 1 sigma).
     """
 
     study: Path
@@ -116,24 +136,24 @@ class PredictionResult:
     residuals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def predict_record(asked: PredictionRequest) -> PredictionResult:
-    """Read the study's model and the record, and simulate.
+def predict_record(request: PredictionRequest) -> PredictionResult:
+    """Read the model of a study and a record, and predict the record.
 
     Raises
     ------
-    DeclarationError : the folder keeps no model; a file of the user's that it rests on is not
-        named, or is another one. RecordError : anything in the record that keeps it from being
-        used.
+    DeclarationError : the folder has no stored model, or a user's file that the study used is not
+        named or has changed.
+    RecordError : the record cannot be used.
     """
-    tests = read_tests(asked.tolerances) if asked.tolerances is not None else ()
-    file = read_kept(asked.study)
-    vehicle = vehicle_of_study(file, asked.model)
+    tests = read_tests(request.tolerances) if request.tolerances is not None else ()
+    file = read_kept(request.study)
+    vehicle = vehicle_of_study(file, request.model)
     model = model_of_file(vehicle)
-    kept = file.model(_own_effects(file, asked.effects, model))
-    source = opened(asked.record)
+    kept = file.model(_user_effects(file, request.effects, model))
+    source = opened(request.record)
     known = channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
-    choices = read_channel_map(asked.channels, known) if asked.channels is not None else None
-    reading, plan = kept.reading, _plan(kept, asked.plan)
+    choices = read_channel_map(request.channels, known) if request.channels is not None else None
+    reading, plan = kept.reading, _plan_of_study(kept, request.plan)
     model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
     decided = Decided(Hold(reading.hold), reading.weight)
     ready = prepare(
@@ -159,13 +179,15 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         raise RecordError(
             "it has none of the study's outputs", where=str(source.path), remedy=remedy
         )
-    by = _by_diagnosis if kept.made_by == DIAGNOSE else _by_identification
-    record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
-    masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
+    predict_parts = (
+        _predict_like_diagnosis if kept.made_by == DIAGNOSE else _predict_like_identification
+    )
+    record, before, after, cleaned = predict_parts(kept, declared, ready, trusted=plan.trusted)
+    masks = [left_out(*pair) for pair in zip(ready.validation, cleaned, strict=True)]
     ready = replace(ready, look=with_outliers(ready.look, ready.validation, masks))
     notes = (*not_recorded(kept.after.outputs, [record]), *ready.notes)
     return PredictionResult(
-        asked.study,
+        request.study,
         kept,
         vehicle.name,
         record,
@@ -177,15 +199,19 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         _warnings(ready),
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
-        residuals_of(asked.study),
+        residuals_of(request.study),
     )
 
 
-def _by_identification(
+def _predict_like_identification(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """Predict as ``identify --validate`` does: return the record, the simulations before and after,
-    and its parts less their outliers.
+    """Predict a record as ``identify --validate`` does.
+
+    Returns
+    -------
+    The record; no simulation of the declared model; the simulation with the identified model; the
+    parts of the record without their outliers.
     """
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
@@ -199,19 +225,25 @@ def _by_identification(
         trusted=trusted,
     )
     (fit,) = pooled_fits(fits, ready.parted)
-    at = [fit.outputs.index(name) for name in fit.outputs if name in fit.record.output_names]
+    recorded = [row for row, name in enumerate(fit.outputs) if name in fit.record.output_names]
     return (
         fit.record,
         None,
-        Simulation(fit.simulated[at], fit.figures),
+        Simulation(fit.simulated[recorded], fit.figures),
         [each.record for each in fits],
     )
 
 
-def _by_diagnosis(
+def _predict_like_diagnosis(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """Predict as ``diagnose --validate`` does, which looks for outliers in any record."""
+    """Predict a record as ``diagnose --validate`` does, which searches every record for outliers.
+
+    Returns
+    -------
+    The record; the simulations with the declared and with the final model; the parts of the record
+    without their outliers.
+    """
     assert kept.before is not None
     found = predict(
         kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked
@@ -233,45 +265,15 @@ def _by_diagnosis(
     )
 
 
-def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """Return the study's vehicle from the stored text; for a user's model with its file."""
-    own, text = file.file("model_file"), file.content["vehicle_text"]
-    chosen: str | OwnModel = file.content["model"]
-    if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
-        own = None
-    if own is not None:
-        if model is None:
-            what = (
-                f"the study's model is that of {own.name}, a file of a user's own, which is run "
-                "only when it is named"
-            )
-            raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
-        chosen = model if isinstance(model, OwnModel) else _same(model, own, "--model")
-        if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
-            what = f"{model.model.name} is not the {own.name} that the study was made with"
-            raise DeclarationError(
-                what, where="--model", remedy="give that model as it was, or run the study again"
-            )
-    elif model is not None:
-        raise DeclarationError(
-            f"the study's model is {chosen}, which is built in",
-            where="--model",
-            remedy="leave it out",
-        )
-    if not text:
-        return read_vehicle(None, chosen)
-    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        entry = file.file("vehicle")
-        # A study may be untrusted: its file names must not lead outside this folder.
-        named = Path(entry.name).name.lstrip(".") if entry is not None else ""
-        path = Path(folder) / (named or "vehicle.toml")
-        write_text(path, text)
-        return read_vehicle(path, chosen)
-
-
-def _own_effects(
+def _user_effects(
     file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model
 ) -> Sequence[Traceable]:
+    """Return the user's effects from a file or from memory; none if ``effects`` is None.
+
+    Raises
+    ------
+    DeclarationError : the study used no effects of a user's, or another file.
+    """
     known = file.file("effects_file")
     if effects is None:
         return ()
@@ -279,48 +281,37 @@ def _own_effects(
         return checked_effects(effects, model, "effects")
     if known is None:
         raise DeclarationError(
-            "the study was made without effects of one's own",
+            "the study used no user effects",
             where="--effects",
             remedy="leave it out",
         )
-    return read_effects(_same(effects, known, "--effects"), model)
+    return read_effects(unchanged_file(effects, known, "--effects"), model)
 
 
-def _same(path: Path, known: InputFile, option: str) -> str:
-    """Return the path of a user's file; refused where it is not the one that the study was made
-    with, to the byte.
-    """
-    if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
-        what = f"{path} is not the {known.name} that the study was made with"
-        raise DeclarationError(
-            what, where=option, remedy="name that file as it was, or run the study again"
-        )
-    return str(path)
-
-
-def _plan(kept: KeptModel, asked: Plan) -> Plan:
-    """Return the study's preparation, with the requested part of the record."""
+def _plan_of_study(kept: KeptModel, requested: Plan) -> Plan:
+    """Return the preparation of a study, with the requested part of the record."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
-    trusted = reading.trusted or asked.trusted
+    trusted = reading.trusted or requested.trusted
     return Plan(
-        asked.segments,
+        requested.segments,
         hold,
-        asked.rate or reading.rate or None,
+        requested.rate or reading.rate or None,
         reading.lowpass or None,
         trusted,
-        asked.columns,
-        asked.chosen,
+        requested.columns,
+        requested.chosen,
     )
 
 
 def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:
-    """A model that takes the pitch attitude from the record needs one there."""
-    takes = kept.weighed or any(
+    """Raise RecordError if the model needs the recorded pitch attitude and the record has none."""
+    needs_attitude = kept.weighed or any(
         getattr(effect, "attitude_recorded", False) for effect in kept.after.effects
     )
-    if takes and ATTITUDE not in {signal.name for signal in declared.equations.inputs}:
-        what = "it has no theta, which the study's model takes as it is recorded"
+    inputs = {signal.name for signal in declared.equations.inputs}
+    if needs_attitude and ATTITUDE not in inputs:
+        what = "it has no theta, which the study's model takes from the record"
         raise RecordError(
             what, where=record.name, remedy="give a record with theta, or make the study without it"
         )
@@ -331,20 +322,20 @@ def _warnings(ready: PreparedData) -> tuple[str, ...]:
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
-    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty if the
-    simulation left all measure.
+    """Return rms error, fit in per cent, R squared and Theil's coefficient by channel; empty if the
+    simulation diverged.
     """
-    f = simulation.figures
-    if f is None:
+    errors = simulation.figures
+    if errors is None:
         return {}
     return {
         name: {
             "rms_error": error,
-            "fit_percent": simulation.fit_percent(name),
-            "r2": f.r2[name],
-            "theil": f.theil[name],
+            "fit_percent": errors.fit_percent(name),
+            "r2": errors.r2[name],
+            "theil": errors.theil[name],
         }
-        for name, error in f.rmse.items()
+        for name, error in errors.rmse.items()
     }
 
 
@@ -352,8 +343,10 @@ def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
 
 
 def prediction_figures(found: PredictionResult) -> Iterator[Named]:
-    """Yield the figure of a prediction: recorded and predicted, of a diagnosis with effects also as
-    declared. Nothing where no simulation is finite.
+    """Yield the figures of a prediction: measured and predicted outputs, and tolerance tests.
+
+    With a diagnosis that added effects, the outputs of the declared model are also shown. A
+    simulation that diverged has no figure.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
@@ -366,8 +359,8 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
             MethodOutputs("as declared", dict(zip(found.channels, found.before.rows, strict=True))),
         )
     title = (
-        f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nnot fitted, only initial "
-        "states and biases are its own"
+        f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nfixed parameters; only "
+        "initial states and biases are fitted"
     )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     above = context(found.record, found.channels)
@@ -395,7 +388,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
         )
     lines += table_as_lines(errors_table(found), width, keys=2)
     lines += wrapped(COLUMNS_NOTE, width)
-    if verdict := carried_over(found.after, found.residuals):
+    if verdict := error_against_fit(found.after, found.residuals):
         lines += wrapped(f"verdict: {verdict}", width)
     if found.verdicts:
         lines += ["", *table_as_lines(tolerance_table(found.verdicts, record), width, keys=1)]
@@ -405,7 +398,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
 
 
 def predicting_model(found: PredictionResult) -> str:
-    """Return the model, whose it is, and the effects in it."""
+    """Return a phrase on the model: its name, vehicle, command that made it, and effects."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
     vehicle = vehicle_with_file(found.vehicle, kept.vehicle)
@@ -415,38 +408,42 @@ def predicting_model(found: PredictionResult) -> str:
 
 
 def errors_table(found: PredictionResult) -> Table:
-    """Errors with the study's effects, and before that as declared if there are any."""
+    """Return the errors of the prediction, after those of the declared model if the study added
+    effects to it.
+    """
     before = (
-        _rows(found, found.before, "as declared")
+        _error_rows(found, found.before, "as declared")
         if found.before is not None and found.kept.after.effects
         else []
     )
-    rows = [*before, *_rows(found, found.after, "predicted")]
+    rows = [*before, *_error_rows(found, found.after, "predicted")]
     return rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
 
 
-def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[list[Cell]]:
-    f = simulation.figures
-    if f is None:
-        return [[word, *NO_FIT]]
+def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
+    """Return a row of errors for each channel; ``label`` names the simulation."""
+    errors = simulation.figures
+    if errors is None:
+        return [[label, *NO_FIT]]
     return [
         [
-            word,
+            label,
             *fit_cells(
                 name,
                 Quantity(error, 0.0, found.record[name].unit),
-                simulation.fit_percent(name),
-                f.r2[name],
-                f.theil[name],
+                errors.fit_percent(name),
+                errors.r2[name],
+                errors.theil[name],
             ),
         ]
-        for name, error in f.rmse.items()
+        for name, error in errors.rmse.items()
     ]
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:
-    """Return whether the prediction is within the tolerances, and the tone; empty if none were
-    requested.
+    """Return a verdict on the tolerance tests, and its tone on the page.
+
+    The verdict is empty if no test was requested.
     """
     if found.after.figures is None:
         return "no finite simulation", "open"
@@ -461,19 +458,15 @@ def _verdict(found: PredictionResult) -> tuple[str, str]:
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:
     """Return the page of a prediction with the figures ``drawn``."""
-    record, figures_after = found.record, found.after.figures
+    record, errors = found.record, found.after.figures
     verdict, tone = _verdict(found)
-    worst = (
-        min(figures_after.nrmse, key=lambda name: found.after.fit_percent(name), default="")
-        if figures_after is not None
-        else ""
-    )
-    fits = (
-        f"smallest fit of {len(found.channels)} channels: {worst}, "
-        f"{found.after.fit_percent(worst):.1f} %"
-        if worst
-        else ""
-    )
+    fits = ""
+    if errors is not None and errors.nrmse:
+        worst = min(errors.nrmse, key=errors.fit_percent)
+        fits = (
+            f"smallest fit of {len(found.channels)} channels: {worst}, "
+            f"{errors.fit_percent(worst):.1f} %"
+        )
     kept = (
         ("vehicle", found.kept.vehicle),
         ("model", found.kept.own_file),
@@ -488,7 +481,7 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         kind=predicting_model(found),
         verdict=verdict,
         tone=tone,
-        sentence=as_sentence(carried_over(found.after, found.residuals) or fits),
+        sentence=as_sentence(error_against_fit(found.after, found.residuals) or fits),
         summary=(),
         warnings=tuple(map(as_sentence, found.warnings)),
         sections=(
@@ -525,8 +518,8 @@ DECLARED = "declared_"
 def write_prediction(
     found: PredictionResult, folder: str | Path, *, figures: Formats = USUAL
 ) -> Path:
-    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns
-    the folder.
+    """Write time histories, figures, page and ``prediction.json`` of a prediction, and return the
+    folder.
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "prediction.csv", _table(found))
@@ -537,8 +530,9 @@ def write_prediction(
 
 
 def prediction_content(found: PredictionResult) -> dict[str, Any]:
-    """Return the content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a
-    diagnosis's model without the effects found.
+    """Return the content of ``prediction.json``; errors are in SI units, of nz in g.
+
+    Of a diagnosis, ``declared`` has the errors of the model without the added effects.
     """
     kept, record = found.kept, found.record
     files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}
@@ -578,8 +572,10 @@ def prediction_content(found: PredictionResult) -> dict[str, Any]:
 
 
 def _table(found: PredictionResult) -> str:
-    """``time``, and of each channel ``NAME``, ``predicted_NAME`` and of a diagnosis
-    ``declared_NAME``; a cell without a number is empty.
+    """Return the CSV text of the time histories; a cell without a number is empty.
+
+    The columns are ``time``, and for each channel ``NAME``, ``predicted_NAME`` and, of a diagnosis,
+    ``declared_NAME``.
     """
     columns = {"time": found.record.time.tolist()}
     for i, name in enumerate(found.channels):

@@ -1,7 +1,6 @@
 """Tolerance bands of flight-simulator qualification about a measured time history.
 
-The tests and their sources stand in ``tolerances.toml``; a user's file of the same form serves as
-well.
+The tests and their sources are in ``tolerances.toml``. A user may give a file of the same form.
 """
 
 from __future__ import annotations
@@ -36,14 +35,15 @@ VALUE, PEAK = "value", "peak"
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A band about a channel.
+    """A tolerance band about a measured channel.
 
     Attributes
     ----------
-    channel : its name.
-    text : the tolerance with its unit, such as ``2 deg/s``.
-    share : of the measured value or of its peak, where that is more; 0 none.
-    of : which of them.
+    channel : name of the channel.
+    text : absolute tolerance with its unit, such as ``2 deg/s``.
+    share : relative tolerance, 0 to 1; the larger of the two tolerances applies.
+    of : reference of ``share``: ``VALUE``, the measured value at each sample, or ``PEAK``, the
+        largest change of the measured channel from its first sample.
     """
 
     channel: str
@@ -52,7 +52,10 @@ class Tolerance:
     of: str = VALUE
 
     def half_width(self, channel: Channel, where: str) -> np.ndarray:
-        """Return half of the band at each sample, ``(N,)``, in the channel's unit."""
+        """Return half the width of the band at each sample, ``(N,)``, in the channel's unit.
+
+        ``where`` is the place of the tolerance, for messages.
+        """
         number, _, unit = self.text.partition(" ")
         try:
             value = float(number)
@@ -67,21 +70,24 @@ class Tolerance:
             size = np.full(len(size), float(peak))
         return np.maximum(least, self.share * size)
 
-    def told(self, value: float, unit: str) -> tuple[float, str]:
-        """Return a value of the channel, whose unit is ``unit``, in the unit of the tolerance."""
-        own = self.text.partition(" ")[2].strip()
-        return value / float(to_si(1.0, own, unit, self.channel, DeclarationError)), own
+    def in_own_unit(self, value: float, unit: str) -> tuple[float, str]:
+        """Return a value given in ``unit`` in the unit of the tolerance, and that unit."""
+        own_unit = self.text.partition(" ")[2].strip()
+        return value / float(to_si(1.0, own_unit, unit, self.channel, DeclarationError)), own_unit
 
 
 @dataclass(frozen=True)
 class ObjectiveTest:
-    """A test of a simulator.
+    """An objective test of simulator qualification.
 
     Attributes
     ----------
-    name, title : for people.
-    entry : of the table in the source.
-    requirements : all have to hold; of the alternatives of each, one.
+    name : name of the test for ``--tolerances``.
+    title : title of the test for figures.
+    entry : number of the test in the table of its source.
+    source : document that defines the test.
+    requirements : the test is passed if every requirement is met. A requirement is a tuple of
+        alternative tolerances, and is met if one of them is kept.
     """
 
     name: str
@@ -93,14 +99,14 @@ class ObjectiveTest:
 
 @dataclass(frozen=True, eq=False)
 class ChannelVerdict:
-    """One channel of a test.
+    """Result of a test for one channel.
 
     Attributes
     ----------
-    tolerance : asked.
-    half_width : of the band, ``(N,)``.
-    error : ``(N,)``, predicted less measured, NaN if nothing was measured.
-    requirement : number of the requirement.
+    tolerance : the tolerance.
+    half_width : ``(N,)``, half the width of the band, in the channel's unit.
+    error : ``(N,)``, predicted minus measured; NaN where a sample is missing.
+    requirement : index of the requirement in the test.
     """
 
     tolerance: Tolerance
@@ -110,9 +116,9 @@ class ChannelVerdict:
 
     @property
     def inside(self) -> float:
-        """Share of the samples within the band."""
-        there = np.isfinite(self.error)
-        return float(np.mean(np.abs(self.error[there]) <= self.half_width[there]))
+        """Share of the samples within the band, 0 to 1."""
+        valid = np.isfinite(self.error)
+        return float(np.mean(np.abs(self.error[valid]) <= self.half_width[valid]))
 
     @property
     def passed(self) -> bool:
@@ -121,20 +127,20 @@ class ChannelVerdict:
 
     @property
     def worst(self) -> int:
-        """The sample that is farthest out, or nearest to the edge."""
+        """Index of the sample with the largest error relative to the band."""
         return int(np.nanargmax(np.abs(self.error) / self.half_width))
 
 
 @dataclass(frozen=True, eq=False)
 class ToleranceVerdict:
-    """Whether a prediction passes a test. ``channels`` in the order of the requirements."""
+    """Result of a test; ``channels`` are in the order of the requirements."""
 
     test: ObjectiveTest
     channels: tuple[ChannelVerdict, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether each requirement has an alternative that holds."""
+        """Whether every requirement has an alternative that is kept."""
         numbers = {each.requirement for each in self.channels}
         return all(
             any(each.passed for each in self.channels if each.requirement == number)
@@ -144,7 +150,7 @@ class ToleranceVerdict:
 
 @cache
 def _schema() -> type[BaseModel]:
-    """Return the form of a file of tolerances."""
+    """Return the schema of a file of tolerances."""
     from scenarios.files.schemas import table_of
 
     bound: Any = table_of(
@@ -161,25 +167,25 @@ def _schema() -> type[BaseModel]:
     return table_of("Tolerances", tests=(list[test], ...))
 
 
-def read_tests(asked: str) -> tuple[ObjectiveTest, ...]:
-    """Tests by their names, with commas between them, or all tests of a TOML file.
+def read_tests(names_or_path: str) -> tuple[ObjectiveTest, ...]:
+    """Return the tests with these names, or all tests of a TOML file.
 
     Parameters
     ----------
-    asked : such as ``"short-period,roll-response"``, or the path of a file ``.toml``.
+    names_or_path : names such as ``"short-period,roll-response"``, or the path of a ``.toml`` file.
 
     Raises
     ------
     DeclarationError : there is no such test or file, or it has another form.
     """
     where = "--tolerances"
-    if asked.endswith(".toml"):
-        return _tests(toml_of(read_toml_source(Path(asked))), asked)
+    if names_or_path.endswith(".toml"):
+        return _tests_of(toml_of(read_toml_source(Path(names_or_path))), names_or_path)
     import tomllib
 
     text = files("scenarios").joinpath("tolerances.toml").read_text(encoding="utf-8")
-    known = {each.name: each for each in _tests(tomllib.loads(text), "tolerances.toml")}
-    names = [name.strip() for name in asked.split(",")]
+    known = {test.name: test for test in _tests_of(tomllib.loads(text), "tolerances.toml")}
+    names = [name.strip() for name in names_or_path.split(",")]
     for name in names:
         if name not in known:
             remedy = closest(name, known)
@@ -187,17 +193,17 @@ def read_tests(asked: str) -> tuple[ObjectiveTest, ...]:
     return tuple(known[name] for name in dict.fromkeys(names))
 
 
-def _tests(content: Mapping[str, Any], where: str) -> tuple[ObjectiveTest, ...]:
-    told = checked(_schema(), content, where).model_dump()
-    found = []
-    for test in told["tests"]:
+def _tests_of(content: Mapping[str, Any], where: str) -> tuple[ObjectiveTest, ...]:
+    """Return the tests of a file's content; ``where`` is the file, for messages."""
+    tests = []
+    for test in checked(_schema(), content, where).model_dump()["tests"]:
         place = f"{where}, test {test['name']}"
         requirements = []
         for alternatives in test["requirements"]:
             for bound in alternatives:
                 if bound["of"] not in (VALUE, PEAK) or not 0.0 <= bound["share"] < 1.0:
                     remedy = 'write share = 0.1 and of = "value" or "peak"'
-                    what = f"no band about {bound['channel']}"
+                    what = f"no band about {bound['channel']}: share or of is wrong"
                     raise DeclarationError(what, where=place, remedy=remedy)
             requirements.append(
                 tuple(
@@ -206,58 +212,63 @@ def _tests(content: Mapping[str, Any], where: str) -> tuple[ObjectiveTest, ...]:
                 )
             )
         entry = test["entry"]
-        found.append(
+        tests.append(
             ObjectiveTest(test["name"], test["heading"], entry, test["source"], tuple(requirements))
         )
-    return tuple(found)
+    return tuple(tests)
 
 
 def verdicts_of(
     tests: Sequence[ObjectiveTest], record: Record, channels: Sequence[str], rows: np.ndarray
 ) -> tuple[ToleranceVerdict, ...]:
-    """Return whether a prediction stays within the bands.
+    """Return the results of tests of a prediction.
 
     Parameters
     ----------
-    tests : see `read_tests`.
-    record : as measured.
-    channels : m predicted ones.
-    rows : ``(m, N)`` the prediction, in the record's units.
+    tests : the tests.
+    record : the measured record.
+    channels : names of the m predicted channels.
+    rows : ``(m, N)``, the predicted channels, in the units of the record.
 
     Raises
     ------
     RecordError : a requirement asks for channels that were not predicted.
     """
     predicted = dict(zip(channels, rows, strict=True))
-    found = []
+    results = []
     for test in tests:
         verdicts = []
         for number, alternatives in enumerate(test.requirements):
-            there = [each for each in alternatives if each.channel in predicted]
-            if not there:
+            predictable = [each for each in alternatives if each.channel in predicted]
+            if not predictable:
                 names = " or ".join(each.channel for each in alternatives)
                 raise RecordError(
                     f"the test {test.name} needs {names}, which is not predicted",
                     where=record.name,
                     remedy="ask for another test, or identify with that output",
                 )
-            for each in there:
-                channel = record[each.channel]
-                error = np.where(channel.valid, predicted[each.channel] - channel.values, np.nan)
-                half = each.half_width(channel, f"test {test.name}, {each.channel}")
-                verdicts.append(ChannelVerdict(each, half, error, number))
-        found.append(ToleranceVerdict(test, tuple(verdicts)))
-    return tuple(found)
+            for tolerance in predictable:
+                name = tolerance.channel
+                channel = record[name]
+                error = np.where(channel.valid, predicted[name] - channel.values, np.nan)
+                half_width = tolerance.half_width(channel, f"test {test.name}, {name}")
+                verdicts.append(ChannelVerdict(tolerance, half_width, error, number))
+        results.append(ToleranceVerdict(test, tuple(verdicts)))
+    return tuple(results)
 
 
 def tolerance_table(verdicts: Sequence[ToleranceVerdict], record: Record) -> Table:
-    """Each test with its channels: tolerance, largest error in it, share inside, pass or fail."""
+    """Return a table of the tests and their channels.
+
+    A channel has its tolerance, its worst error, its share of samples within the band, and pass or
+    fail.
+    """
     rows: list[list[Cell]] = []
     for verdict in verdicts:
         rows.append([verdict.test.name, verdict.test.entry, "", "", "", _word(verdict.passed)])
         for each in verdict.channels:
             channel = record[each.tolerance.channel]
-            error, unit = each.tolerance.told(float(each.error[each.worst]), channel.unit)
+            error, unit = each.tolerance.in_own_unit(float(each.error[each.worst]), channel.unit)
             share = f" or {100 * each.tolerance.share:g} %" if each.tolerance.share else ""
             rows.append(
                 [
@@ -350,49 +361,51 @@ def _figure(
     return finish(sheet, title)
 
 
-# ---- Beside the residual of the fit
+# ---- Errors of a prediction against the residual of the fit
 
 COLUMNS_NOTE = (
     "fit %: 100 where the error is zero, 0 where it is as large as the motion; Theil: 0 is "
     "perfect, 1 useless"
 )
-AS_WELL = 1.5  # largest ratio of the error to the residual of the fit that still agrees
+LARGEST_RATIO = 1.5  # largest ratio of an error to the residual of the fit that agrees with it
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors;
-    None if it left all measure.
+    """A free simulation of a record.
+
+    Attributes
+    ----------
+    rows : ``(m, N)``, the simulated channels.
+    figures : their errors; None if the simulation diverged.
     """
 
     rows: np.ndarray
     figures: ErrorFigures | None
 
-    def fit_percent(self, channel: str) -> float:
-        """100 (1 - rms error over the spread of the measurement)."""
-        assert self.figures is not None
-        return 100.0 * (1.0 - self.figures.nrmse[channel])
-
 
 def residuals_of(study: Path) -> dict[str, tuple[float, float]]:
-    """Return the residual of the fit of an ``identify`` and the sensor noise (both 1 sigma; the
-    latter zero if unknown) by channel; empty if the folder keeps none.
+    """Return the residuals of an ``identify`` study by channel; empty if the folder has none.
+
+    Each pair is the residual of the fit and the sensor noise, both as 1 sigma in the unit of the
+    channel. An unknown sensor noise is zero.
     """
     content = json_or_none(study / "comparison.json")
-    kept, noise = (
-        found if isinstance(content, dict) and isinstance(found := content.get(key), dict) else {}
+    residuals, noise = (
+        table if isinstance(content, dict) and isinstance(table := content.get(key), dict) else {}
         for key in ("noise_std", "sensor_noise")
     )
     return {
         name: (float(value), float(noise.get(name) or 0.0))
-        for name, value in kept.items()
+        for name, value in residuals.items()
         if isinstance(value, int | float) and value > 0.0
     }
 
 
-def carried_over(simulation: Simulation, residuals: Mapping[str, tuple[float, float]]) -> str:
-    """Return a sentence that compares the errors with the residuals of the fit; empty if either is
-    unknown.
+def error_against_fit(simulation: Simulation, residuals: Mapping[str, tuple[float, float]]) -> str:
+    """Return a sentence that compares the errors of a prediction with the residuals of the fit.
+
+    The sentence is empty if either is unknown. ``residuals`` are those of `residuals_of`.
     """
     errors = simulation.figures.rmse if simulation.figures is not None else {}
     ratios = {name: errors[name] / residuals[name][0] for name in errors if name in residuals}
@@ -400,10 +413,10 @@ def carried_over(simulation: Simulation, residuals: Mapping[str, tuple[float, fl
         return ""
     worst = max(ratios, key=lambda name: ratios[name])
     size = f"the error is {'at most ' if len(ratios) > 1 else ''}{ratios[worst]:.2g} times"
-    if ratios[worst] <= AS_WELL:
+    if ratios[worst] <= LARGEST_RATIO:
         return (
             f"{size} the residual of the fit ({worst}): the model predicts this record as well as "
-            f"it fits its own{_lacking(residuals)}"
+            f"the records of its fit{_misfit_clause(residuals)}"
         )
     return (
         f"the error of {worst} is {ratios[worst]:.2g} times the residual of the fit: the model "
@@ -411,11 +424,13 @@ def carried_over(simulation: Simulation, residuals: Mapping[str, tuple[float, fl
     )
 
 
-def _lacking(residuals: Mapping[str, tuple[float, float]]) -> str:
-    """Return what to add if the fit itself leaves more than the noise of the sensors."""
-    ratios = {name: left / noise for name, (left, noise) in residuals.items() if noise > 0.0}
+def _misfit_clause(residuals: Mapping[str, tuple[float, float]]) -> str:
+    """Return a clause if a residual of the fit exceeds the sensor noise; empty if none does."""
+    ratios = {
+        name: residual / noise for name, (residual, noise) in residuals.items() if noise > 0.0
+    }
     worst = max(ratios, key=lambda name: ratios[name], default="")
-    if not worst or ratios[worst] <= AS_WELL:
+    if not worst or ratios[worst] <= LARGEST_RATIO:
         return ""
     return (
         f"; but that fit leaves {ratios[worst]:.2g} times the sensor noise ({worst}): the model "

@@ -1,1 +1,1 @@
-"""Equations, effects, maneuvers, sensors and truth generation; knows nothing of the rooms above."""
+"""Equations, effects, maneuvers, sensors and truth generation, apart from estimation."""

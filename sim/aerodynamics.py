@@ -1,5 +1,6 @@
-"""Coefficients of forces and moments as sums of terms that a vehicle file or a search names: a term
-is a product of powers and splines of signals; and the terms that symmetry allows.
+"""Coefficients of forces and moments as sums of terms, and the terms that symmetry allows.
+
+A term is a product of powers and splines of signals. A vehicle file or a search names the terms.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from sim.maths import absolute, maximum, real, where
 
 ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
-FLOW = (*ANGLES, "mach", *RATES)  # signals that every aircraft has; surfaces are the file's
+FLOW = (*ANGLES, "mach", *RATES)  # signals of every aircraft; a vehicle file adds its surfaces
 HIGHEST_POWER = 9
-AS_TERM = "term_"  # what the name of a signal begins with as it stands in terms
+AS_TERM = "term_"  # prefix of signals on the bus in the form in which terms use them
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"[A-Za-z]\w*"
 _SPLINE = re.compile(rf"spline\(({_NAME}),({_NUMBER}),(\d)\)")
@@ -29,14 +30,15 @@ _FORMS = 'write "alpha", "alpha^2", "alpha*elevator", "abs(beta)" or "spline(alp
 
 @dataclass(frozen=True, order=True)
 class Factor:
-    """A power of a signal.
+    """A factor of a term: a power of a signal, its absolute value, or a spline.
 
     Attributes
     ----------
-    signal : its name.
-    power : 1 to 9, of a spline 0 to 9.
-    absolute : of its absolute value.
-    knot : of a spline, in the signal's unit: what exceeds it is raised to the power. None else.
+    signal : name of the signal.
+    power : exponent, 1 to 9; of a spline 0 to 9.
+    absolute : whether the factor is the absolute value of the signal.
+    knot : knot of a spline in the unit of the signal: the factor is (signal - knot)^power above the
+        knot and zero below it. None for other factors.
     """
 
     signal: str
@@ -64,11 +66,11 @@ class Factor:
         return self.signal if self.power == 1 else f"{self.signal}{self.power}"
 
     def of(self, value: Any) -> Any:
-        """Return the factor where its signal has a value; takes complex numbers and arrays.
+        """Return the value of the factor.
 
         Parameters
         ----------
-        value : of the signal, its unit; rates non-dimensional.
+        value : value of the signal, also complex or an array; rates are non-dimensional.
         """
         if self.absolute:
             return absolute(value)
@@ -80,6 +82,7 @@ class Factor:
 
 
 def _raised(value: Any, power: int) -> Any:
+    """Return a power by multiplications, which keep the imaginary part of a complex step."""
     out = value
     for _ in range(power - 1):
         out = out * value
@@ -88,7 +91,7 @@ def _raised(value: Any, power: int) -> Any:
 
 @dataclass(frozen=True, order=True)
 class Term:
-    """A product of factors; without any the constant term.
+    """A product of factors; without factors it is the constant term.
 
     Examples
     --------
@@ -108,12 +111,12 @@ class Term:
 
     @property
     def label(self) -> str:
-        """Part of a parameter's name; ``0`` for the constant."""
+        """Part of a parameter's name; ``0`` for the constant term."""
         return "_".join(factor.label for factor in self.factors) or "0"
 
     @property
     def signals(self) -> frozenset[str]:
-        """Names of the signals in it."""
+        """Names of the signals in the term."""
         return frozenset(factor.signal for factor in self.factors)
 
     def unit(self, angles: Collection[str]) -> str:
@@ -121,7 +124,7 @@ class Term:
 
         Parameters
         ----------
-        angles : signals in rad, rates among them: derivatives by these are told per radian.
+        angles : signals whose derivatives are per radian: angles and rates.
         """
         power = sum(factor.power for factor in self.factors if factor.signal in angles)
         return "1" if power == 0 else "1/rad" if power == 1 else f"1/rad{power}"
@@ -131,7 +134,7 @@ class Term:
 
         Parameters
         ----------
-        values : signals by name, numbers or arrays of one shape, complex ones as well.
+        values : signal -> value, a number or an array of one shape, real or complex.
         """
         out: Any = 1.0
         for place, factor in enumerate(self.factors):
@@ -141,11 +144,11 @@ class Term:
 
 
 class TermTable:
-    """Values of many terms, each power and each product formed once.
+    """Evaluation of many terms, in which each power and each product is computed once.
 
     Parameters
     ----------
-    terms : in the order of the values; may repeat.
+    terms : the terms in the order of the values; a term may occur more than once.
 
     Examples
     --------
@@ -160,11 +163,11 @@ class TermTable:
         self._places = [self._place_of(term.factors) if term.factors else None for term in terms]
 
     def values(self, signals: Mapping[str, Any]) -> list[Any]:
-        """Return the values of the terms; to the last bit those of ``Term.of``.
+        """Return the values of the terms, bit for bit those of ``Term.of``.
 
         Parameters
         ----------
-        signals : by name, numbers or arrays of one shape, complex ones as well.
+        signals : signal -> value, a number or an array of one shape, real or complex.
         """
         result: list[Any] = []
         for step in self._steps:
@@ -175,7 +178,7 @@ class TermTable:
         return [1.0 if place is None else result[place] for place in self._places]
 
     def _place_of(self, factors: tuple[Factor, ...]) -> int:
-        """Return the step that gives a product of factors."""
+        """Return the index of the step that computes a product of factors."""
         if len(factors) == 1:
             return self._factor(factors[0])
         if factors not in self._known:
@@ -183,7 +186,7 @@ class TermTable:
         return self._known[factors]
 
     def _factor(self, factor: Factor) -> int:
-        """Return the step that gives a factor; a power comes from the power below it."""
+        """Return the index of the step that computes a factor, a power from the next lower one."""
         if factor not in self._known:
             power = factor.knot is None and not factor.absolute and factor.power > 1
             if power:
@@ -203,13 +206,13 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
 
     Parameters
     ----------
-    text : see the module.
-    signals : names that may stand in it.
-    where : for messages.
+    text : text such as ``"alpha*elevator"``, ``"alpha^2"`` or ``"spline(alpha, 0.2, 1)"``.
+    signals : names of the signals that the text may have.
+    where : file and key of the text, for messages.
 
     Raises
     ------
-    DeclarationError : no term, or one with an unknown signal.
+    DeclarationError : the text is no term, or has an unknown signal.
 
     Examples
     --------
@@ -243,14 +246,17 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
 
 
 def _order(factor: Factor) -> tuple[int, str, bool, float, int]:
-    """Signals of the air first, then surfaces by name: a product has one name."""
+    """Return the sort key of a factor, so that a product has one name.
+
+    Signals in ``FLOW`` come first, then surfaces by name.
+    """
     place = FLOW.index(factor.signal) if factor.signal in FLOW else len(FLOW)
     knot = -math.inf if factor.knot is None else factor.knot
     return place, factor.signal, factor.absolute, knot, factor.power
 
 
 def _parts(compact: str) -> list[str]:
-    """Return the text between the stars that are outside of brackets."""
+    """Return the factors of a text: the parts between asterisks that are outside of brackets."""
     parts, depth = [""], 0
     for letter in compact:
         depth += (letter == "(") - (letter == ")")
@@ -262,6 +268,7 @@ def _parts(compact: str) -> list[str]:
 
 
 def _factor(part: str, text: str, where: str) -> Factor:
+    """Return the factor of a ``part`` of the term ``text``."""
     if match := _SPLINE.fullmatch(part):
         return Factor(match[1], int(match[3]), knot=float(match[2]))
     if match := _ABSOLUTE.fullmatch(part):
@@ -272,17 +279,24 @@ def _factor(part: str, text: str, where: str) -> Factor:
     return Factor(match[1], int(match[2] or 1))
 
 
-IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
+IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that are equal in a mirrored motion
 ALONG = ("alpha", "q")  # variables of the longitudinal motion
 ACROSS = ("beta", "p", "r")  # variables of the lateral motion
 _ALONG = (*ALONG, "mach")
-ABOVE_SQUARES = ("alpha", "beta")  # signals with a cube
+ABOVE_SQUARES = ("alpha", "beta")  # signals whose cube is offered as a term
 
 
 def sorted_surfaces(
     present: Mapping[str, set[Term]], surfaces: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """Surfaces of the motion along the plane of symmetry, and of that across it."""
+    """Return the surfaces of the longitudinal motion, and those of the lateral motion.
+
+    Parameters
+    ----------
+    present : terms of each coefficient. A surface belongs to the motion whose coefficients have it
+        as a term of its own.
+    surfaces : names of the surfaces.
+    """
     sides: dict[str, set[bool]] = {name: set() for name in surfaces}
     for axis, terms in present.items():
         for term in terms:
@@ -294,7 +308,7 @@ def sorted_surfaces(
 
 
 def parents(term: Term) -> frozenset[Term]:
-    """Linear terms without which a product has no place in a hierarchical model.
+    """Return the linear terms that a hierarchical model must have before it may have a product.
 
     Parameters
     ----------
@@ -302,8 +316,8 @@ def parents(term: Term) -> frozenset[Term]:
 
     Returns
     -------
-    Linear terms of its signals with its symmetry: what multiplies them is not changed by a mirrored
-    motion. Products of two surfaces have none, since their symmetry is not known.
+    Linear terms of its signals that have the symmetry of the product: the other factors are equal
+    in a mirrored motion. Products of two surfaces have none, since their symmetry is not known.
 
     References
     ----------
@@ -333,12 +347,12 @@ def parents(term: Term) -> frozenset[Term]:
 
 
 def is_linear(term: Term, axis: str) -> bool:
-    """Whether a term is a signal alone that the symmetry of the aircraft allows in a coefficient.
+    """Return whether a term is a single signal that symmetry allows in a coefficient.
 
     Parameters
     ----------
-    term : any.
-    axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not known.
+    term : the term.
+    axis : the coefficient. Surfaces are allowed in every one, since their symmetry is not known.
 
     Examples
     --------
@@ -368,12 +382,12 @@ def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: boo
 
     Parameters
     ----------
-    along, across : surfaces of either motion.
+    along, across : surfaces of the longitudinal and of the lateral motion.
     symmetric : True for even terms, those of lift, drag and pitching moment.
 
     Returns
     -------
-    Linear terms, squares and products of two signals, cubes of the air's angles.
+    Linear terms, squares and products of two signals, and cubes of the flow angles.
 
     Examples
     --------

@@ -40,12 +40,11 @@ class DeclarationError(FlightidError):
 
 
 def raised_by(error: BaseException, file: str) -> bool:
-    """Whether an exception is a fault of the code in ``file``, not a request from outside to stop.
+    """Return whether an exception is a fault of the code in ``file``, not a request to stop.
 
-    Every ``Exception`` is, and so are SystemExit and GeneratorExit, which a function that is called
-    for a value has no reason to raise. Any other, KeyboardInterrupt among them, is where a
-    ``raise`` statement of that file raised it: an interrupt from the keyboard arrives between
-    statements.
+    Every ``Exception`` is a fault, and so are SystemExit and GeneratorExit, which a function that
+    is called for a value has no reason to raise. KeyboardInterrupt and the like are faults only if
+    a ``raise`` statement of that file raised them: Ctrl-C arrives between statements.
     """
     if isinstance(error, Exception | SystemExit | GeneratorExit):
         return True
@@ -57,16 +56,18 @@ def raised_by(error: BaseException, file: str) -> bool:
     return _is_raise(trace.tb_frame.f_code, trace.tb_lasti)
 
 
-def _is_raise(code: CodeType, at: int) -> bool:
-    return dis.opname[code.co_code[at]] == "RAISE_VARARGS"
+def _is_raise(code: CodeType, offset: int) -> bool:
+    """Return whether the instruction at an offset of a function's code is a ``raise``."""
+    return dis.opname[code.co_code[offset]] == "RAISE_VARARGS"
 
 
 # ---- Times of a record in sentences
 
 
 def instant(time: float, digits: int = 4) -> str:
-    """A time of a record (s) for a sentence: ``digits`` of it, and hundredths of a second where a
-    clock of the day or of the epoch would lose them.
+    """Return a time of a record (s) as a text with ``digits`` significant digits.
+
+    Times of day and of the epoch have more digits: they are shown to hundredths of a second.
     """
     if not 10.0 ** (digits - 1) <= abs(time) < 1e11:
         return f"{time:.{digits}g}"
@@ -74,7 +75,7 @@ def instant(time: float, digits: int = 4) -> str:
 
 
 def time_span(begin: float, end: float, digits: int = 6) -> str:
-    """Two times of a record (s) for a sentence, ``"0 to 12.5 s"``; ``digits`` as of ``instant``."""
+    """Return two times of a record (s) as a text, ``"0 to 12.5 s"``; see ``instant``."""
     return f"{instant(begin, digits)} to {instant(end, digits)} s"
 
 
@@ -87,7 +88,7 @@ NO_CHANGE = (
 
 
 class ChangedArgument(FlightidError):
-    """A user's function assigned to a signal that it was given."""
+    """A user's function assigns to a signal that is its argument."""
 
     def __init__(self, name: str) -> None:
         super().__init__(
@@ -95,19 +96,27 @@ class ChangedArgument(FlightidError):
         )
 
 
-_DECLARATION = Path(__file__).parent / "declaration"  # of the functions that call those of a user
+_DECLARATION = Path(__file__).parent / "declaration"  # has the functions that call users' functions
 NO_COMPLEX = (
-    "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths: what stands there must "
-    "take complex numbers and arrays"
+    "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths: the function must take "
+    "complex numbers and arrays"
 )
 
 
 def fault(
     model: str, what: str, function: Callable[..., object], error: BaseException, s: Any, p: Any
 ) -> FlightidError:
-    """Return one line on an error of a user's function: problem, function, file and line.
+    """Return an error of a user's function as one line: problem, function, file, line and remedy.
 
     Requests to stop the program, such as Ctrl-C, are raised again.
+
+    Parameters
+    ----------
+    model : name of the model.
+    what : what the function gives, such as ``"rates"``.
+    function : the user's function.
+    error : the exception that the function raised.
+    s, p : signals and parameters, the arguments of the function.
     """
     if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
         raise error
@@ -159,7 +168,7 @@ def _changes_argument(error: BaseException) -> bool:
 
 
 def written_in(model: str, what: str, function: Callable[..., object]) -> str:
-    """``model roll, rates (my_model.py, line 12)``: where the function itself begins."""
+    """Return the place where a function begins: ``model roll, rates (my_model.py, line 12)``."""
     code = getattr(function, "__code__", None)
     return f"model {model}, {what}" + (
         f" ({code.co_filename}, line {code.co_firstlineno})" if code is not None else ""
@@ -167,8 +176,9 @@ def written_in(model: str, what: str, function: Callable[..., object]) -> str:
 
 
 def place(model: str, what: str, function: Callable[..., object], error: BaseException) -> str:
-    """``model roll, rates (my_model.py, line 12)``: the line of the user's file through which the
-    error came last.
+    """Return the innermost line of the user's file in the traceback of an error.
+
+    The text is ``model roll, rates (my_model.py, line 12)``.
     """
     files = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
     own = getattr(getattr(function, "__code__", None), "co_filename", None)

@@ -1,6 +1,6 @@
 """Maneuvers as functions of time: steps and their combinations, multisines, sweeps.
 
-A maneuver knows its exact mean over any interval, so that a simulation meets a switch at its own
+A maneuver gives its exact mean over any interval, so that in a simulation a switch acts at its own
 time and not at the next step.
 """
 
@@ -27,10 +27,10 @@ SWITCH_TOLERANCE = 1e-9
 class Maneuver(Protocol):
     """An input as a function of time.
 
-    Calling it gives the value at ``t`` (s, float or array), at a switch the new one; ``before(t)``
-    gives the limit from the left; ``mean(begin, end)`` the exact mean over each interval (s,
-    arrays); ``breakpoints`` the times at which value or slope may jump, in order; ``hold`` how a
-    record of its samples is best interpolated.
+    A call returns the value at ``t`` (s, float or array); at a switch the new value. ``before(t)``
+    returns the limit from the left, and ``mean(begin, end)`` the exact mean over each interval (s,
+    arrays). ``breakpoints`` are the times at which value or slope may jump, in order. ``hold`` is
+    the best interpolation between its samples in a record.
     """
 
     @property
@@ -48,12 +48,12 @@ class MultiStep:
 
     Attributes
     ----------
-    levels : value in each interval, unit of the input.
-    times : switching times, one more than levels, s, increasing; the last may be infinite.
+    levels : value in each interval, in the unit of the input.
+    times : switching times, s, increasing, one more than levels; the last may be infinite.
 
     Raises
     ------
-    ModelError : times that do not increase, numbers that are not finite, lengths that do not match.
+    ModelError : times do not increase, numbers are not finite, or lengths do not match.
     """
 
     levels: tuple[float, ...]
@@ -127,31 +127,27 @@ class MultiStep:
 
 
 def three_two_one_one(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """Return the 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
-    ``amplitude``, from ``start`` (s).
-    """
+    """Return a 3-2-1-1: alternating steps of 3, 2, 1, 1 ``unit`` (s), from ``start`` (s) on."""
     return alternating(amplitude, [3.0 * unit, 2.0 * unit, unit, unit], start)
 
 
 def doublet(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """``amplitude`` for one ``unit`` (s), then its opposite for another, from ``start`` (s)."""
+    """Return a doublet from ``start`` (s): ``amplitude`` for a ``unit`` (s), then its negative."""
     return alternating(amplitude, [unit, unit], start)
 
 
 def pulse(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """``amplitude`` for one ``unit`` (s) from ``start`` (s)."""
+    """Return a pulse: ``amplitude`` for one ``unit`` (s) from ``start`` (s)."""
     return alternating(amplitude, [unit], start)
 
 
 def step(amplitude: float, start: float = 0.0) -> MultiStep:
-    """``amplitude`` from ``start`` (s) on, without end."""
+    """Return a step: ``amplitude`` from ``start`` (s) on, without end."""
     return MultiStep((float(amplitude),), (float(start), math.inf))
 
 
 def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0) -> MultiStep:
-    """Return the steps of alternating sign with the given durations (s), the first of
-    ``amplitude``, from ``start`` (s).
-    """
+    """Return alternating steps, the first of ``amplitude``, from ``start`` on; times in s."""
     for duration in durations:
         if not (duration > SWITCH_TOLERANCE and math.isfinite(duration)):
             raise _bad(f"a step lasts {duration:g} s", "give a positive duration")
@@ -165,9 +161,7 @@ def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0
 
 @dataclass(frozen=True)
 class Sum:
-    """Several maneuvers added; of none, an input at rest. A smooth part makes the record's hold
-    linear.
-    """
+    """A sum of maneuvers; without any, an input at rest. A smooth part makes its hold linear."""
 
     parts: tuple[Maneuver, ...] = ()
 
@@ -196,7 +190,7 @@ class Sum:
 
 @dataclass(frozen=True)
 class Delayed:
-    """A maneuver that comes ``delay`` s later (earlier when negative)."""
+    """A maneuver that acts ``delay`` s later; earlier if the delay is negative."""
 
     part: Maneuver
     delay: float
@@ -224,39 +218,39 @@ class Delayed:
 
 
 def sequence(parts: Sequence[Maneuver], gap: float, start: float = 0.0) -> Sum:
-    """Return the maneuvers one after another: the first begins at ``start`` (s), each next ``gap``
-    (s) after the last break of the one before.
+    """Return maneuvers one after another.
 
-    Raises ModelError for a negative gap or a part that never begins.
+    The first begins at ``start`` (s), and each other one ``gap`` (s) after the last breakpoint of
+    the one before it. Raises ModelError for a negative gap or a part without breakpoints.
     """
     if not (gap >= 0 and math.isfinite(gap)):
         raise _bad(f"gap {gap:g} s", "give a gap of zero or more")
     placed: list[Maneuver] = []
-    at = float(start)
+    begin = float(start)
     for part in parts:
         if not part.breakpoints:
             raise _bad("a part of the sequence has no beginning", "leave it out")
-        placed.append(Delayed(part, at - part.breakpoints[0]))
-        at = placed[-1].breakpoints[-1] + gap
+        placed.append(Delayed(part, begin - part.breakpoints[0]))
+        begin = placed[-1].breakpoints[-1] + gap
     return Sum(tuple(placed))
 
 
 def _bad(what: str, remedy: str) -> ModelError:
+    """Return the error for a wrong maneuver."""
     return ModelError(what, where="maneuver", remedy=remedy)
 
 
 # ---- Smooth maneuvers that spread their energy over a band
 
-_GAUSS_POINTS = 8
-# points in a period of the highest harmonic, where peaks are looked for
-_PEAK_POINTS_PER_PERIOD = 32
+_GAUSS_POINTS = 8  # of a panel in the mean of a sweep
+_PEAK_POINTS_PER_PERIOD = 32  # points in a period of the highest harmonic that show the peaks
 _MOST_CLIPPINGS = 200
-_LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping cut
+_LEVELS = (0.75, 0.99)  # levels of the first and the last clipping, relative to the peak
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of harmonics of one period, repeated a whole number of times.
+    """A sum of harmonics of one period, which is repeated a whole number of times.
 
     u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on ``[start, start
     + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
@@ -301,7 +295,7 @@ class Multisine:
 
     @property
     def end(self) -> float:
-        """Time at which it is over, s."""
+        """Time of the end, s."""
         return self.start + self.cycles * self.period
 
     @property
@@ -329,8 +323,10 @@ class Multisine:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Return the mean over each interval: a harmonic's mean is its value at the middle times
-        sin(x)/x of half its phase advance.
+        """Return the mean over each interval.
+
+        The mean of a harmonic is its value at the middle times sin(x)/x, where x is half the phase
+        that it passes in the interval.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
@@ -363,11 +359,11 @@ class Multisine:
 def schroeder_multisine(
     rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1
 ) -> Multisine:
-    """Return a multisine of equal amplitudes with Schroeder's phases, shifted in time so that it
-    begins and ends at zero.
+    """Return a multisine of equal amplitudes with Schroeder's phases.
 
-    phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory
-    16(1), 1970). ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
+    It is shifted in time so that it begins and ends at zero. The phases phase_i = -pi i (i - 1) / n
+    keep the peaks low (Schroeder, IEEE Trans. Information Theory 16(1), 1970). ``rms`` is that over
+    a period, in the unit of the input; ``period`` and ``start`` are in s.
     """
     count = len(harmonics)
     if not (math.isfinite(rms) and count):
@@ -390,10 +386,10 @@ def schroeder_multisine(
 def orthogonal_multisines(
     rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0
 ) -> tuple[Multisine, ...]:
-    """Return one multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence
-    mutually orthogonal over a period.
+    """Return a multisine for each input; they are mutually orthogonal over a period.
 
-    Raises ModelError when an input would be left without a harmonic.
+    Harmonics ``lowest`` to ``highest`` are assigned to the inputs in turn. ``rms`` has the root
+    mean square for each input. Raises ModelError if there are fewer harmonics than inputs.
     """
     if highest - lowest + 1 < len(rms):
         raise ModelError(
@@ -415,13 +411,14 @@ def least_peak_multisine(
     start: float = 0.0,
     shares: Sequence[float] | None = None,
 ) -> Multisine:
-    """``schroeder_multisine`` with its phases improved until the peaks hardly fall any more.
+    """Return a ``schroeder_multisine`` whose phases are improved for low peaks.
 
     ``shares`` : relative amplitudes of the harmonics; None for equal ones.
 
-    Peaks are clipped and the phases of what is left kept, the clipping ever slighter (Van der
-    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrumentation and Measurement 37(1), 1988); of
-    all that was passed the lowest peak is taken, so it is never above Schroeder's.
+    In each iteration the peaks are clipped, and the phases of the clipped signal are taken (Van der
+    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrumentation and Measurement 37(1), 1988). Less
+    is clipped in later iterations. The result is the iteration with the lowest peak, which is never
+    above that of Schroeder's phases.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
     at, count = np.asarray(first.harmonics), _PEAK_POINTS_PER_PERIOD * max(first.harmonics)
@@ -458,8 +455,9 @@ def least_peak_multisine(
 
 
 def _first_zero(multisine: Multisine) -> float:
-    """Return the first upward zero of a multisine within its period, s, by bisection; it has zero
-    mean, so there is one.
+    """Return the first upward zero crossing of a multisine within its period, s, by bisection.
+
+    A multisine has zero mean, so that a crossing exists.
     """
     t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
     u = multisine._inside(t)
@@ -495,9 +493,10 @@ class Sweep:
 
     Attributes
     ----------
-    amplitude : in the input's unit.
-    low, high : rad/s, ``0 < low``; ``high`` may lie below ``low``.
-    duration, start, taper : s; two tapers fit into the duration.
+    amplitude : amplitude, in the unit of the input.
+    low, high : first and last frequency, rad/s, above zero; ``high`` may be below ``low``.
+    duration, start, taper : s; two tapers must fit into the duration.
+    spacing : whether the frequency changes linearly or logarithmically.
     """
 
     amplitude: float
@@ -554,8 +553,9 @@ class Sweep:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Return the mean over each interval by Gauss-Legendre panels short against the period:
-        exact to rounding.
+        """Return the mean over each interval, exact to rounding.
+
+        It is computed by Gauss-Legendre panels that are short against the period.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)

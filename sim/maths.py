@@ -24,21 +24,21 @@ G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 # ---- Elementary functions that survive a complex step and serve floats
 
 COMPLEX_STEP = 1e-30
-# runs beside each other, from which steps taken together are cheaper than solves one by one
+# From this number of runs on, stepping them together is faster than solving them one by one.
 _LEAST_BATCHED_RUNS = 64
 
 
 def plus(x: Any, port: Any) -> Any:
-    """``x + port``; a port without effects is the number zero, and the addition is skipped."""
+    """Return ``x + port``. A port without effects is the number zero; then ``x`` is returned."""
     return x if type(port) is float and port == 0.0 else x + port
 
 
 def add_product(total: Any, factor: Any, x: Any) -> Any:
-    """``total + factor x``, in the array of ``total`` where the sum fits into it.
+    """Return ``total + factor x``; the array of ``total`` is reused if the sum fits into it.
 
     Parameters
     ----------
-    total : a sum that nobody else holds.
+    total : a sum; as an array it may be overwritten.
     factor, x : numbers or arrays.
     """
     more = factor * x
@@ -54,18 +54,19 @@ def add_product(total: Any, factor: Any, x: Any) -> Any:
 
 
 def times(factor: Any, x: Any) -> Any:
-    """``factor * x``; a factor of one is skipped."""
+    """Return ``factor * x``; if the factor is the number one, ``x``."""
     return x if type(factor) is float and factor == 1.0 else factor * x
 
 
 def real(x: Any) -> Any:
-    """Real part, for comparisons."""
+    """Return the real part, for comparisons."""
     return x.real if isinstance(x, (complex, np.ndarray, np.generic)) else x
 
 
 def exp(x: Any) -> Any:
-    """Exponential; ``math`` for floats, since NumPy's scalar call is ten times dearer. Infinite, as
-    of an array, where ``math`` would raise.
+    """Return the exponential of a float, complex number or array; infinite on overflow.
+
+    Floats are passed to ``math``, which is ten times faster than NumPy for them.
     """
     try:
         if isinstance(x, float):
@@ -80,26 +81,23 @@ def exp(x: Any) -> Any:
 
 
 def cos(x: Any) -> Any:
-    """Cosine of a float, complex number or array; NaN of an infinite float, as of an array, where
-    ``math`` would raise.
-    """
+    """Return the cosine of a float, complex number or array; NaN for an infinite float."""
     if isinstance(x, float):
         return math.cos(x) if math.isfinite(x) else math.nan
     return cmath.cos(x) if isinstance(x, complex) else np.cos(x)
 
 
 def sin(x: Any) -> Any:
-    """Sine of a float, complex number or array; NaN of an infinite float, as of an array, where
-    ``math`` would raise.
-    """
+    """Return the sine of a float, complex number or array; NaN for an infinite float."""
     if isinstance(x, float):
         return math.sin(x) if math.isfinite(x) else math.nan
     return cmath.sin(x) if isinstance(x, complex) else np.sin(x)
 
 
 def log(x: Any) -> Any:
-    """Natural logarithm of a float, of a complex number near a positive one, or of an array of
-    either; of what is not positive as of an array.
+    """Return the natural logarithm of a float, a complex number near a positive one, or an array.
+
+    It is minus infinity for zero, and NaN for a negative float, as for arrays.
     """
     if isinstance(x, float):
         return math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
@@ -109,9 +107,7 @@ def log(x: Any) -> Any:
 
 
 def sqrt(x: Any) -> Any:
-    """Square root of a float, of a complex number, or of an array; NaN of a negative float, as of
-    an array.
-    """
+    """Return the square root of a float, complex number or array; NaN for a negative float."""
     if isinstance(x, float):
         return math.sqrt(x) if x >= 0.0 else math.nan
     return cmath.sqrt(x) if isinstance(x, complex) else np.sqrt(x)
@@ -132,19 +128,19 @@ def arctan(x: Any) -> Any:
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """Choose by a condition on real parts; both branches are evaluated by the caller."""
+    """Return ``yes`` where a condition holds, else ``no``; the caller computes both."""
     if isinstance(condition, (bool, np.bool_)):
         return yes if condition else no
     return np.where(condition, yes, no)
 
 
 def absolute(x: Any) -> Any:
-    """Magnitude that keeps the derivative: ``x`` or ``-x`` by the sign of the real part."""
+    """Return ``x`` or ``-x`` by the sign of the real part, so that a derivative is kept."""
     return where(real(x) < 0, -x, x)
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """``x`` limited to ``[low, high]``, derivative included."""
+    """Return ``x`` limited to ``[low, high]``, its derivative included."""
     return minimum(maximum(x, low), high)
 
 
@@ -163,8 +159,8 @@ def complex_step_jacobian(
 ) -> np.ndarray:
     """Return the Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
 
-    One call a column with Python complex numbers: for the small systems here that is several times
-    cheaper than one call with arrays. ``function`` maps ``n`` scalars to ``m`` scalars.
+    ``function`` maps ``n`` scalars to ``m`` scalars. It is called once for each column, with Python
+    complex numbers: for small systems this is several times faster than one call with arrays.
     """
     columns = []
     point: list[Any] = list(x)
@@ -180,11 +176,10 @@ def complex_step_jacobian(
 def jacobian_in_one_call(
     function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
 ) -> np.ndarray:
-    """Compute ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all
-    columns in one call with arrays.
+    """Return the Jacobian of ``complex_step_jacobian``, equal to rounding, by one call with arrays.
 
-    The cheaper of the two from about six columns on: 3 to 5 times for the 19 states and parameters
-    of a flexible aircraft.
+    ``function`` must broadcast. This is faster from about six columns on: 3 to 5 times for the 19
+    states and parameters of a flexible aircraft.
     """
     n = len(x)
     points = np.repeat(np.asarray(x, dtype=complex)[:, None], n, axis=1)
@@ -195,22 +190,22 @@ def jacobian_in_one_call(
 
 
 def rows_into(out: np.ndarray, values: Sequence[Any]) -> np.ndarray:
-    """Return ``out`` with each value broadcast to one of its rows."""
+    """Broadcast each value into a row of ``out``, and return ``out``."""
     for i, value in enumerate(values):
         out[i] = value
     return out
 
 
 def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Piecewise-linear interpolation, constant outside, that keeps complex steps.
+    """Interpolate linearly between knots; constant outside; complex steps are kept.
 
     Parameters
     ----------
-    x : where to evaluate, ``(n, ...)``; may be complex.
+    x : points of evaluation, ``(n, ...)``; may be complex.
     knots : increasing, ``(m,)``.
     values : at the knots, ``(m,)`` or ``(m, ...)`` with the trailing axes of ``x``.
     """
-    formula = getattr(x, "interpolated", None)  # of a symbol, of which equations are written
+    formula = getattr(x, "interpolated", None)  # x is a symbol of `scenarios.export`
     if formula is not None:
         result: np.ndarray = formula(knots, values)
         return result
@@ -234,9 +229,9 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
 def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
     """Solve ``y[k+1] = a[k] y[k] + b[k]`` from ``y[0] = start``.
 
-    Shapes: ``a`` and ``b`` are ``(n, ...)`` with batch axes trailing; the result is ``(n + 1,
-    ...)``. Real or complex. Each run of a batch takes one banded triangular solve; very wide
-    batches go step by step together.
+    ``a`` and ``b`` are real or complex, ``(n, ...)`` with trailing batch axes; the result is ``(n +
+    1, ...)``. Each run of a batch is solved as a banded triangular system; the runs of a wide batch
+    are stepped together.
     """
     a, b, start = np.asarray(a), np.asarray(b), np.asarray(start)
     n, shape = len(b), np.broadcast_shapes(a.shape[1:], b.shape[1:], start.shape)
@@ -260,11 +255,13 @@ def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
 
 
 def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) -> np.ndarray:
-    """Apply ``function(row, *scalars)`` to every run of a batch: for recursions that a batch cannot
-    share.
+    """Apply ``function(row, *scalars)`` to every run of a batch, for functions that take one run.
 
-    ``rows`` is ``(n, ...)``, ``values`` scalars or arrays that broadcast with the batch axes; the
-    function gets one contiguous row ``(n,)`` and Python scalars and returns a row as long.
+    Parameters
+    ----------
+    function : function of a contiguous row ``(n,)`` and Python scalars that returns a row ``(n,)``.
+    rows : ``(n, ...)``, with trailing batch axes.
+    values : scalars, or arrays that broadcast with the batch axes.
     """
     rows, values = np.asarray(rows), tuple(np.asarray(value) for value in values)
     shape = np.broadcast_shapes(rows.shape[1:], *(value.shape for value in values))
@@ -274,7 +271,7 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     given = [np.broadcast_to(value, shape) for value in values]
     out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
     one_row = rows.size == len(rows)
-    # runs alike are computed once: most are in a batch of differences
+    # Equal runs are computed once: in a batch of finite differences most runs are equal.
     computed: dict[tuple[Any, ...], np.ndarray] = {}
     for index in np.ndindex(shape):
         scalars, column = tuple(value[index].item() for value in given), (slice(None), *index)
@@ -285,11 +282,11 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
 
 
 def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
-    """``function(*values)``, worked out once for runs that are alike where every value is a number
-    or a column ``(c, 1)``, a run a row.
+    """Return ``function(*values)``, computed once for equal runs of a batch.
 
-    In a batch of differences most runs are. ``function`` must broadcast, and give each run of ``(c,
-    1)`` a row of its own.
+    In a batch of finite differences most runs are equal. This applies if every value is a number or
+    a column ``(c, 1)`` with a row for each run; else the function is simply called. ``function``
+    must broadcast, and return a row for each run.
     """
     columns = [value for value in values if np.ndim(value) > 0]
     if not columns or any(np.shape(value) != (len(columns[0]), 1) for value in columns):
@@ -306,8 +303,9 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
 
 
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """Return a row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n,
-    ...)`` to ``(n, 1, ..., ...)``.
+    """Return a row ``(n, ...)`` with its batch axes as the last ones of ``depth`` batch axes.
+
+    The shape becomes ``(n, 1, ..., ...)``, so that the row broadcasts with rows of more batch axes.
     """
     return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
@@ -319,17 +317,17 @@ USUAL_INTERVALS = 5  # intervals of the usual form
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Functions of one variable, tabulated as cubics on equal intervals; beyond the range they go
-    on straight.
+    """Functions of one variable: cubics on equal intervals, and straight lines beyond the range.
 
     Attributes
     ----------
-    low, spacing : where the first interval begins and how long each is.
-    intervals : their number.
-    table : ``(4, n, intervals + 2)`` coefficients of the powers 0 to 3 of the share of an interval
-        passed, by function and interval; the first and the last column are the straight lines below
-        and above.
-    columns : the same for single numbers: by interval, then by function, from the third power down.
+    low, spacing : begin of the first interval, and length of each interval.
+    intervals : number of intervals.
+    table : ``(4, n, intervals + 2)``, coefficients of the powers 0 to 3 of the position in an
+        interval, 0 to 1, by function and interval; the first and the last column are the straight
+        lines below and above the range.
+    columns : the same coefficients for the evaluation of single numbers: by interval, then by
+        function, the third power first.
     """
 
     low: float
@@ -347,21 +345,21 @@ class Shapes:
 def natural_shapes(
     low: float, high: float, fine: bool = False, anchor: float = 0.0, flat: bool = True
 ) -> Shapes:
-    """Natural cubic splines on equal intervals over ``[low, high]``, without what an anchor takes.
+    """Return natural cubic splines on equal intervals over ``[low, high]`` that vanish at an
+    anchor.
 
     Parameters
     ----------
-    low, high : the range; the anchor is taken into it.
-    fine : halve the intervals: four functions as before, then five finer ones (six if not
-        ``flat``).
-    anchor : where every function is zero.
-    flat : there the slopes are zero, too.
+    low, high : the range; it is extended to the anchor.
+    fine : halve the intervals; five finer functions follow those of the usual form.
+    anchor : point at which every function is zero.
+    flat : whether the slope is zero there, too.
 
     Returns
     -------
-    Functions that are orthonormal in the mean over the range: the mean of a product is one or zero.
-    The usual form has four: five intervals, of six free ordinates two taken by the anchor; if not
-    ``flat`` five.
+    Functions that are orthonormal over the range: the mean of a product of two is one or zero. The
+    usual form has five intervals, thus six free ordinates: four functions if ``flat``, for which
+    the anchor takes two ordinates, else five.
     """
     low, high = min(low, anchor), max(high, anchor)
     if not high > low:
@@ -389,21 +387,23 @@ def natural_shapes(
 
 @lru_cache(maxsize=256)
 def first_shapes(shapes: Shapes, count: int) -> Shapes:
-    """Return the first ``count`` of some shapes, which are the plainest: a straight line, a
-    parabola and so on where they are not flat.
+    """Return the first ``count`` shapes: if they are not flat, a straight line, a parabola and so
+    on.
     """
     columns = tuple(cell[:count] for cell in shapes.columns)
     return Shapes(shapes.low, shapes.spacing, shapes.intervals, shapes.table[:, :count], columns)
 
 
 def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
-    """Return the names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
+    """Return the names of the parameters that scale the shapes: ``shape1`` ..., finer ones last."""
     usual = USUAL_INTERVALS - 1 if flat else USUAL_INTERVALS
     return tuple(f"shape{i + 1}" for i in range(usual + USUAL_INTERVALS if fine else usual))
 
 
 def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
-    """``sum_j sizes[j] shape_j(x)``; numbers or arrays that broadcast, complex steps kept."""
+    """Return ``sum_j sizes[j] shape_j(x)`` for numbers or arrays that broadcast; complex steps are
+    kept.
+    """
     z = (x - shapes.low) / shapes.spacing
     if isinstance(z, (float, complex)) and all(
         isinstance(size, (float, complex)) for size in sizes
@@ -419,7 +419,7 @@ def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
             total = total + size * (((c3 * u + c2) * u + c1) * u + c0)
         return total
     z = np.asarray(z)
-    # What is not a number is put into the lowest interval and stays what it is.
+    # NaN is put into the lowest interval, and remains NaN.
     cells = np.fmin(np.fmax(np.floor(z.real), -1.0), shapes.intervals)
     u = z - cells
     shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
@@ -434,8 +434,8 @@ def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
 
 
 def _without_anchor(ordinates: np.ndarray, at: float, flat: bool) -> np.ndarray:
-    """Ordinates ``(K, n)`` at equal knots on [0, 1] less each function's value, and tangent, at the
-    anchor.
+    """Return ordinates ``(K, n)`` at equal knots on [0, 1] minus each function's value at the
+    anchor ``at``; if ``flat``, minus its tangent there.
     """
     knots = np.linspace(0.0, 1.0, len(ordinates))
     table = _cubics(ordinates)
@@ -454,8 +454,8 @@ def _without_anchor(ordinates: np.ndarray, at: float, flat: bool) -> np.ndarray:
 
 
 def _cubics(ordinates: np.ndarray) -> np.ndarray:
-    """Natural cubic splines through ``(K, n)`` ordinates at equal knots: the table of
-    ``Shapes``.
+    """Return the table of ``Shapes`` for natural cubic splines through ordinates ``(K, n)`` at
+    equal knots.
     """
     knots = len(ordinates)
     matrix = (
@@ -477,7 +477,7 @@ def _cubics(ordinates: np.ndarray) -> np.ndarray:
 
 
 def _values(table: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Functions of a table at shares of the whole range: ``(len(share), n)``."""
+    """Return the functions of a table at shares of the range, 0 to 1: ``(len(share), n)``."""
     intervals = table.shape[2] - 2
     z = share * intervals
     cell = np.clip(np.floor(z).astype(int), 0, intervals - 1)

@@ -1,6 +1,4 @@
-"""A record: what a test engineer hands over. Time, inputs, outputs, names, units, missing
-samples.
-"""
+"""A record of a flight test: time, inputs and outputs, with names, units and missing samples."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ import numpy as np
 
 from sim.errors import RecordError, time_span
 
-LARGEST_MEASURED = 1e6  # rad, rad/s, m/s or g: larger than in any flight
+LARGEST_MEASURED = 1e6  # rad, rad/s, m/s or g; larger values occur in no flight
 
 
 class Hold(Enum):
@@ -29,7 +27,7 @@ class Channel:
     Attributes
     ----------
     name : ``"alpha"``, ``"q"``, ...
-    unit : unit of ``values``: SI and radians, g for nz; of ``stick`` any, as it is not converted.
+    unit : unit of ``values``: SI and radians, g for nz; any for ``stick``, which is not converted.
     values : shape ``(N,)``; finite wherever ``valid``, zero elsewhere.
     valid : shape ``(N,)``, False where the sample is missing.
     """
@@ -67,8 +65,8 @@ class Record:
 
     Raises
     ------
-    RecordError : fewer than two samples, time not finite or not increasing, lengths that differ, a
-        channel without a single sample, a hole in an input, a name twice.
+    RecordError : the record has fewer than two samples; time is not finite or does not increase;
+        lengths differ; a channel has no sample; an input misses a sample; a name occurs twice.
     """
 
     time: np.ndarray
@@ -159,14 +157,15 @@ class Record:
         )
 
     def input_array(self, names: Iterable[str] | None = None) -> np.ndarray:
-        """Inputs, shape ``(n_inputs, N)``, in the order named."""
+        """Return inputs as an array ``(n_inputs, N)``, in the order of ``names``; None for all."""
         chosen = self.inputs if names is None else [self[name] for name in names]
         return np.array([channel.values for channel in chosen], dtype=float).reshape(-1, len(self))
 
     def output_array(self, names: Iterable[str] | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs and their validity, both ``(n_outputs, N)``, in the order named.
+        """Return outputs and whether their samples are valid, both ``(n_outputs, N)``.
 
-        A name that the record lacks gives a row that is nowhere valid.
+        The rows are in the order of ``names``; None for all outputs. A name that the record lacks
+        gives a row without a valid sample.
         """
         chosen = self.output_names if names is None else tuple(names)
         values = np.zeros((len(chosen), len(self)))
@@ -215,8 +214,8 @@ def _frozen(array: np.ndarray) -> np.ndarray:
 
 
 def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) -> None:
-    """Raise RecordError where a channel of ``names`` holds a value above ``largest`` in size,
-    in the channel's SI unit.
+    """Raise RecordError if a channel of ``names`` has a magnitude above ``largest``, in its SI
+    unit.
     """
     for name in names:
         channel = record[name]
@@ -230,5 +229,5 @@ def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) 
 
 
 def extent(record: Record) -> str:
-    """How long a record is, ``"851 samples, 0 to 17 s"``."""
+    """Return samples and time of a record as a text, ``"851 samples, 0 to 17 s"``."""
     return f"{len(record)} samples, {time_span(record.time[0], record.time[-1])}"

@@ -30,13 +30,22 @@ from scenarios.plots.style import (
 if TYPE_CHECKING:
     from ident.structure.selection import SelectionStep
 
-_PADDED = 16  # times: a short input's spectrum is drawn finely
-_LAGS = 50
+_PADDING = 16  # length of the padded input over that of the input, for a finely drawn spectrum
+_LAGS = 50  # most lags of an autocorrelation
+_HIGHEST_DRAWN = 15.0  # rad/s, of a spectrum
 
 
-def figure_input_spectrum(time: np.ndarray, values: np.ndarray, mode: float, told: str) -> Figure:
-    """An input over time ``(N,)`` in rad, shown in degrees, and the size of its spectrum; a line
-    marks the ``mode`` (rad/s), named ``told``.
+def figure_input_spectrum(
+    time: np.ndarray, values: np.ndarray, frequency: float, label: str
+) -> Figure:
+    """Return a figure of an elevator input over time and of the magnitude of its spectrum.
+
+    Parameters
+    ----------
+    time : ``(N,)``, s, in equal intervals.
+    values : ``(N,)``, rad; the figure shows degrees.
+    frequency : rad/s, natural frequency of a mode, which a line marks in the spectrum.
+    label : label of that line.
     """
     sheet = make_sheet([1.7], (1.0, 1.0), share_x=False, column_gap=0.8)
     left, right = sheet.panels
@@ -45,11 +54,11 @@ def figure_input_spectrum(time: np.ndarray, values: np.ndarray, mode: float, tol
     y_label(left, "elevator (deg)")
     time_axis(left)
     interval = float(time[1] - time[0])
-    omega = 2.0 * np.pi * np.fft.rfftfreq(_PADDED * len(values), interval)
-    size = interval * np.abs(np.fft.rfft(shown.factor * values, _PADDED * len(values)))
-    seen = omega < 15.0
-    right.plot(omega[seen], size[seen], color=BLUE, linewidth=1.2)
-    right.axvline(mode, color=VERMILION, linewidth=1.2, linestyle="--", label=told)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(_PADDING * len(values), interval)
+    magnitude = interval * np.abs(np.fft.rfft(shown.factor * values, _PADDING * len(values)))
+    drawn = omega < _HIGHEST_DRAWN
+    right.plot(omega[drawn], magnitude[drawn], color=BLUE, linewidth=1.2)
+    right.axvline(frequency, color=VERMILION, linewidth=1.2, linestyle="--", label=label)
     right.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
     y_label(right, "|spectrum| (deg s)")
     return finish(sheet)
@@ -62,10 +71,18 @@ def figure_residual(
     noise: Mapping[str, float],
     marks: Sequence[float] = (),
 ) -> Figure:
-    """Plot residuals ``(N,)`` over time, their power spectrum over that of the noise, and
-    autocorrelation.
+    """Return a figure of residuals, with a row for each channel.
 
-    With two noise sigmas and the 95 % band of white noise. ``marks``: frequencies, rad/s.
+    A row has the residual over time with the band of two noise sigmas, its power spectrum over
+    that of the noise, and its autocorrelation with the 95 % band of white noise.
+
+    Parameters
+    ----------
+    time : ``(N,)``, s, in equal intervals.
+    residual : channel -> ``(N,)`` residual in its SI unit.
+    units : channel -> SI unit.
+    noise : channel -> noise sigma in its SI unit.
+    marks : natural frequencies of elastic modes, rad/s, marked in the spectra.
     """
     sheet = make_sheet(
         [1.35] * len(residual), (1.35, 1.0, 0.8), share_x=True, row_gap=0.35, column_gap=0.72
@@ -109,6 +126,7 @@ def figure_residual(
 def _draw_power(  # type: ignore[no-untyped-def]
     panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]
 ) -> None:
+    """Draw the power spectrum of a residual over that of its noise; see `figure_residual`."""
     from scenarios.plots.residuals import spectrum
 
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))
@@ -138,8 +156,10 @@ def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
 
 
 def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
-    """Errors of many runs in their reported sigmas ``(N,)`` by parameter, as histograms over the
-    standard normal density.
+    """Return histograms of the errors of many runs, with the standard normal density.
+
+    ``errors`` has, for each parameter, the errors of the N runs over their reported sigmas,
+    ``(N,)``.
     """
     columns = min(3, len(errors))
     sheet = make_sheet(
@@ -175,13 +195,16 @@ def figure_structure(
     shown: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
     axis: str,
 ) -> Figure:
-    """What each step of a stepwise regression leaves, and a coefficient measured and modelled.
+    """Return a figure of the unexplained variance after each step of a stepwise regression, and of
+    the coefficient as measured and as modelled.
 
     Parameters
     ----------
-    steps : of the coefficient ``axis``.
-    spread : its variance, by which the predicted squared error is drawn.
-    shown : by caption: time (s), measured and modelled coefficient, each ``(M,)``.
+    steps : steps of the regression of the coefficient ``axis``.
+    spread : variance of the measured coefficient; the predicted squared error (PSE) is divided by
+        it.
+    shown : caption of a panel -> time (s), measured and modelled coefficient, each ``(M,)``.
+    axis : name of the coefficient, such as ``Cm``.
     """
     sheet = make_sheet([1.7], (1.1, *(1.0,) * len(shown)), share_x=False, column_gap=0.65)
     left, *rest = sheet.panels
@@ -208,8 +231,13 @@ def figure_structure(
 
 
 def figure_bode(omega: np.ndarray, responses: Mapping[str, np.ndarray], unit: str) -> Figure:
-    """Magnitude in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over
-    frequency (rad/s).
+    """Return the Bode plot of frequency responses: magnitude in dB and phase in degrees.
+
+    Parameters
+    ----------
+    omega : ``(n,)``, rad/s.
+    responses : label -> complex response ``(n,)``, in ``unit``.
+    unit : unit of the responses.
     """
     sheet = make_sheet([1.5, 1.5], row_gap=0.25)
     for number, (label, response) in enumerate(responses.items()):

@@ -17,8 +17,13 @@ from scenarios.plots.drawing import figure_document, figure_frame
 class Question:
     """A question of a lab.
 
-    ``field``: notebook element for the answer. ``right``: function that checks its value. ``hint``,
-    ``reason``: shown after a wrong and a right answer.
+    Attributes
+    ----------
+    text : the question, as Markdown.
+    field : notebook element for the answer.
+    right : function that returns whether an answer is right.
+    hint : text shown after a wrong answer.
+    reason : text shown after a right answer.
     """
 
     text: str
@@ -80,13 +85,13 @@ def tests_of(tests: Sequence[Any]) -> str:
 
 
 def command_line(line: str, what: str = "The same on the command line") -> Any:
-    """Return a command that a student may copy."""
+    """Return a command that a student may copy, below the words ``what``."""
     note = "`methods=[]` leaves out the further methods of the scenario."
     return mo.md(f"{what}:\n\n```sh\n{line}\n```\n\n{note if 'methods=[]' in line else ''}")
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
-    """Return a table; its numbers are given as text, already rounded."""
+    """Return a table of texts; the caller has rounded the numbers."""
     lines = [
         " | ".join(headings),
         " | ".join([":--", *["--:"] * (len(headings) - 1)]),

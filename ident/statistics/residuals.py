@@ -543,6 +543,10 @@ class ErrorFigures:
     r2: Mapping[str, float]
     theil: Mapping[str, float]
 
+    def fit_percent(self, channel: str) -> float:
+        """Return 100 (1 - e), where e is the error of a channel over its standard deviation."""
+        return 100.0 * (1.0 - self.nrmse[channel])
+
 
 def error_figures(
     predictions: Sequence[np.ndarray],

@@ -28,6 +28,7 @@ from scenarios.files.measured.columns import (
     Sidecar,
     SourceColumn,
     read_record_file,
+    split_at,
     suffix_unit,
 )
 from scenarios.files.measured.grid import clock_place
@@ -87,7 +88,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             continue
         if not _numeric(file, index):
             continue
-        name, header_unit = split_header(cell)
+        name, header_unit = split_at(file.table.header, index)
         sidecar_unit = file.sidecar.units.get(name) or file.sidecar.units.get(cell)
         unit = header_unit or units_row[index] or sidecar_unit or "1"
         column = ChannelColumn(unit, cell, partial(raw_column, file, index))

@@ -222,7 +222,7 @@ def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
         (fit.record.name, name): (
             fit.held_out,
             fit.figures.rmse[name],
-            fit.fit_percent(name),
+            fit.figures.fit_percent(name),
             fit.figures.r2[name],
             fit.figures.theil[name],
         )

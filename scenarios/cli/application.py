@@ -94,7 +94,7 @@ def ending_signals() -> Iterator[list[int]]:
 # examples read files that earlier ones write.
 EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "list": (
-        ("flightid list", "what there is to run"),
+        ("flightid list", "the scenarios that can be run"),
         ("flightid list rigid > mine.toml", "the file of a scenario, to copy and edit"),
     ),
     "run": (
@@ -111,11 +111,11 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "simulate": (
         (
             "flightid simulate rigid --seed 3 --out rigid.csv",
-            "a record as a flight test would hand it over",
+            "a record as a flight test would give it",
         ),
         (
             "flightid simulate trace-vane --out flight.csv",
-            "two records with something hidden in them, and a vehicle file",
+            "two records with a hidden effect, and a vehicle file",
         ),
     ),
     "campaign": (
@@ -139,7 +139,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ),
         (
             "flightid maneuvers flight.csv --out found",
-            "with the flight in a figure and maneuvers.toml for --maneuver",
+            "the same with a figure of the flight, and maneuvers.toml for --maneuver",
         ),
     ),
     "response": (
@@ -160,12 +160,12 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         (
             "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --validate "
             "flight_validate.csv --from 1 --to 9",
-            "from a part of it, and what that predicts of another",
+            "from a part of the record, and a prediction of another record",
         ),
         (
             "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --json > "
             "fit.json",
-            "for a program that reads on",
+            "the JSON document, for another program",
         ),
     ),
     "diagnose": (
@@ -183,21 +183,24 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         (
             "flightid design --model rigid --vehicle flight_vehicle.toml --tell "
             "vane-offset,sensor-lag:alpha --size 'arm=2 m'",
-            "the one that tells a vane ahead of the centre of gravity from a slow one",
+            "the maneuver that distinguishes a vane ahead of the c.g. from a slow vane",
         ),
     ),
     "predict": (
         (
             "flightid predict fit flight_validate.csv",
-            "the model of a study on a record that it has not seen",
+            "a record that the study did not use, predicted by its model",
         ),
         (
             "flightid predict cause flight_validate.csv --out prediction",
-            "with the effects that were claimed, into a folder",
+            "the same with the claimed effects, into a folder",
         ),
     ),
     "structure": (
-        ("flightid simulate trace-aircraft --out coupled.csv", "a flight, a second one, a vehicle"),
+        (
+            "flightid simulate trace-aircraft --out coupled.csv",
+            "records of two flights, and a vehicle file",
+        ),
         (
             "flightid structure coupled.csv coupled_validate.csv "
             "--vehicle coupled_vehicle.toml --out terms",
@@ -215,44 +218,42 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
             "the aircraft of a vehicle file of model aircraft",
         ),
     ),
-    "report": (
-        ("flightid report study edited", "the pages of study folders again, with nothing computed"),
-    ),
+    "report": (("flightid report study edited", "the pages of study folders, written again"),),
     "check": (
         (
             "flightid check flight.csv --vehicle flight_vehicle.toml",
-            "what the kinematics alone say of the sensors",
+            "sensor errors that kinematics alone reveal",
         ),
     ),
     "survey": (
         ("flightid survey --example > flights.toml", "the file of a survey, to copy and edit"),
         (
             "flightid survey flights.toml --out morning",
-            "each flight diagnosed and kept, then what recurs; again after each new flight",
+            "a diagnosis of each flight and the effects that recur; again after each new flight",
         ),
     ),
     "watch": (
         (
             "flightid simulate x29-simulation --out stream.csv",
-            "a record of the closed loop, which stands for a stream",
+            "a record of the closed loop, used as a stream",
         ),
         ("flightid watch stream.csv --model loes --until-end --no-refine", "identified row by row"),
     ),
     "models": (
-        ("flightid models", "the models that there are"),
+        ("flightid models", "the names of the models"),
         (
             "flightid models --example > my_model.py",
             "the file of a model of one's own, to copy and edit",
         ),
-        ("flightid models my_model.py", "what it declares, checked"),
+        ("flightid models my_model.py", "the content of that file, and checks of the model"),
     ),
     "vehicles": (
         ("flightid vehicles bomber_rigid", "every number with unit and origin"),
         ("flightid vehicles bomber_ac2 --diff bomber_ac1", "what differs from another vehicle"),
     ),
     "lab": (
-        ("flightid lab", "the labs that there are"),
-        ("flightid lab 1 --key", "the instructor's key of one"),
+        ("flightid lab", "the titles of the labs"),
+        ("flightid lab 1 --key", "the instructor's key of lab 1"),
     ),
     "effects": (("flightid effects vane-offset", "one effect, explained"),),
 }
@@ -311,7 +312,7 @@ class WithExamples(TyperCommand):
 # ---- flightid --version
 
 # Package -> its name in the line of versions.
-NAMED = {"flightid": "flightid", "python": "Python", "numpy": "NumPy", "scipy": "SciPy"}
+VERSION_NAMES = {"flightid": "flightid", "python": "Python", "numpy": "NumPy", "scipy": "SciPy"}
 
 
 def show_version() -> None:
@@ -320,7 +321,9 @@ def show_version() -> None:
     Packages that are not installed are left out.
     """
     known = versions()
-    print(", ".join(f"{word} {known[name]}" for name, word in NAMED.items() if name in known))
+    print(
+        ", ".join(f"{word} {known[name]}" for name, word in VERSION_NAMES.items() if name in known)
+    )
 
 
 # ---- The application
@@ -403,8 +406,9 @@ app = _application()
 
 
 def refuse_foreign_digits(arguments: Sequence[str]) -> None:
-    """Raise DeclarationError if the number of an option has digits of another script or
-    underscores, which Python accepts.
+    """Raise DeclarationError if an option's number has digits of another script or underscores.
+
+    Python accepts such numbers, but a user hardly means them.
     """
     if not any(_is_foreign_number(word.rpartition("=")[2]) for word in arguments):
         return
@@ -438,8 +442,9 @@ def _is_foreign_number(text: str) -> bool:
 
 
 def _numbers_of_options(command: str) -> dict[str, int]:
-    """Return option -> count of its numbers, for the options of a command that take numbers; from
-    the annotations of the command's function.
+    """Return option -> count of its numbers, for the options of a command that take numbers.
+
+    The counts follow from the annotations of the command's function.
     """
     functions = {_name_of(function): function for group in COMMANDS.values() for function in group}
     if command not in functions:
@@ -456,8 +461,10 @@ def _numbers_of_options(command: str) -> dict[str, int]:
 
 
 def _number_count(kind: object) -> int:
-    """Return how many numbers an option of a type takes: 2 for ``tuple[float, float]``, 1 for
-    ``list[float] | None``, which is repeated for each number, 0 for ``str``.
+    """Return how many numbers an option of the type ``kind`` takes.
+
+    It is 2 for ``tuple[float, float]``, 0 for ``str``, and 1 for ``list[float] | None``, an option
+    that is repeated for each number.
     """
     if kind in (int, float):
         return 1

@@ -42,7 +42,7 @@ MODEL_NAMES = (
 )
 METHOD_WORDS = ("stepwise", "orthogonal")  # of `structure`
 TARGETS = ("python", "fmu", "jsbsim", "dave-ml")  # of `export`
-TO_HELP = f"{', '.join(TARGETS)}; the last two of model aircraft alone."
+TO_HELP = f"{', '.join(TARGETS)}; the last two for the model aircraft only."
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 
@@ -77,8 +77,8 @@ def vehicles(incomplete: str) -> list[str]:
     return _beginning(vehicle_names(), incomplete)
 
 
-def of(*words: str) -> Callable[[str], list[str]]:
-    """Return a completion function for fixed words."""
+def fixed_words(*words: str) -> Callable[[str], list[str]]:
+    """Return the completion function of an option that takes one of these words."""
 
     def complete(incomplete: str) -> list[str]:
         return _beginning(words, incomplete)
@@ -130,7 +130,7 @@ Changes = Annotated[
 From = Annotated[
     list[float] | None,
     valued(
-        "--from", "T", "Use the record from this time on, s; with --to again for each maneuver."
+        "--from", "T", "Use the record from this time on, s; with --to, again for each maneuver."
     ),
 ]
 To = Annotated[list[float] | None, valued("--to", "T", "Use the record up to this time, s.")]
@@ -141,7 +141,8 @@ Maneuvers = Annotated[
     ),
 ]
 ManeuverFile = Annotated[
-    Path | None, valued("--maneuvers", "FILE", "That file; else maneuvers.toml beside the record.")
+    Path | None,
+    valued("--maneuvers", "FILE", "File of --maneuver; else maneuvers.toml beside the record."),
 ]
 Held = Annotated[
     str | None,
@@ -149,7 +150,7 @@ Held = Annotated[
         "--hold",
         "HOLD",
         "Inputs between samples: previous or linear; else as the data say.",
-        complete=of("previous", "linear"),
+        complete=fixed_words("previous", "linear"),
     ),
 ]
 Rate = Annotated[
@@ -212,7 +213,7 @@ VehicleOption = Annotated[
 Scenario = Annotated[
     str | None,
     typer.Argument(
-        metavar="NAME", autocompletion=scenarios, help="A scenario; none beside --model."
+        metavar="NAME", autocompletion=scenarios, help="A scenario; leave it out with --model."
     ),
 ]
 OwnModel = Annotated[
@@ -238,7 +239,9 @@ Inputs = Annotated[
 Noise = Annotated[
     list[str] | None,
     valued(
-        "--noise", "OUTPUT=SIZE", "With --model: standard deviation; else 1 % of its largest move."
+        "--noise",
+        "OUTPUT=SIZE",
+        "With --model: standard deviation; else 1 % of its largest change.",
     ),
 ]
 Duration = Annotated[
@@ -251,7 +254,7 @@ Figures = Annotated[
         "--figures",
         "FORMAT,...",
         "Figures as png (usual), svg or pdf, several with commas; or none.",
-        complete=of("png", "svg", "pdf", "none"),
+        complete=fixed_words("png", "svg", "pdf", "none"),
     ),
 ]
 NoFigures = Annotated[bool, flag("--no-figures", "Draw none, as --figures none.")]
@@ -261,7 +264,7 @@ Class = Annotated[
         "--class",
         "I..IV",
         "Class of the aircraft, for levels of flying qualities; II-C: carrier.",
-        complete=of("I", "II", "II-C", "III", "IV"),
+        complete=fixed_words("I", "II", "II-C", "III", "IV"),
     ),
 ]
 Category = Annotated[
@@ -270,7 +273,7 @@ Category = Annotated[
         "--category",
         "A|B|C",
         "Category of the flight phase: A rapid, B gradual, C terminal.",
-        complete=of("A", "B", "C"),
+        complete=fixed_words("A", "B", "C"),
     ),
 ]
 Channels = Annotated[
@@ -282,15 +285,11 @@ AsJson = Annotated[
 ]
 Jobs = Annotated[
     int | None,
-    valued(
-        "--jobs", "N", "Processes, each with one thread; else one a core. No number depends on it."
-    ),
+    valued("--jobs", "N", "Number of processes; else one per core. Results do not depend on it."),
 ]
 Resume = Annotated[
     bool,
-    flag(
-        "--resume", "Go on with what the folder of --out holds; --runs may be larger than before."
-    ),
+    flag("--resume", "Continue the runs in the folder of --out; --runs may be larger than before."),
 ]
 Cluster = Annotated[
     str | None,
@@ -357,8 +356,9 @@ class _CopyingStream(io.TextIOBase):
 
 @contextlib.contextmanager
 def keeping_text(out: Path | None) -> Iterator[None]:
-    """Store the printed text of a successful command as ``study.txt`` in its folder, unless the
-    command writes this file itself.
+    """Store the text that the body prints as ``study.txt`` in the folder of its study.
+
+    Nothing is stored if the body raises, or if it writes this file itself.
     """
     if out is None:
         yield
@@ -367,17 +367,20 @@ def keeping_text(out: Path | None) -> Iterator[None]:
     from scenarios.report.summary import TEXT
 
     path = out / TEXT
-    before = _identity(path)
+    before = _written_file(path)
     stream = _CopyingStream(sys.stdout)
     with contextlib.redirect_stdout(stream):
         yield
-    if out.is_dir() and _identity(path) == before:
+    if out.is_dir() and _written_file(path) == before:
         with contextlib.suppress(OSError):  # the study is complete without this file
             write_text(path, _COLOURS.sub("", stream.copy.getvalue()))
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
-    """Return inode and time of writing (ns) of a file; None if there is no file."""
+def _written_file(path: Path) -> tuple[int, int] | None:
+    """Return inode and time of writing (ns) of a file; None if there is no file.
+
+    The pair differs if the file is written again.
+    """
     try:
         status = path.stat()
     except OSError:
@@ -397,7 +400,7 @@ def output_options(
     figures : formats of the figures.
     quiet : print only the warnings of the documents, on stderr.
     as_json : print only the documents, several as a list.
-    documents : paths of the JSON documents that the command writes, below its folder.
+    documents : paths of the JSON documents that the command writes, relative to its folder.
 
     With ``quiet`` or ``as_json`` but without ``out``, a temporary folder is used.
     """
@@ -489,7 +492,7 @@ class Output:
     quiet: Quiet = False
     as_json: AsJson = False
 
-    def of(self, *documents: str) -> AbstractContextManager[OutputOptions]:
+    def writing(self, *documents: str) -> AbstractContextManager[OutputOptions]:
         """Return the context of a command that writes JSON ``documents``; see `output_options`."""
         return output_options(
             self.out,

@@ -27,9 +27,9 @@ from scenarios.cli.options import (
     Records,
     Trust,
     VehicleOption,
+    fixed_words,
     flag,
     methods,
-    of,
     valued,
     with_groups,
 )
@@ -52,7 +52,7 @@ def map_(
         valued("--out", "DIR", "Write channels.toml and vehicle.toml into this folder."),
     ] = None,
 ) -> None:
-    """What a recorder's file holds, with a draft of the channel map and of the vehicle file."""
+    """Content of a recorder's file, with drafts of the channel map and of the vehicle file."""
     from scenarios.commands.records import draft_map
 
     draft_map(record, out, rate, columns, topics)
@@ -78,7 +78,7 @@ def maneuvers(
     from scenarios.commands.records import search_record
 
     plan = plan_of(rate=rate, columns=columns)
-    with output.of("maneuvers.json") as target:
+    with output.writing("maneuvers.json") as target:
         search_record(record, channels, plan, target.out, target.figures)
 
 
@@ -96,11 +96,11 @@ References = Annotated[
     valued(
         "--reference",
         "R",
-        "With feedback: an excitation that the noise does not reach; one for each input.",
+        "With feedback: an excitation that is independent of the noise; one for each input.",
     ),
 ]
 Windows = Annotated[
-    list[float] | None, valued("--window", "S", "Length of a window, s; again for each. Else four.")
+    list[float] | None, valued("--window", "S", "Length of a window, s; again for each; else four.")
 ]
 Tapers = Annotated[int, valued("--tapers", "N", "N sine tapers instead of windows.", min=0)]
 Band = Annotated[
@@ -124,7 +124,7 @@ Bandwidth = Annotated[
         "--bandwidth",
         "KIND",
         "Bandwidth and phase delay of outputs that are a rate or an attitude.",
-        complete=of("rate", "attitude"),
+        complete=fixed_words("rate", "attitude"),
     ),
 ]
 Margins = Annotated[
@@ -133,7 +133,7 @@ Margins = Annotated[
         "--margins",
         "SIGN",
         "Stability margins of a loop whose output returns into the input with this sign.",
-        complete=of("minus", "plus"),
+        complete=fixed_words("minus", "plus"),
     ),
 ]
 Levels = Annotated[
@@ -162,7 +162,7 @@ FittedModel = Annotated[
         "--model",
         "M",
         "Fit this linear model to all responses at once: built in, or your own file.",
-        complete=of("rigid", "lateral", "longitudinal", "loes"),
+        complete=fixed_words("rigid", "lateral", "longitudinal", "loes"),
     ),
 ]
 ModelVehicle = Annotated[
@@ -202,7 +202,7 @@ def response(
 
     plan = preparation.plan(records)
     request = Request(tuple(records), channels=preparation.channels, plan=plan)
-    with output.of("responses.json") as target:
+    with output.writing("responses.json") as target:
         respond(
             request,
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
@@ -237,7 +237,7 @@ def identify(
         valued(
             "--validate",
             "RECORD...",
-            "Predict these records with what was estimated from the others.",
+            "Predict these records with the parameters estimated from the others.",
         ),
     ] = None,
     profile: Annotated[
@@ -245,7 +245,7 @@ def identify(
         valued(
             "--profile",
             "NAME...",
-            "Profile-likelihood intervals of these parameters; all: of every one.",
+            "Profile-likelihood intervals of these parameters; all for every parameter.",
         ),
     ] = None,
     band: Annotated[
@@ -254,9 +254,7 @@ def identify(
     ] = None,
     engine: Annotated[
         str | None,
-        valued(
-            "--engine", "ENGINE", "Of the extended Kalman filter: filterpy or batched; same result."
-        ),
+        valued("--engine", "ENGINE", "Extended Kalman filter by filterpy or batched; same result."),
     ] = None,
     aircraft_class: Class = None,
     category: Category = None,
@@ -282,7 +280,7 @@ def identify(
         aircraft_class=aircraft_class,
         flight_phase=category,
     )
-    with output.of("comparison.json") as target:
+    with output.writing("comparison.json") as target:
         identify_records(
             request, method, target.out, target.figures, options_of(profile, band, engine), matrices
         )
@@ -316,7 +314,7 @@ def diagnose(
             "--effort",
             "E",
             "How far the search looks: normal, thorough.",
-            complete=of("normal", "thorough"),
+            complete=fixed_words("normal", "thorough"),
         ),
     ] = "normal",
     aircraft_class: Class = None,
@@ -341,7 +339,7 @@ def diagnose(
         aircraft_class,
         category,
     )
-    with output.of("diagnosis.json") as target:
+    with output.writing("diagnosis.json") as target:
         diagnose_records(request, target.out, target.figures, progress=target.progress)
 
 
@@ -357,11 +355,11 @@ def check(
     trust: Trust = False,
     output: Output,
 ) -> None:
-    """Data compatibility: what the kinematics alone say of the sensors."""
+    """Data compatibility: sensor errors that kinematics alone reveal."""
     from scenarios.commands.records import check_records
 
     plan = preparation.plan(records, trusted=trust)
-    with output.of("compatibility.json") as target:
+    with output.writing("compatibility.json") as target:
         check_records(
             Request(tuple(records), vehicle=vehicle, channels=preparation.channels, plan=plan),
             target.out,
@@ -376,23 +374,23 @@ def check(
 EXAMPLE = """\
 title = "two flights of a bomber"
 model = "rigid"                    # as --model
-vehicle = "flight_vehicle.toml"    # what all flights have in common; paths are relative to this file
+vehicle = "flight_vehicle.toml"    # common to all flights; paths are relative to this file
 # channels = "map.toml"            # likewise columns, from, to, maneuver, maneuvers, hold, rate, lowpass, effort, effects
-# records = "flights/*.csv"        # each file a flight that needs no further word
+# records = "flights/*.csv"        # each file is a flight without further entries
 
 [[flights]]
-record = "flight.csv"              # or records = ["a.csv", "b.csv"], several maneuvers of one flight
+record = "flight.csv"              # or records = ["a.csv", "b.csv"]: several maneuvers of one flight
 name = "F001"                      # else the file's name
 date = 2026-03-02
 tail = "A-1"
-condition = {altitude = "1500 m"}  # numbers over which derivatives are compared
+condition = {altitude = "1500 m"}  # quantities over which derivatives are compared
 
 [[flights]]
 record = "flight_validate.csv"
 name = "F002"
 date = 2026-03-03
 tail = "A-1"
-vehicle = {mass = "2.9e5 kg"}      # takes the place of what the vehicle file says
+vehicle = {mass = "2.9e5 kg"}      # replaces the value in the vehicle file
 condition = {altitude = "1500 m"}
 """  # noqa: E501
 
@@ -405,7 +403,7 @@ def survey(
         Path | None,
         typer.Argument(
             metavar="FLIGHTS.toml",
-            help="Model, vehicle, and the records with what they were flown at.",
+            help="Model, vehicle, and the records with their flight conditions.",
         ),
     ] = None,
     example: Annotated[bool, flag("--example", "Print such a file, to copy and edit.")] = False,
@@ -419,7 +417,9 @@ def survey(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Many flights of one aircraft: each diagnosed, then what recurs; a folder that grows."""
+    """Many flights of one aircraft: a diagnosis of each, and effects that recur; a folder that
+    grows.
+    """
     if example:
         print(EXAMPLE, end="")
         return
@@ -469,7 +469,7 @@ WatchModel = Annotated[
         "--model",
         "M",
         "loes, rigid, lateral, longitudinal, or your own model file.",
-        complete=of("loes", "rigid", "lateral", "longitudinal"),
+        complete=fixed_words("loes", "rigid", "lateral", "longitudinal"),
     ),
 ]
 WatchVehicle = Annotated[
@@ -481,7 +481,7 @@ WatchMargins = Annotated[
         "--margins",
         "SIGN",
         "Instead of a model: margins of the loop of --input, --output, --excitation.",
-        complete=of("minus", "plus"),
+        complete=fixed_words("minus", "plus"),
     ),
 ]
 WatchInputs = Annotated[
@@ -491,7 +491,7 @@ WatchOutputs = Annotated[
     list[str] | None, valued("--output", "B", "With --margins: the signal that returns.")
 ]
 WatchExcitation = Annotated[
-    str | None, valued("--excitation", "R", "With --margins: what is added to it.")
+    str | None, valued("--excitation", "R", "With --margins: the signal added at the sum.")
 ]
 WatchReference = Annotated[
     Path | None,
@@ -502,7 +502,7 @@ WatchReference = Annotated[
     ),
 ]
 WatchRate = Annotated[
-    float | None, valued("--rate", "HZ", "Of a stream without a clock: its rows a second.")
+    float | None, valued("--rate", "HZ", "Rows a second of a stream without a clock.")
 ]
 WatchIdle = Annotated[
     float | None,
@@ -513,9 +513,7 @@ WatchIdle = Annotated[
 WatchUntilEnd = Annotated[bool, flag("--until-end", "Do not wait for the file to grow.")]
 WatchRefine = Annotated[
     bool,
-    typer.Option(
-        help="Linearise anew on the way, and refine over all rows when the stream has ended."
-    ),
+    typer.Option(help="Linearise again during the stream, and fit all rows again at its end."),
 ]
 WatchPage = Annotated[
     bool, flag("--page", "Serve a page of the stream to the browser of this machine, until Ctrl-C.")

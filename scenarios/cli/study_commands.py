@@ -43,8 +43,8 @@ from scenarios.cli.options import (
     TrueValues,
     Trust,
     VehicleOption,
+    fixed_words,
     flag,
-    of,
     scenarios,
     valued,
     with_groups,
@@ -105,7 +105,7 @@ def simulate(
     noise: Noise = None,
     hidden: Annotated[
         list[str] | None,
-        valued("--hide", "EFFECT.KEY=VALUE", "With --model: an effect that acts and is not told."),
+        valued("--hide", "EFFECT.KEY=VALUE", "With --model: an effect that no file names."),
     ] = None,
     duration: Duration = None,
     rate: SampleRate = None,
@@ -149,12 +149,7 @@ def campaign(
         valued("--method", "NAME", "One of the scenario's further methods; else its main one."),
     ] = None,
     noise_levels: Annotated[
-        bool,
-        flag(
-            "--noise-levels",
-            "Also find the noise levels by likelihood, which is done anyway where a sigma is "
-            "wrong.",
-        ),
+        bool, flag("--noise-levels", "Estimate noise levels even if no sigma is wrong.")
     ] = False,
     jobs: Jobs = None,
     resume: Resume = False,
@@ -253,7 +248,7 @@ DesignSize = Annotated[
     valued(
         "--size",
         "KEY=VALUE,...",
-        "Of the first effect; typical, or found: what one 3-2-1-1 just shows.",
+        "Size of the first effect: values, typical, or found (what one 3-2-1-1 just shows).",
     ),
 ]
 DesignValues = Annotated[
@@ -338,7 +333,7 @@ def design(
 
 def report(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders that --out was given.")
+        list[Path], typer.Argument(metavar="DIR...", help="Study folders, as --out wrote them.")
     ],
     tables: Annotated[
         bool, flag("--tables", "Write its tables as Markdown, LaTeX and XLSX as well.")
@@ -482,10 +477,10 @@ def structure(
             "--method",
             "METHOD",
             "stepwise regression, or orthogonal functions.",
-            complete=of(*METHOD_WORDS),
+            complete=fixed_words(*METHOD_WORDS),
         ),
     ] = "stepwise",
-    degree: Annotated[int, valued("--degree", "N", "Of the products of signals offered.")] = 2,
+    degree: Annotated[int, valued("--degree", "N", "Degree of the products of signals.")] = 2,
     splines: Annotated[int, valued("--splines", "N", "Offer splines with N knots in alpha.")] = 0,
     terms: Annotated[
         Path | None, valued("--terms", "FILE", "The terms offered, by coefficient.")
@@ -496,12 +491,12 @@ def structure(
     hierarchical: Annotated[
         bool, flag("--hierarchical", "Offer a product after the linear terms of its symmetry.")
     ] = False,
-    bandwidth: Annotated[float, valued("--bandwidth", "HZ", "Of the angular accelerations.")] = 3.0,
+    bandwidth: Annotated[float, valued("--bandwidth", "HZ", "For angular accelerations.")] = 3.0,
     output: Output,
 ) -> None:
-    """Which terms of the aerodynamic coefficients the records support; a vehicle file of them.
+    """Terms of the aerodynamic coefficients that the records support, and a vehicle file of them.
 
-    Stepwise regression or orthogonal functions; collinear terms are told with the maneuver that
+    Stepwise regression or orthogonal functions. Collinear terms are named with the maneuver that
     would separate them.
     """
     from scenarios.commands.records import find_structure
@@ -516,7 +511,7 @@ def structure(
         plan=plan,
     )
     options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
-    with output.of("structure.json") as target:
+    with output.writing("structure.json") as target:
         find_structure(request, options, target.out, target.figures)
 
 
@@ -558,7 +553,7 @@ def predict(
     ] = None,
     output: Output,
 ) -> None:
-    """The model of a study on another record: initial states and biases alone are fitted."""
+    """Prediction of another record by the model of a study, with fixed parameters."""
     from scenarios.commands.failures import one_segment
     from scenarios.commands.records import predict_with_study
     from scenarios.prediction import PredictionRequest
@@ -566,7 +561,7 @@ def predict(
     plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
     plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
     request = PredictionRequest(study, record, channels, plan, model, effects, tolerances)
-    with output.of("prediction.json") as target:
+    with output.writing("prediction.json") as target:
         predict_with_study(request, target.out, target.figures)
 
 
@@ -581,18 +576,19 @@ def export(
             help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
         ),
     ],
-    to: Annotated[str, valued("--to", "TARGET", options.TO_HELP, complete=of(*options.TARGETS))],
+    to: Annotated[
+        str, valued("--to", "TARGET", options.TO_HELP, complete=fixed_words(*options.TARGETS))
+    ],
     out: Annotated[
         Path | None,
         valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
     ] = None,
     model: StudyModel = None,
 ) -> None:
-    """The model of a study for another program: a Python module, an FMU, a JSBSim
-    file, a DAVE-ML file.
+    """The model of a study for another program: Python module, FMU, JSBSim or DAVE-ML file.
 
-    SI and radians, with the values found and the starting states of the first record. python and
-    fmu take any model, jsbsim and dave-ml the model aircraft alone.
+    Units are SI and radians. The file has the estimated values and the initial states of the first
+    record. python and fmu take any model, jsbsim and dave-ml only the model aircraft.
     """
     from scenarios.commands.records import export_model
 

@@ -33,9 +33,9 @@ RECORD_SUFFIXES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # a word with on
 def each_validated(arguments: list[str]) -> list[str]:
     """Return the arguments with ``--validate A B`` as ``--validate A --validate B``.
 
-    ``--validate`` and ``--profile`` take every word up to the next option. If this left no record
-    to fit, ``--validate`` takes one word only. ``--profile`` does not take records; without a word
-    it means all parameters.
+    ``--validate`` and ``--profile`` take every word up to the next option. If no record to fit
+    remained, ``--validate`` takes one word only. ``--profile`` does not take records; without a
+    word it means all parameters.
     """
     several = SEVERAL.get(arguments[0], ()) if arguments else ()
     if not several:

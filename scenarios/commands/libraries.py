@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 # ---- flightid list, flightid effects and flightid vehicles
 
 LIST_WIDTH = 80  # characters of a line in a list
-WIDEST = 100  # characters of a line of text or of a table
-UNLIMITED = 1e9  # SI; an effect declares a parameter without bound by a larger number
+WIDEST = 100  # most characters of a line of text or of a table
+UNLIMITED = 1e9  # SI; a bound of at least this size stands for no bound
 
 
 def list_scenarios() -> None:
@@ -64,9 +64,9 @@ def show_effects(name: str | None) -> None:
         return
     from sim.declaration.proposal import Refinable
 
-    effect, other_name = _effect_of_any_model(name)
-    if other_name:
-        print(other_name)
+    effect, renaming = _effect_of_any_model(name)
+    if renaming:
+        print(renaming)
     width = min(terminal_width(), WIDEST)
     absent = ", ".join(f"{key} = {value:g}" for key, value in effect.absent.items())
     lines = [
@@ -86,7 +86,10 @@ def show_effects(name: str | None) -> None:
             for item in effect.finer().parameters
             if item.name not in names
         ]
-        sentence = f"a freer form of it, tried where this one is found, adds {', '.join(added)}"
+        sentence = (
+            "a refined form, which is tried if this form is found, has the further parameters "
+            f"{', '.join(added)}"
+        )
         lines += ["", *folded(sentence, width)]
     print("\n".join(lines))
 
@@ -114,15 +117,18 @@ def _parameter_columns(effect: Effect) -> list[TableColumn]:
         TableColumn("parameter", [item.name for item in effect.parameters], left=True),
         TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
         TableColumn("start", [f"{factor * item.value:.3g}" for item, factor in items]),
-        TableColumn("range", [_range(item.bounds, factor) for item, factor in items]),
-        TableColumn("plausible", [_plausible(effect, item.name, factor) for item, factor in items]),
+        TableColumn("range", [_range_text(item.bounds, factor) for item, factor in items]),
+        TableColumn(
+            "plausible", [_plausible_range(effect, item.name, factor) for item, factor in items]
+        ),
     ]
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
-    """Return an effect of the library or of a model, and a sentence if its name is another.
+    """Return the effect with a name, and a sentence if the effect has another name on its model.
 
-    Effects of a model are made for its inputs, channels, loads and derivatives.
+    The effect is one of the library, or one that a model makes for its inputs, channels, loads and
+    derivatives.
     """
     from sim.effects.library import effect_names, effects_for, find_effect, other_names
     from sim.vehicles.factory import FAMILIES
@@ -136,10 +142,7 @@ def _effect_of_any_model(name: str) -> tuple[Effect, str]:
                 continue
             if own_name == name:
                 return effect, ""
-            sentence = (
-                f"{name} on {equations.name} is what {own_name} stands for, and bears that name"
-            )
-            return effect, sentence
+            return effect, f"{name} is named {own_name} on the model {equations.name}"
     return find_effect(name), ""
 
 
@@ -188,7 +191,8 @@ def _first_clause(text: str) -> str:
     return " ".join(text.split()).split(". ")[0].split(": ")[0].rstrip(".")
 
 
-def _range(bounds: tuple[float, float], factor: float) -> str:
+def _range_text(bounds: tuple[float, float], factor: float) -> str:
+    """Return the bounds of a parameter, times ``factor``; empty without bounds."""
     low, high = (
         factor * end if abs(end) < UNLIMITED else math.copysign(math.inf, end) for end in bounds
     )
@@ -199,8 +203,10 @@ def _range(bounds: tuple[float, float], factor: float) -> str:
     return f"up to {high:.4g}" if math.isfinite(high) else ""
 
 
-def _plausible(effect: Effect, name: str, factor: float) -> str:
-    """Return the plausible range of a parameter; empty if the effect declares none."""
+def _plausible_range(effect: Effect, name: str, factor: float) -> str:
+    """Return the plausible range of a parameter, times ``factor``; empty if the effect declares
+    none.
+    """
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
@@ -229,7 +235,7 @@ def show_models(name: str | None) -> None:
         return
     refuse_unknown_model(name, "flightid models")
     if not is_model_file(name):
-        equations, constant_units, parameter_units = _built_in(name)
+        equations, constant_units, parameter_units = _built_in_model(name)
         print(f"{name}: {TITLES[name]}\n\n{_explanation(equations)}\n")
         _print_equations(equations, constant_units.items(), parameter_units.items())
         return
@@ -249,8 +255,8 @@ def show_models(name: str | None) -> None:
 
 
 def _explanation(equations: Equations) -> str:
-    """Return the attribute ``explanation`` of the equations or, without it, the docstring of their
-    module.
+    """Return the explanation of equations: their attribute ``explanation``, else the docstring of
+    their module.
     """
     from scenarios.files.vehicles import AIRCRAFT
 
@@ -275,7 +281,7 @@ def show_example(name: str | None) -> None:
     )
 
 
-def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
+def _built_in_model(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
     """Return the equations of a built-in model, and the units of its constants and parameters."""
     from scenarios.files.aircraft_files import example
     from scenarios.files.vehicles import AIRCRAFT
@@ -372,13 +378,13 @@ def print_checks(model: Model) -> None:
     labels = unknown_units(model)
     if labels:
         print(
-            f"units: no conversion for {', '.join(labels)}: columns of a record carry the same or "
-            "none"
+            f"units: no conversion for {', '.join(labels)}: columns of a record must have the same "
+            "unit or none"
         )
     else:
         print("units: all known")
     difference = one_by_one(model)
-    print(f"arrays of shape {SHAPE} against single numbers: {difference:.1g} apart")
+    print(f"arrays of shape {SHAPE} against single numbers: relative difference {difference:.1g}")
     if not difference <= ARRAY_TOLERANCE:  # NaN fails, too
         raise ModelError(
             f"a call with arrays differs from single ones by {difference:.1g}",
@@ -386,27 +392,27 @@ def print_checks(model: Model) -> None:
             remedy=_USE_SIM_MATHS,
         )
     difference = steps_against_differences(model)
-    print(f"complex steps against differences: {difference:.1g} apart")
+    print(f"complex steps against finite differences: relative difference {difference:.1g}")
     if not difference <= SLOPE_TOLERANCE:  # NaN fails, too
         raise ModelError(
-            f"complex steps differ from differences by {difference:.1g}",
+            f"complex steps differ from finite differences by {difference:.1g}",
             where=f"model {model.name}",
             remedy=_USE_SIM_MATHS,
         )
     motion, precisions = excited(model)
     units = {signal.name: signal.unit for signal in model.equations.inputs}
     amplitudes = [f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items()]
-    cut = ", cut short where it leaves all measure" if motion.ran_away else ""
+    cut = ", ended where the motion diverges" if motion.ran_away else ""
     print(
         f"\nexample: doublets of {motion.pulse:.3g} s to each side on "
         f"{' and '.join(amplitudes) or 'none'}, {motion.end:.3g} "
-        f"s{cut}; noise 1 % of each output's largest move"
+        f"s{cut}; noise 1 % of each output's largest change"
     )
     for parameter in precisions:
         if not parameter.sigma < math.inf:
             text = "moves no output"
             if parameter.beside:
-                text = f"not told from {', '.join(parameter.beside)}"
+                text = f"not distinguishable from {', '.join(parameter.beside)}"
         elif parameter.value:
             text = f"known to {100.0 * parameter.sigma / abs(parameter.value):.2g} %"
         else:
@@ -414,7 +420,9 @@ def print_checks(model: Model) -> None:
         print(f"  {parameter.name:14} {text}")
 
 
-_USE_SIM_MATHS = "write it with the functions of sim.maths, each run by itself"
+_USE_SIM_MATHS = (
+    "write the equations with the functions of sim.maths, which take arrays and complex numbers"
+)
 
 
 # ---- flightid lab: list, open and copy teaching notebooks, and print their keys
@@ -453,11 +461,13 @@ def list_labs() -> None:
 
 def show_key(number: int) -> None:
     """Print the instructor's key of a lab as Markdown."""
-    print((_lab(number).parent / "keys" / f"lab{number}.md").read_text(encoding="utf-8"), end="")
+    print(
+        (_lab_file(number).parent / "keys" / f"lab{number}.md").read_text(encoding="utf-8"), end=""
+    )
 
 
 def copy_lab(number: int, folder: Path) -> Path:
-    """Copy a lab into a folder, which is made if it is missing, and return the path of the copy.
+    """Copy a lab into a folder and return the path of the copy. A missing folder is made.
 
     Raises
     ------
@@ -466,11 +476,11 @@ def copy_lab(number: int, folder: Path) -> Path:
     """
     from scenarios.files.writing import unwritable
 
-    path = _lab(number)
+    path = _lab_file(number)
     target = folder / path.name
     if target.exists():
         raise DeclarationError(
-            "there is such a file already, and it may be yours",
+            "this file exists, and you may have changed it",
             where=str(target),
             remedy="name another folder",
         )
@@ -498,7 +508,7 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
     ------
     DeclarationError : there is no such lab, marimo is not installed, or the port is taken.
     """
-    path = _lab(number)
+    path = _lab_file(number)
     if importlib.util.find_spec("marimo") is None:
         raise DeclarationError(
             "labs are notebooks of marimo, which is not installed",
@@ -506,7 +516,7 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
             remedy='in the folder of the project: python -m pip install -e ".[labs]"',
         )
     if port is not None:
-        _refuse_taken(port)
+        _refuse_taken_port(port)
     if edit:
         copy = (folder or Path()) / path.name
         path = copy if copy.exists() else copy_lab(number, folder or Path())
@@ -524,7 +534,8 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
         return 0
 
 
-def _lab(number: int) -> Path:
+def _lab_file(number: int) -> Path:
+    """Return the notebook of a lab; raise DeclarationError if there is no such lab."""
     labs = lab_files()
     if number not in labs:
         raise DeclarationError(
@@ -535,7 +546,8 @@ def _lab(number: int) -> Path:
     return labs[number]
 
 
-def _refuse_taken(port: int) -> None:
+def _refuse_taken_port(port: int) -> None:
+    """Raise DeclarationError if another program listens on a port."""
     with socket.socket() as probe:
         if probe.connect_ex((_HOST, port)) == 0:
             raise DeclarationError(

@@ -45,7 +45,7 @@ from sim.errors import DeclarationError, RecordError
 if TYPE_CHECKING:
     from scenarios.structure.study import StructureOptions
 
-# Shares of the work that are done when a study is written.
+# Shares of the work, in the progress bar, that are done when the writing of a study begins.
 WRITING_SURVEY_SHARE, WRITING_DIAGNOSIS_SHARE = 0.98, 0.97
 
 # ---- flightid check: sensor faults by kinematics
@@ -124,7 +124,7 @@ ALL_PARAMETERS = "all"  # value of --profile
 def options_of(
     profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
 ) -> Options:
-    """Return the options of an identification other than the method.
+    """Return the options of an identification, without the method.
 
     Parameters
     ----------
@@ -147,9 +147,16 @@ def identify_records(
     options: Options = DEFAULT_OPTIONS,
     matrices: Path | None = None,
 ) -> None:
-    """Identify records, write the study, print it, and write the linearised model's matrices.
+    """Identify records, then write and print the study.
 
-    ``matrices`` is the file of the matrices, or None.
+    Parameters
+    ----------
+    request : the records, the model and how the records are read.
+    method : method of identification.
+    out : folder of the study; None writes nothing.
+    figures : formats of the figures.
+    options : options of the method.
+    matrices : file for the matrices A, B, C, D of the linearised model; None writes none.
     """
     from scenarios.files.measured.columns import path_of
     from scenarios.identification.files import refuse_place, state_space_of, write_state_space
@@ -159,8 +166,8 @@ def identify_records(
     if matrices is not None:
         study_files = [out / "comparison.json", out / "record.csv"] if out is not None else []
         record_paths = [path_of(record) for record in (*request.records, *request.validate)]
-        given = [path for path in record_paths if path is not None]
-        refuse_place(matrices, [*given, *study_files])
+        record_files = [path for path in record_paths if path is not None]
+        refuse_place(matrices, [*record_files, *study_files])
     identified = identify_files(request, method, options)
     state_space = state_space_of(identified.found) if matrices is not None else None
     if out is not None:
@@ -269,8 +276,8 @@ def respond(
 CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
 MOST_EXPRESSION_LETTERS = 60  # characters of an expression in a table
 MOST_TOPICS = 15  # topics that are shown without --topics
-# If no channel can be read for one and the same reason, a draft is made from the names of at least
-# so many channels.
+# If the same fault keeps every channel from being read, a draft is made from the names alone of at
+# least so many channels.
 FEWEST_NAMED = 2
 
 
@@ -294,14 +301,14 @@ def draft_map(
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
-        _refuse_present(out)
+        _refuse_existing_drafts(out)
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
     unread = [guess.fault for guess in draft.guesses if guess.fault]
     if unread and not draft.readable:
         if len(set(unread)) > 1 or len(unread) < FEWEST_NAMED:
             raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
         draft = named_only(draft)
-    _print_topics(draft, whole=topics)
+    _print_topics(draft, all_topics=topics)
     _print_channels(draft)
     text = map_text(draft)
     for fault in draft.faults:
@@ -317,9 +324,9 @@ def draft_map(
         print_paragraph(console(), constant_words(draft), indent=0)
     if draft.unused and len(draft.topics) == 1:
         print_paragraph(console(), unused_words(draft), indent=0)
-    _write(out, draft)
+    _write_drafts(out, draft)
     print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
-    if idle := _idle_words(draft):
+    if idle := _idle_motors_sentence(draft):
         print_paragraph(console(), f"next: {idle}", indent=0)
     elif draft.model:
         _print_identify_command(draft, path, out, rate, columns)
@@ -337,7 +344,7 @@ def draft_map(
 def _print_identify_command(
     draft: Draft, path: Path, out: Path, rate: float | None, columns: str | None
 ) -> None:
-    """Print the command that identifies the record with the drafts, after what it still needs."""
+    """Print what the drafts lack, and the command that identifies the record with them."""
     if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
         print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
     commands = [guess.channel for guess in draft.guesses if guess.command and not guess.fault]
@@ -358,7 +365,7 @@ def _print_identify_command(
     print(f"next: flightid identify {path} --model {draft.model} {' '.join(options)}")
 
 
-def _idle_words(draft: Draft) -> str:
+def _idle_motors_sentence(draft: Draft) -> str:
     """Return a sentence if all commands in the log of a multirotor are zero; else an empty text."""
     commands = [guess for guess in draft.guesses if guess.channel in COMMANDS and guess.samples]
     idle = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
@@ -369,7 +376,8 @@ def _idle_words(draft: Draft) -> str:
     )
 
 
-def _print_topics(draft: Draft, *, whole: bool) -> None:
+def _print_topics(draft: Draft, *, all_topics: bool) -> None:
+    """Print the rows, rate and columns of each topic; of a large log only the largest topics."""
     if len(draft.topics) == 1:
         (topic,) = draft.topics
         rate = f", {topic.rate:.4g} samples a second" if topic.rate else ""
@@ -377,9 +385,9 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
         return
     print(f"{draft.file.path.name}: a log of {len(draft.topics)} topics")
     shown = list(draft.topics)
-    if not whole:
+    if not all_topics:
         shown = sorted(shown, key=lambda topic: -topic.rows)[:MOST_TOPICS]
-    names = [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown]
+    names = [_shortened(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown]
     _print_table(
         [
             TableColumn("topic", [topic.name for topic in shown], left=True),
@@ -393,6 +401,7 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
 
 
 def _print_channels(draft: Draft) -> None:
+    """Print a table of the channels that were recognised, with their columns and ranges."""
     from scenarios.files.declarations import CHANNEL_UNITS
 
     if draft.faults and not any(guess.samples for guess in draft.guesses):
@@ -410,7 +419,7 @@ def _print_channels(draft: Draft) -> None:
         else shown_in(CHANNEL_UNITS[guess.channel], guess.channel)
         for guess in usable
     ]
-    sources = [_short(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable]
+    sources = [_shortened(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable]
     guesses = [(guess, factor) for guess, (factor, _) in zip(usable, units, strict=True)]
     _print_table(
         [
@@ -428,17 +437,18 @@ def _print_table(columns: list[TableColumn]) -> None:
     print("\n".join(f"  {line}" for line in table_lines(columns, width=terminal_width())))
 
 
-def _refuse_present(out: Path) -> None:
+def _refuse_existing_drafts(out: Path) -> None:
+    """Raise DeclarationError if a folder has a channel map or a vehicle file."""
     for name in (CHANNEL_MAP_FILE, VEHICLE_FILE):
         if (out / name).exists():
             raise DeclarationError(
-                "there is such a file already",
+                "this file exists already",
                 where=str(out / name),
                 remedy="name another folder with --out",
             )
 
 
-def _write(out: Path, draft: Draft) -> None:
+def _write_drafts(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         write_text(out / VEHICLE_FILE, vehicle_text(draft))
@@ -447,7 +457,7 @@ def _write(out: Path, draft: Draft) -> None:
         raise unwritable(out, error, "name another folder") from None
 
 
-def _short(text: str, most: int) -> str:
+def _shortened(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 4]} ..."
 
 
@@ -483,7 +493,7 @@ def diagnose_records(
 def find_structure(
     request: Request, options: StructureOptions, out: Path | None, figures: Formats
 ) -> None:
-    """Choose the terms of the aerodynamic coefficients, write and print them.
+    """Choose the terms of the aerodynamic coefficients, then write and print them.
 
     Parameters
     ----------
@@ -513,13 +523,13 @@ def find_structure(
 
 
 def export_model(study: Path, to: str, out: Path | None, model: Path | None) -> None:
-    """Write the model of a study for a target and print a line; see ``written_model``.
+    """Write the model of a study for another program, and print a line on it.
 
     Parameters
     ----------
     study : folder of the study.
-    to : the target.
-    out : file or folder to write.
+    to : the other program or format, a target of ``written_model``.
+    out : file or folder to write; None takes the name of the vehicle.
     model : file of a user's own model.
     """
     from scenarios.export.targets import written_model

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def compare_studies(
-    studies: Sequence[str], out: Path | None, every: bool, figures: Formats
+    studies: Sequence[str], out: Path | None, all_methods: bool, figures: Formats
 ) -> None:
     """Compare studies side by side, print the tables and write them into ``out``.
 
@@ -42,7 +42,7 @@ def compare_studies(
     ----------
     studies : folders of the studies.
     out : folder of the comparison; None writes nothing.
-    every : show all methods of each study, not only its main one.
+    all_methods : show all methods of each study, not only its main one.
     figures : formats of the figures.
 
     Raises
@@ -52,7 +52,7 @@ def compare_studies(
     from scenarios.side_by_side.comparison import compare_columns, read_columns
     from scenarios.side_by_side.report import print_compared
 
-    compared = compare_columns(read_columns(studies, every))
+    compared = compare_columns(read_columns(studies, all_methods))
     if out is not None:
         from scenarios.side_by_side.report import write_compared
 
@@ -84,7 +84,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     truth_file = out.parent / scratch_truth.name
     print(
         f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, "
-        f"{flight.maneuver}; the truth is in {truth_file.name}"
+        f"{flight.maneuver}; true values are in {truth_file.name}"
     )
     for model, vehicle in vehicles.items():
         print(f"flightid identify {out} --model {model} --vehicle {vehicle}")
@@ -99,7 +99,9 @@ def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.planted.flights import trace_scenario_of
 
-    return _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
+    return _write_trace(
+        trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed
+    )
 
 
 def simulate_own(
@@ -112,14 +114,15 @@ def simulate_own(
 
     document = with_changes(trace_document(flight), changes)
     scenario = trace_scenario_of(document, Path(flight.model).stem, flight.model)
-    return _write(scenario, flight.model, out, seed)
+    return _write_trace(scenario, flight.model, out, seed)
 
 
-def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Write both records and the vehicle file, without true values; return the files.
+def _write_trace(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
+    """Write both records and the vehicle file of a tracing scenario; return the files.
 
-    ``file`` declares the scenario; errors name it. If ``out`` is ``record.csv``, it holds the
-    record to fit; ``record_validate.csv`` and ``record_vehicle.toml`` stand beside it.
+    True values are not written. If ``out`` is ``record.csv``, it holds the record to fit; the
+    second record is ``record_validate.csv`` and the vehicle file ``record_vehicle.toml``, in the
+    same folder. ``file`` declares the scenario; errors name it.
     """
     from scenarios.files.writing import files_together, write_record
     from scenarios.trials.planted.flights import fly_trace
@@ -154,13 +157,13 @@ def run_scenarios(
     print_folder: bool = True,
     progress: bool = True,
 ) -> None:
-    """Run scenarios one after the other; several get separate folders under ``out``.
+    """Run scenarios one after the other, and write their studies.
 
     Parameters
     ----------
     names : scenarios of the catalogue, or paths of TOML files.
     seed : seed of the noise; None takes that of each scenario.
-    out : folder of the studies; None writes nothing.
+    out : folder of the study; several studies get folders in it; None writes nothing.
     changes : changes of the scenario files, as ``"KEY=VALUE"``.
     figures : formats of the figures.
     print_folder : print where the studies were written.
@@ -202,8 +205,12 @@ def _short_name(name: str) -> str:
 
 
 def _finished_sentence(folders: Sequence[Path | None], total: int) -> str:
-    """Return a sentence on the studies that are finished if ``run`` is stopped; empty without
-    any. ``total`` is the number of all studies.
+    """Return a sentence on the studies that are finished when ``run`` is stopped; empty if none is.
+
+    Parameters
+    ----------
+    folders : folder of each finished study; None for a study that is not written.
+    total : number of all studies.
     """
     if not folders:
         return ""
@@ -231,8 +238,9 @@ def _run_and_write(
 
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
-    """Return the paths of the JSON documents that ``run`` writes, relative to its folder: one for a
-    comparison, else one for each study.
+    """Return the paths of the JSON documents that ``run`` writes, relative to its folder.
+
+    A comparison has one document, else each study has one.
     """
     if compare:
         return ["compared.json"]
@@ -250,15 +258,16 @@ def run_and_compare(
     *,
     progress: bool = True,
 ) -> None:
-    """Run scenarios as ``run_scenarios`` and compare their studies; without ``out`` no study folder
-    remains.
+    """Run scenarios as ``run_scenarios``, and compare their studies.
+
+    If ``out`` is None, the studies are in a temporary folder, which is deleted.
     """
     from tempfile import TemporaryDirectory
 
     short_names = [_short_name(name) for name in names]
     if len(names) < 2:
         raise DeclarationError(
-            "one scenario has nothing beside it",
+            "a single scenario cannot be compared",
             where="flightid run --compare",
             remedy="name at least two",
         )
@@ -314,7 +323,7 @@ def simulate(
             return [*paths, vehicle]
         hint = ""
         if vehicle_name:
-            hint = f"; --vehicle {vehicle_name} names its vehicle, with true values"
+            hint = f"; its vehicle, with true values, is --vehicle {vehicle_name}"
         print(f"written: {out.name}{hint}")
         return paths
     except OSError as error:
@@ -322,8 +331,10 @@ def simulate(
 
 
 def _vehicle_of(name: str) -> str:
-    """Return the vehicle of a scenario of identification: a name of the library, or the path of an
-    aircraft file; empty for other scenarios and for a user's own model.
+    """Return the vehicle of a scenario of identification, as ``--vehicle`` takes it.
+
+    It is a name of the library, or the path of an aircraft file. The text is empty for other
+    scenarios and for a user's model.
     """
     from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_kind
 
@@ -364,7 +375,10 @@ def own_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run a campaign of a user's model, as ``run_campaign``; options describe its flight."""
+    """Run a campaign of a user's model, as ``run_campaign`` does for a scenario.
+
+    ``flight`` is the flight of the user's model, as the options of the command describe it.
+    """
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
@@ -372,7 +386,9 @@ def own_campaign(
     document = with_changes(study_document(flight), changes)
     rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
     scenario = scenario_of(rebuilt.document, rebuilt.name, rebuilt.where)
-    _run(scenario, rebuilt, runs, seed, execution, figures, levels=levels, progress=progress)
+    _run_campaign(
+        scenario, rebuilt, runs, seed, execution, figures, levels=levels, progress=progress
+    )
 
 
 def run_campaign(
@@ -398,7 +414,7 @@ def run_campaign(
     changes : changes of the scenario file, as ``"KEY=VALUE"``.
     method : the estimator; None takes the main one of the scenario.
     figures : formats of the figures.
-    levels : estimate noise levels by likelihood even if all sigmas are right.
+    levels : estimate noise levels by likelihood, even if all reported sigmas are right.
     progress : show a progress bar.
 
     After Ctrl-C, the finished runs are printed and written.
@@ -421,7 +437,7 @@ def run_campaign(
     rebuilt = Rebuilt(
         {key: value for key, value in document.items() if key != "kind"}, short_name, where
     )
-    _run(
+    _run_campaign(
         load_scenario(name, changes),
         rebuilt,
         runs,
@@ -442,7 +458,7 @@ def refuse_method(method: str | None) -> None:
         )
 
 
-def _run(
+def _run_campaign(
     scenario: Scenario,
     rebuilt: Rebuilt,
     runs: int,
@@ -454,6 +470,10 @@ def _run(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
+    """Run a campaign, print it and write it; the parameters are those of ``run_campaign``.
+
+    ``rebuilt`` is the document of the scenario, from which other processes build it again.
+    """
     with named_after(rebuilt.where), progress_bar(progress) as show_progress:
         campaign = fly_campaign(scenario, runs, seed, method, show_progress, execution, rebuilt)
         judgement, complete = _judgement_of(campaign, levels, show_progress)
@@ -466,7 +486,7 @@ def _run(
         raise stopped(len(campaign.seeds), campaign.asked, "runs", out)
     if not complete:
         raise KeyboardInterrupt(
-            "all runs had ended; why sigmas are wrong was not looked for to the end"
+            "all runs had ended; the search for causes of wrong sigmas was not complete"
         )
 
 
@@ -478,7 +498,7 @@ def _judgement_of(
     A stopped campaign has no causes. Ctrl-C also stops the search for causes.
     """
     all_runs = len(campaign.seeds) == campaign.asked
-    progress("whether the sigmas are right, and why not", 1.0)
+    progress("checking the sigmas", 1.0)
     try:
         return judge(campaign, causes=all_runs, levels=levels), True
     except KeyboardInterrupt:
@@ -493,7 +513,7 @@ def design_maneuver(
 ) -> None:
     """Design a maneuver, write it into ``out`` and print it.
 
-    ``progress`` : show a progress bar.
+    ``progress`` : whether a progress bar is shown.
     """
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text

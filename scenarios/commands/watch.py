@@ -1,6 +1,7 @@
 """`flightid watch`: identification of a stream while it arrives, and stability margins of a loop.
 
-Estimates are compared with a reference and written continuously.
+A stream is a growing file or standard input. Estimates are compared with a reference and written
+continuously.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ LOW_ORDER = "loes"  # the model that a bank of filters identifies
 FILE_IDLE = 5.0  # s without new rows after which a file has ended; a pipe reports its end
 # Most rows of a refinement: 2.5 minutes at 40 Hz. The refinement computes about fifty passes.
 REFINED_ROWS = 6000
-UNFINISHED = "the stream ended in the middle of it"
+UNFINISHED = "the stream ended in the middle of this line"
 
 
 def watch_stream(
@@ -122,7 +123,7 @@ def watch_stream(
             remedy="leave it out, or watch loes",
         )
     needed = tuple(PAPER_START) if model == LOW_ORDER else ()
-    watch = _prepared(record, vehicle, reference, channels, refine, plan, needed)
+    watch = _watch_of(record, vehicle, reference, channels, refine, plan, needed)
     if model == LOW_ORDER and watch.hold is Hold.LINEAR:
         raise RecordError(
             "its inputs are linear between samples",
@@ -137,13 +138,14 @@ def watch_stream(
         _watch_in_frequency(watch, model, record, out, limit, until_end)
         return
     with ExitStack() as stack:
-        read = stack.enter_context(_source(record, until_end))
-        follow = stack.enter_context(_page(watch, port)) if page else None
+        read = stack.enter_context(_open_stream(record, until_end))
+        follow = stack.enter_context(_served_page(watch, port)) if page else None
         history = stack.enter_context(History(out)) if out is not None else None
         _follow(watch, lines_of(read, limit, watch.name), history, follow)
         session = session_of(watch)
         if session.bank is None:
             _write_steps(history, session, start(session))
+        # Ctrl-C on a page asks for the end, not for a refinement of minutes.
         outcome = _outcome(watch, session, refine and not (page and watch.stopped))
         if out is not None and history is not None:
             source = Path(record).name if record != PIPE else watch.name
@@ -165,7 +167,10 @@ def _idle_limit(record: str, idle: float | None) -> float | None:
 
 
 def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
-    """Return the frequencies of the regression, rad/s. Every band has equally many."""
+    """Return the frequencies of the regression in a band (Hz), rad/s.
+
+    Every band has the same number of frequencies. None takes the usual band.
+    """
     if band is None:
         return frequencies()
     low, high = band
@@ -182,7 +187,11 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
 def _watch_in_frequency(
     watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
 ) -> None:
-    """Identify a stream by regression in the frequency domain, until it ends; print and write."""
+    """Identify a stream by regression in the frequency domain until it ends, print and write it.
+
+    The parameters are those of ``watch_stream``; ``limit`` is the time (s) without new rows after
+    which the stream has ended, None for no limit.
+    """
     from scenarios.watching.show import line, print_spectral_end, write_spectral
 
     vehicle = read_vehicle(watch.vehicle_path, model)
@@ -194,7 +203,7 @@ def _watch_in_frequency(
             assert session is not None
             print(line(session, point, watch.left_out), flush=True)
 
-    with _source(record, until_end) as read:
+    with _open_stream(record, until_end) as read:
         try:
             for lines in lines_of(read, limit, watch.name):
                 rows = rows_in(watch, lines)
@@ -244,14 +253,14 @@ def watch_loop(
         raise DeclarationError(
             "margins use no input between samples", where="--hold", remedy="leave it out"
         )
-    watch = _prepared(record, None, None, channels, False, plan, ())
+    watch = _watch_of(record, None, None, channels, False, plan, ())
     watch.signals = names.signals
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
     limit = _idle_limit(record, idle)
     session = MarginSession(names, watch.name, band)
     with ExitStack() as stack:
-        read = stack.enter_context(_source(record, until_end))
+        read = stack.enter_context(_open_stream(record, until_end))
         live_page = stack.enter_context(served_loop(watch, session, port)) if page else None
 
         def show(points: list[MarginPoint], rows: np.ndarray) -> None:
@@ -315,7 +324,8 @@ def _spectral_session(watch: Watch, vehicle: VehicleFile) -> SpectralSession | N
     return spectral_session(vehicle, watch.name, outputs, watch.omega, watch.hold, watch.hold_from)
 
 
-def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
+def _served_page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
+    """Return the context that serves the page of a watch, and yields the function that feeds it."""
     from scenarios.watching.page import served
 
     return served(watch, port)
@@ -330,7 +340,7 @@ def _show_end(watch: Watch, session: Session, outcome: WatchOutcome, follow: Fol
         until_interrupted()
 
 
-def _prepared(
+def _watch_of(
     record: str,
     vehicle: Path | None,
     reference: Path | None,
@@ -339,6 +349,11 @@ def _prepared(
     plan: Plan | None,
     needed: Sequence[str],
 ) -> Watch:
+    """Return the state of a watch before its first row; the parameters are those of
+    ``watch_stream``.
+
+    ``needed`` are the parameters that the reference must have.
+    """
     from scenarios.files.declarations import read_channel_map
     from scenarios.files.measured.columns import read_sidecar
     from scenarios.preparation.plan import BY_HAND
@@ -380,7 +395,7 @@ def _prepared(
 
 
 @contextmanager
-def _source(record: str, until_end: bool) -> Iterator[Read]:
+def _open_stream(record: str, until_end: bool) -> Iterator[Read]:
     """Open the stream and yield the function that reads it."""
     if record == PIPE:
         yield standard_input()
@@ -392,7 +407,15 @@ def _source(record: str, until_end: bool) -> Iterator[Read]:
 def _follow(
     watch: Watch, lines: Iterator[Lines], history: History | None, follow: Follow | None = None
 ) -> None:
-    """Process lines, show and write the steps, until the stream ends or Ctrl-C."""
+    """Process lines until the stream ends or Ctrl-C; show the steps and write them.
+
+    Parameters
+    ----------
+    watch : state of the watch, which changes.
+    lines : pieces of the stream.
+    history : file that receives the steps; None writes none.
+    follow : function that shows the steps on the page; None without a page.
+    """
     with display(watch) as show_in_terminal:
 
         def show(steps: list[WatchStep]) -> None:

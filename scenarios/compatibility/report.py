@@ -397,7 +397,7 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
     given = ["--vehicle", check.vehicle.name] if check.vehicle is not None else []
     return Page(
         title=f"{names}: data compatibility",
-        kind="What the kinematics alone say of the sensors",
+        kind="Sensor errors that kinematics alone reveal",
         verdict=("a fault stands" if faults else "compatible") if checked else "not checked",
         tone=("fair" if faults else "good") if checked else "open",
         sentence=as_sentence(lines[0]) if lines else "",

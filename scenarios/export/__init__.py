@@ -6,5 +6,5 @@ calling them once with symbols. ``targets`` lists the targets and writes Python 
 ``ExportedModel`` to text or bytes, and a line in ``_WRITERS`` of ``targets``.
 
 Delays and lags that have a state form are written as states. Effects that need the whole record are
-left out, which the file and the command say.
+left out; the file and the command name them.
 """

@@ -2,7 +2,7 @@
 
 Inputs are airspeed, alpha, beta, p, q, r and the surfaces, in SI and radians; outputs are the six
 coefficients about the reference point of the moments. Mass, inertia and geometry are constants of
-the file; equations of motion, thrust and sensors are no part of it.
+the file. The file has no equations of motion, thrust or sensors.
 
 References
 ----------

@@ -28,7 +28,7 @@ from xml.sax.saxutils import quoteattr
 
 from scenarios.export.model import ExportedModel, Formulas, Operation, formulas_of, statements
 
-MAX_STEP = 0.01
+MAX_STEP = 0.01  # s, longest integration step
 _NAMESPACE = uuid.UUID("6ff2cb6d-0d0b-4d94-9d7a-33a3a5a8f1c4")
 _CALLS = {"maximum": "fmax", "minimum": "fmin", "abs": "fabs", "power": "pow"}
 
@@ -67,7 +67,7 @@ def variables_of(model: ExportedModel) -> list[Variable]:
 
 
 def c_source(model: ExportedModel, guid: str) -> str:
-    """Return the unit in one C file."""
+    """Return the C source of the unit, one file."""
     formulas = formulas_of(model.system)
     variables = variables_of(model)
     counts = Counter(variable.kind for variable in variables)
@@ -89,7 +89,7 @@ def c_source(model: ExportedModel, guid: str) -> str:
 
 
 def description(model: ExportedModel, guid: str) -> str:
-    """Return ``modelDescription.xml``."""
+    """Return the text of ``modelDescription.xml``, which names the variables of the unit."""
     variables = variables_of(model)
     causes = {
         "state": 'causality="parameter" variability="fixed" initial="exact"',
@@ -154,14 +154,15 @@ def fmu(model: ExportedModel) -> tuple[bytes, str]:
 
 
 def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, str]:
-    """Return path inside ``binaries`` and content of the library, None without a compiler; and a
-    sentence on it.
+    """Return the compiled library and a sentence on it.
+
+    The library is its path inside ``binaries`` and its content; None without a compiler.
     """
     compiler = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc")
     bits = "64" if sys.maxsize > 2**32 else "32"
     system = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}.get(platform.system())
     if compiler is None or system is None:
-        return None, "no C compiler was found: the unit holds its source alone"
+        return None, "no C compiler was found: the unit has only its source"
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         path, library = Path(folder) / "model.c", Path(folder) / "model"
         path.write_text(source, encoding="utf-8", newline="\n")
@@ -169,7 +170,7 @@ def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, s
         process = subprocess.run(command, capture_output=True, text=True, check=False)
         if process.returncode or not library.exists():
             first = (process.stderr.strip().splitlines() or ["no reason given"])[0]
-            return None, f"the C compiler failed ({first}): the unit holds its source alone"
+            return None, f"the C compiler failed ({first}): the unit has only its source"
         name = f"{system[0]}{bits}/{identifier}{system[1]}"
         return (name, library.read_bytes()), f"with its library for {system[0]}{bits}"
 

@@ -50,7 +50,7 @@ def jsbsim_file(model: ExportedModel) -> str:
     aircraft = model.aircraft_for("jsbsim", "JSBSim flies six degrees of freedom")
     if aircraft.varying or aircraft.wind or aircraft.recorded:
         raise DeclarationError(
-            "the file has columns of constants, wind or states, which JSBSim makes itself",
+            "the file takes constants, wind or states from a record, and JSBSim computes these",
             where="--to jsbsim",
             remedy="give constants their values, and leave columns, wind and recorded out",
         )

@@ -1,5 +1,4 @@
-"""The model of a study, ready to be written for other programs, and the equations of a compiled
-model as formulas.
+"""The model of a study, compiled for other programs, and its equations as formulas.
 
 The functions of a `System` are called once with symbols in place of numbers. This gives a list of
 operations, each of which occurs once. The list can then be written in any language [1]_.
@@ -24,7 +23,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import AIRCRAFT, BESIDE_RECORD
-from scenarios.kept import read_kept
+from scenarios.kept import read_kept, vehicle_of_study
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import OnlineForm, full_name
 from sim.declaration.model import System
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ExportedModel:
-    """A model with the values that a study found.
+    """A model with the values that a study estimated.
 
     Attributes
     ----------
@@ -63,13 +62,13 @@ class ExportedModel:
         text = re.sub(r"\W+", "_", self.name, flags=re.ASCII).strip("_")
         return text if text and not text[0].isdigit() else f"model_{text}".rstrip("_")
 
-    def aircraft_for(self, target: str, holds: str) -> Aircraft:
+    def aircraft_for(self, target: str, content: str) -> Aircraft:
         """Return the declaration of the aircraft, for a format that only supports aircraft.
 
         Parameters
         ----------
         target : word after ``--to``.
-        holds : first words of the error, on the content of the format.
+        content : content of the format, as the first words of the error.
 
         Raises
         ------
@@ -77,7 +76,7 @@ class ExportedModel:
         """
         if self.aircraft is None:
             raise DeclarationError(
-                f"{holds}, and this is a study of the model {self.model}",
+                f"{content}, and this is a study of the model {self.model}",
                 where=f"--to {target}",
                 remedy="take --to python or fmu, or identify the model aircraft "
                 "(flightid structure drafts its vehicle file)",
@@ -93,7 +92,7 @@ def exported(
     aircraft: Aircraft | None = None,
     made_by: str = "declaration",
 ) -> ExportedModel:
-    """Return a compiled model with values.
+    """Compile a model with values, and return it for export.
 
     Effects on inputs and sensors are written as states where they have that form, and left out
     otherwise.
@@ -114,9 +113,11 @@ def exported(
     parameter_names = {item.name for item in model.parameters}
     chosen = {name: value for name, value in (values or {}).items() if name in parameter_names}
     model = model.with_values(chosen)
-    given = {item.name for item in model.initial}
+    states = {item.name for item in model.initial}
     model = model.with_initial(
-        model.initial.with_values({n: v for n, v in (starts or {}).items() if n in given})
+        model.initial.with_values(
+            {name: value for name, value in (starts or {}).items() if name in states}
+        )
     )
     remarks: tuple[str, ...] = ()
     try:
@@ -182,8 +183,6 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
         aircraft, _ = read_aircraft(read_toml_source(folder))
         return exported(aircraft.name, aircraft_model(aircraft), aircraft=aircraft)
-    from scenarios.prediction import vehicle_of_study
-
     file = read_kept(folder)
     vehicle = vehicle_of_study(file, user_model)
     stored = file.model()
@@ -275,8 +274,8 @@ class OperationTrace:
         self.operations: list[Operation] = []
         self._known: dict[Operation, int] = {}
 
-    def note(self, operation: Operation) -> Symbol:
-        """Return the symbol of an operation, the same for the same operation."""
+    def symbol_of(self, operation: Operation) -> Symbol:
+        """Return the symbol of an operation; equal operations have one symbol."""
         place = self._known.get(operation)
         if place is None:
             place = self._known[operation] = len(self.operations)
@@ -285,13 +284,13 @@ class OperationTrace:
 
     def signal(self, name: str) -> Symbol:
         """Return the symbol of a state, an input or a parameter."""
-        return self.note(Operation("signal", (), name))
+        return self.symbol_of(Operation("signal", (), name))
 
     def place_of(self, value: Any) -> int:
         """Return the place of a symbol, or of a number, which is added as a leaf."""
         if isinstance(value, Symbol):
             return value.place
-        return self.note(Operation("number", (), float(value))).place
+        return self.symbol_of(Operation("number", (), float(value))).place
 
     def apply(self, name: str, *values: Any) -> Any:
         """Return the result of an operation on symbols and numbers.
@@ -313,7 +312,7 @@ class OperationTrace:
                 return 0.0
         if name == "power" and numbers[1] in (1.0, 2.0):
             return values[0] if numbers[1] == 1.0 else self.apply("multiply", values[0], values[0])
-        return self.note(Operation(name, tuple(self.place_of(value) for value in values)))
+        return self.symbol_of(Operation(name, tuple(self.place_of(value) for value in values)))
 
     def _number(self, value: Any) -> float | None:
         """Return the number of a value; None for a symbol that is no number."""
@@ -342,20 +341,20 @@ class Symbol(NDArrayOperatorsMixin):
         return hash((id(self.trace), self.place))
 
     def __bool__(self) -> bool:
-        raise _Undecided("it decides by the value of a signal with if, and, or, min or max")
+        raise _NoFormula("it decides by the value of a signal with if, and, or, min or max")
 
     def __float__(self) -> float:
-        raise _Undecided("it makes a plain number of a signal")
+        raise _NoFormula("it makes a plain number of a signal")
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        raise _Undecided("it makes an array of a signal")
+        raise _NoFormula("it makes an array of a signal")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         in_place = set(options) <= {"out"}  # a += b, which gives a new symbol here
         if method != "__call__" or not in_place or ufunc not in _UFUNCS:
-            raise _Undecided(f"it uses numpy.{ufunc.__name__}, for which no formula is written")
+            raise _NoFormula(f"it uses numpy.{ufunc.__name__}, for which no formula is written")
         if any(np.ndim(item) for item in inputs if not isinstance(item, Symbol)):
-            raise _Undecided("it joins a signal with an array")
+            raise _NoFormula("it joins a signal with an array")
         return self.trace.apply(_UFUNCS[ufunc], *inputs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
@@ -369,16 +368,16 @@ class Symbol(NDArrayOperatorsMixin):
             return self
         if function is np.clip and len(args) == 3:
             return self.trace.apply("minimum", self.trace.apply("maximum", *args[:2]), args[2])
-        raise _Undecided(f"it uses numpy.{function.__name__}, for which no formula is written")
+        raise _NoFormula(f"it uses numpy.{function.__name__}, for which no formula is written")
 
     def interpolated(self, knots: Any, values: Any) -> Symbol:
         """Return the value of a table by linear interpolation; it is constant beyond the ends."""
         table = tuple(map(float, knots)), tuple(map(float, values))
-        return self.trace.note(Operation("interpolate", (self.place,), table))
+        return self.trace.symbol_of(Operation("interpolate", (self.place,), table))
 
 
-class _Undecided(TypeError):
-    """Error: an equation cannot be written as a formula."""
+class _NoFormula(TypeError):
+    """Error for an equation that cannot be written as a formula."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -176,7 +176,7 @@ def _special(operation: Operation, arguments: Sequence[str]) -> str:
 
 
 def _python(model: ExportedModel) -> tuple[bytes, str]:
-    return python_module(model).encode(), "needs NumPy alone"
+    return python_module(model).encode(), "needs only NumPy"
 
 
 def _fmu(model: ExportedModel) -> tuple[bytes, str]:

@@ -128,8 +128,8 @@ def closest(word: str, allowed: Iterable[str]) -> str:
     return f"use one of {', '.join(choices)}"
 
 
-def listed(words: Sequence[str], most: int) -> str:
-    """Return the first ``most`` words, separated by commas, with ``...`` in place of the others."""
+def shortened_list(words: Sequence[str], most: int) -> str:
+    """Return the first ``most`` words, separated by commas, and ``...`` in place of the others."""
     return ", ".join(words[:most]) + (", ..." if len(words) > most else "")
 
 

@@ -261,11 +261,6 @@ class RecordFit:
     figures: ErrorFigures | None
     held_out: bool
 
-    def fit_percent(self, channel: str) -> float:
-        """Return 100 (1 - e), where e is the rms error over the scatter of the measured output."""
-        assert self.figures is not None
-        return 100.0 * (1.0 - self.figures.nrmse[channel])
-
 
 def record_fits(
     fitted: Sequence[Record],

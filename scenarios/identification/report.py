@@ -158,7 +158,7 @@ def _fit(each: RecordFit) -> dict[str, Any]:
         content["channels"] = {
             name: {
                 "rms_error": figures.rmse[name],
-                "fit_percent": each.fit_percent(name),
+                "fit_percent": figures.fit_percent(name),
                 "r2": figures.r2[name],
                 "theil": figures.theil[name],
             }
@@ -234,7 +234,7 @@ def fits_table(fits: Sequence[RecordFit]) -> Table:
             cells = fit_cells(
                 name,
                 Quantity(error, 0.0, each.record[name].unit),
-                each.fit_percent(name),
+                each.figures.fit_percent(name),
                 each.figures.r2[name],
                 each.figures.theil[name],
             )

@@ -11,7 +11,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import CHANNEL_UNITS, listed
+from scenarios.files.declarations import CHANNEL_UNITS, shortened_list
 from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
@@ -365,7 +365,9 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
     for wanted in requested:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            available = listed([f"{known.number} {known.name}" for known in parts.parts], 12)
+            available = shortened_list(
+                [f"{known.number} {known.name}" for known in parts.parts], 12
+            )
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from scenarios.files.sources import MOST_DOCUMENT, json_or_none, json_value, read_content
-from scenarios.files.writing import write_json, write_text
+from scenarios.files.writing import unwritable, write_json, write_text
 from scenarios.report.document import (
     BY_ROW,
     PURE,
@@ -210,11 +210,7 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
     try:
         book.save(path)
     except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(path),
-            remedy="name a file that you may write",
-        ) from None
+        raise unwritable(path, error, "name a file that you may write") from None
     return path
 
 
@@ -385,11 +381,7 @@ def rebuilt(folder: str | Path) -> Path:
     try:
         write_text(target, text)
     except OSError as error:
-        raise FlightidError(
-            f"cannot be written ({error.strerror})",
-            where=str(target),
-            remedy="name a folder that you may write in",
-        ) from None
+        raise unwritable(target, error) from None
     return target
 
 

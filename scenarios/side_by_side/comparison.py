@@ -286,7 +286,7 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     """
     if len(columns) < FEWEST_STUDIES:
         raise DeclarationError(
-            "one study has nothing beside it",
+            "a single study cannot be compared",
             where=columns[0].label if columns else "compare",
             remedy="name at least two",
         )

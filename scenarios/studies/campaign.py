@@ -387,7 +387,7 @@ def fly_campaign(
         )
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], rebuilt_scenario)
-    table = run_study(work, execution.asked(runs, root, work.block, "runs"), progress)
+    table = run_study(work, execution.request(runs, root, work.block, "runs"), progress)
     if not table.whole and len(table) < FEWEST_RUNS:
         raise KeyboardInterrupt(f"{len(table)} of {runs} runs had ended")
     return campaign_of(work, table, root)

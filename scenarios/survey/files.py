@@ -37,7 +37,7 @@ from scenarios.survey.report import (
     drift_phrases,
     effects_table,
     flights_table,
-    listed,
+    names_and_count,
     new_flight_phrases,
     other_cause_phrases,
     outlying_table,
@@ -249,7 +249,7 @@ def _tone(survey: SurveyResult) -> str:
 
 
 def _assumptions(survey: SurveyResult) -> list[str]:
-    tried = listed(survey.tried, 10) or "none, since no two flights name the same"
+    tried = names_and_count(survey.tried, 10) or "none, since no two flights name the same"
     return [
         f"Effects tested on all flights: {tried}",
         f"The chance of a false recurrence is corrected for {LIBRARY_SIZE} candidates "

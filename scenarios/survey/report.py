@@ -207,19 +207,28 @@ def counts_phrase(survey: SurveyResult) -> str:
         f"{len(files.diagnoses)} flights",
         f"{len(files.computed)} computed now, {len(files.diagnoses) - len(files.computed)} kept",
     ]
-    parts += [f"new: {listed(files.new)}"] if files.new else []
-    parts += [f"{len(files.failed)} failed: {listed(list(files.failed))}"] if files.failed else []
-    parts += [f"removed since the last survey: {listed(files.removed)}"] if files.removed else []
+    parts += [f"new: {names_and_count(files.new)}"] if files.new else []
+    parts += (
+        [f"{len(files.failed)} failed: {names_and_count(list(files.failed))}"]
+        if files.failed
+        else []
+    )
+    parts += (
+        [f"removed since the last survey: {names_and_count(files.removed)}"]
+        if files.removed
+        else []
+    )
     return "; ".join(parts)
 
 
 def single_phrases(survey: SurveyResult) -> list[str]:
     """Return the effects that flights claim and that do not recur."""
     return [
-        f"{effect} is named in {listed(flights)} and does not recur"
+        f"{effect} is named in {names_and_count(flights)} and does not recur"
         for effect, flights in survey.alone.items()
     ] + [
-        f"{effect} is named in {listed(flights)}, where the recurring effects explain as much"
+        f"{effect} is named in {names_and_count(flights)}, where the recurring effects explain as "
+        "much"
         for effect, flights in survey.needless.items()
     ]
 
@@ -239,7 +248,7 @@ def new_flight_phrases(survey: SurveyResult) -> list[str]:
     return phrases
 
 
-def listed(names: Sequence[str], most: int = 6) -> str:
+def names_and_count(names: Sequence[str], most: int = 6) -> str:
     """Return the first ``most`` names with commas, and the number of further ones."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
@@ -561,7 +570,9 @@ def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
         "; ".join(drift_phrases(survey)) or "no derivative changes with a condition beyond chance"
     )
     outliers = list(dict.fromkeys(flight for flight, _, _ in outlying(survey)))
-    outlier_phrase = f"stand out: {listed(outliers)}" if outliers else "no flight stands out"
+    outlier_phrase = (
+        f"stand out: {names_and_count(outliers)}" if outliers else "no flight stands out"
+    )
     return Summary(
         f"{survey.flights.title}: {counts_phrase(survey)}",
         f"{word}: {rest}",

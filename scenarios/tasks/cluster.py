@@ -41,7 +41,7 @@ def run_on_cluster(
     blocks: Sequence[Sequence[Task]],
     address: str,
     longest: float | None = None,
-    say: Callable[[str], None] = lambda words: None,
+    report: Callable[[str], None] = lambda words: None,
 ) -> Generator[list[Ended], None, None]:
     """Run blocks as ``run_blocks`` does, on the workers of a Dask scheduler.
 
@@ -52,7 +52,7 @@ def run_on_cluster(
     ----------
     work, blocks, longest : as for ``run_blocks``.
     address : address of the scheduler.
-    say : called with a sentence if the cluster has no workers.
+    report : called with a sentence if the cluster has no workers.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def run_on_cluster(
     if not len(blocks):
         return
     with _connected(address) as client:
-        yield from _results(client, _Sender(client, work, longest), blocks, address, say)
+        yield from _results(client, _Sender(client, work, longest), blocks, address, report)
 
 
 class _SentBlock(NamedTuple):
@@ -128,7 +128,7 @@ def _results(
     send: _Sender,
     blocks: Sequence[Sequence[Task]],
     address: str,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Generator[list[Ended], None, None]:
     """Send all blocks, a limited number at a time, and yield the results of each that has ended."""
     from distributed import as_completed
@@ -142,9 +142,9 @@ def _results(
             most_running = max(BLOCKS_WITHOUT_WORKERS, BLOCKS_PER_THREAD * threads)
             last_check = time.monotonic()
             if not threads and not sent:
-                say("the cluster has no workers yet")
+                report("the cluster has no workers yet")
             elif not threads:
-                say("the cluster has no workers, waiting for some")
+                report("the cluster has no workers, waiting for some")
         while sent < len(blocks) and len(running) < most_running:
             future = send(sent, blocks[sent])
             running[str(future.key)] = _SentBlock(sent, future)
@@ -171,7 +171,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
     if isinstance(result, str):
         own_versions = ", ".join(f"{name} {number}" for name, number in versions().items())
         raise FlightidError(
-            result, where=address, remedy=f"have the same on every worker as here: {own_versions}"
+            result, where=address, remedy=f"install on every worker what is here: {own_versions}"
         )
     if future.status == "finished":
         return list(result)
@@ -181,7 +181,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
     if type(error).__name__ == "KilledWorker":
         return failed_by_circumstance(
             block,
-            f"{error.allowed_failures + 1} workers died over it, the last "
+            f"{error.allowed_failures + 1} workers died while they ran it, the last "
             f"{error.last_worker.address}",
         )
     return failed_by_circumstance(block, " ".join(f"{type(error).__name__}: {error}".split()))
@@ -199,6 +199,7 @@ def _threads(client: Client, address: str) -> int:
 
 
 def _lost(address: str) -> FlightidError:
+    """Return the error for a scheduler that has stopped to answer."""
     return FlightidError("the scheduler no longer answers", where=address, remedy="start it again")
 
 

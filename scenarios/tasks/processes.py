@@ -179,7 +179,7 @@ def run_in_processes(
             raise FlightidError(
                 "no process can be started",
                 where="--jobs",
-                remedy="ask for fewer, or close what takes memory",
+                remedy="use fewer processes, or close programs that use much memory",
             ) from None
 
     given = 0
@@ -197,7 +197,7 @@ def run_in_processes(
                     idle.append(block.pool)
                 except TimeoutError:
                     _end(pools, block.pool)
-                    reason = f"ended after {longest:g} s, the time that it was given"
+                    reason = f"ended after {longest:g} s, the time limit"
                     ended = failed_by_circumstance(
                         blocks[block.number], reason, float(longest or 0.0)
                     )
@@ -206,7 +206,7 @@ def run_in_processes(
                     if block.attempt < MOST_DEATHS_PER_BLOCK:
                         give(block.number, block.attempt + 1)
                         continue
-                    reason = f"{block.attempt} processes died over it{error}"
+                    reason = f"{block.attempt} processes died while they ran it{error}"
                     ended = failed_by_circumstance(blocks[block.number], reason)
                 yield ended
     finally:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # ---- Study of N tasks
 
-Tell = Callable[[str, float], None]  # shows progress: a sentence, and the share done
+ShowProgress = Callable[[str, float], None]  # takes a sentence and the share of the work done
 SHORTEST_TIME = 1e-9  # s, keeps a rate finite
 
 
@@ -85,18 +85,21 @@ class Blocks(Sequence[Sequence[Task]]):
         return [Task(int(number), seed_of(self._root, int(number))) for number in self._numbers[at]]
 
 
-def run_study(work: Work, request: TaskRequest, tell: Tell = lambda stage, share: None) -> RowTable:
-    """Run the tasks without a row and return the table of all tasks; after Ctrl-C, of those that
-    have ended.
+def run_study(
+    work: Work, request: TaskRequest, show_progress: ShowProgress = lambda stage, share: None
+) -> RowTable:
+    """Run the tasks that have no row, and return the table of all tasks.
+
+    After Ctrl-C the table has the tasks that have ended.
 
     Raises
     ------
-    FlightidError : the folder holds another study, or none to resume; or it cannot be written; or
+    FlightidError : the folder has another study, or none to resume; it cannot be written; or
         another process writes into it.
     KeyboardInterrupt : Ctrl-C before any task had ended.
     """
     if request.folder is None:
-        return _run_in_memory(work, request, tell)
+        return _run_in_memory(work, request, show_progress)
     from scenarios.tasks.work import Shards, locked, manifest_of, missing
 
     folder, manifest = request.folder, manifest_of(work, request.root, request.count)
@@ -111,7 +114,7 @@ def run_study(work: Work, request: TaskRequest, tell: Tell = lambda stage, share
             numbers = missing(shards.read(request.count), request.count)
             try:
                 with shards:
-                    _run(work, request, numbers, shards.add, tell)
+                    _run(work, request, numbers, shards.add, show_progress)
             except (FlightidError, KeyboardInterrupt) as error:
                 stored = len(shards.read(request.count)["number"])
                 if not stored and not request.resume:
@@ -129,12 +132,12 @@ def run_study(work: Work, request: TaskRequest, tell: Tell = lambda stage, share
             f"{request.unit} are kept"
         )
         raise FlightidError(
-            what, where=str(folder), remedy="make room or mend it, then go on with --resume"
+            what, where=str(folder), remedy="make room or mend the folder, then go on with --resume"
         ) from None
     return table_of(work, columns, request.count)
 
 
-def _run_in_memory(work: Work, request: TaskRequest, tell: Tell) -> RowTable:
+def _run_in_memory(work: Work, request: TaskRequest, show_progress: ShowProgress) -> RowTable:
     """Run all tasks without storing their rows in a folder."""
     if request.resume:
         raise FlightidError(
@@ -148,7 +151,7 @@ def _run_in_memory(work: Work, request: TaskRequest, tell: Tell) -> RowTable:
         pieces.append(columns_of(work, ended))
 
     try:
-        _run(work, request, np.arange(request.count), keep, tell)
+        _run(work, request, np.arange(request.count), keep, show_progress)
     except FlightidError as error:
         ended = sum(len(piece["number"]) for piece in pieces)
         raise _with_stored_results(error, ended, request) from None
@@ -161,28 +164,34 @@ def _run(
     request: TaskRequest,
     numbers: np.ndarray,
     keep: Callable[[list[Ended]], None],
-    tell: Tell,
+    show_progress: ShowProgress,
 ) -> None:
-    """Run the tasks ``numbers`` until they have ended or Ctrl-C; progress is the share of them."""
+    """Run tasks until they have ended or Ctrl-C.
+
+    Parameters
+    ----------
+    numbers : numbers of the tasks; progress is the share of them that has ended.
+    keep : function that stores the ended tasks of a block.
+    """
     block_numbers: list[np.ndarray] = []
     if len(numbers):
         block_numbers = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1)
     blocks = Blocks(request.root, block_numbers)
     before = request.count - len(numbers)
     done, started = 0, time.monotonic()
-    tell(_stage(before, request, 0.0), 0.0)
+    show_progress(_stage(before, request, 0.0), 0.0)
 
-    def say(words: str) -> None:
-        tell(f"{_stage(before + done, request, 0.0)}; {words}", done / len(numbers))
+    def report(words: str) -> None:
+        show_progress(f"{_stage(before + done, request, 0.0)}; {words}", done / len(numbers))
 
     results = _run_on_cluster if request.cluster else _run_on_this_machine
-    running = results(work, blocks, request, say)
+    running = results(work, blocks, request, report)
     try:
         for ended in running:
             keep([_to_store(work, result) for result in ended])
             done += len(ended)
             rate = done / max(time.monotonic() - started, SHORTEST_TIME)
-            tell(_stage(before + done, request, rate), done / len(numbers))
+            show_progress(_stage(before + done, request, rate), done / len(numbers))
     except KeyboardInterrupt:
         if before + done == 0:
             raise KeyboardInterrupt(f"none of {request.count} {request.unit} had ended") from None
@@ -191,24 +200,24 @@ def _run(
 
 
 def _to_store(work: Work, ended: Ended) -> Ended:
-    """Return an ended task with the row to store."""
+    """Return an ended task with the row to store, which ``taken`` of the work may replace."""
     take: Callable[[Row], Row] | None = getattr(work, "taken", None)
     return ended if take is None or ended.row is None else replace(ended, row=take(ended.row))
 
 
 def _run_on_this_machine(
-    work: Work, blocks: Blocks, request: TaskRequest, say: Callable[[str], None]
+    work: Work, blocks: Blocks, request: TaskRequest, report: Callable[[str], None]
 ) -> Generator[list[Ended], None, None]:
     yield from run_blocks(work, blocks, request.jobs, request.longest)
 
 
 def _run_on_cluster(
-    work: Work, blocks: Blocks, request: TaskRequest, say: Callable[[str], None]
+    work: Work, blocks: Blocks, request: TaskRequest, report: Callable[[str], None]
 ) -> Generator[list[Ended], None, None]:
     from scenarios.tasks.cluster import run_on_cluster
 
     assert request.cluster is not None
-    yield from run_on_cluster(work, blocks, request.cluster, request.longest, say)
+    yield from run_on_cluster(work, blocks, request.cluster, request.longest, report)
 
 
 def _with_stored_results(error: FlightidError, ended: int, request: TaskRequest) -> FlightidError:
@@ -243,7 +252,7 @@ def _remove_study(folder: Path, new_folders: Sequence[Path]) -> None:
 
 def _check_manifest(manifest: Mapping[str, Any], request: TaskRequest, folder: Path) -> None:
     """Write the manifest of the request, or compare it with the one in the folder."""
-    from scenarios.tasks.work import read_manifest, refuse_another, write_manifest
+    from scenarios.tasks.work import read_manifest, refuse_other_study, write_manifest
 
     stored = read_manifest(folder)
     if stored is None:
@@ -261,7 +270,7 @@ def _check_manifest(manifest: Mapping[str, Any], request: TaskRequest, folder: P
             where=str(folder),
             remedy="go on with it by --resume, or name another folder",
         )
-    refuse_another(stored, manifest, folder)
+    refuse_other_study(stored, manifest, folder)
     if request.count > stored["count"]:
         write_manifest(folder, manifest)
 
@@ -303,7 +312,7 @@ class Execution:
     cluster: str | None = None
     limit: float | None = None
 
-    def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
+    def request(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
         """Return the request of a study.
 
         Parameters
@@ -333,7 +342,7 @@ class Execution:
             raise FlightidError(
                 f"{self.limit:g} s",
                 where="--time-limit",
-                remedy="give the seconds that one of them may take",
+                remedy="give the seconds that one run may take",
             )
         if self.resume and self.out is None:
             raise FlightidError(
@@ -362,8 +371,10 @@ class Execution:
 
 
 def stopped(ended: int, asked: int, unit: str, out: Path | None) -> KeyboardInterrupt:
-    """Return the KeyboardInterrupt that ends a study after Ctrl-C. Its text names the results and
-    the command that continues.
+    """Return the KeyboardInterrupt that ends a study after Ctrl-C.
+
+    Its text names the results and the command that continues. ``asked`` is the number of requested
+    tasks, and ``unit`` their name in the plural.
     """
     if out is None:
         return KeyboardInterrupt(

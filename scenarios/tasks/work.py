@@ -91,8 +91,9 @@ class Work(Protocol):
     def block(self) -> int: ...
 
     def identity(self) -> Mapping[str, Any]:
-        """Return all data on which rows depend, except number and seed, as JSON content. A study is
-        resumed only if they are equal.
+        """Return all data on which rows depend, except number and seed, as JSON content.
+
+        A study is resumed only if these data are equal to the stored ones.
         """
         ...
 
@@ -127,14 +128,14 @@ Columns = dict[str, np.ndarray]
 KINDS: Mapping[str, type] = {"float": float, "time": float, "int": int, "bool": bool, "text": str}
 FLOATS = ("float", "time")
 # Columns of every table, with their types.
-OWN: Mapping[str, str] = {
+COMMON_COLUMNS: Mapping[str, str] = {
     "number": "int",
     "seed": "int",
     "error": "text",
     "passing": "bool",
     "seconds": "time",
 }
-SHOWN = ("number", "seed", "error")  # first columns of a `RowTable`
+FIRST_COLUMNS = ("number", "seed", "error")  # first columns of a `RowTable`
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,16 +170,16 @@ class RowTable:
 
 
 def all_columns(work: Work) -> dict[str, str]:
-    """Return name and type of all stored columns: ``OWN`` and those of the work.
+    """Return name and type of all stored columns: ``COMMON_COLUMNS`` and those of the work.
 
     Raises
     ------
-    ValueError : a column of the work has a name of ``OWN`` or an unknown type.
+    ValueError : a column of the work has a name of ``COMMON_COLUMNS`` or an unknown type.
     """
     for name, kind in work.columns.items():
-        if name in OWN or kind not in KINDS:
+        if name in COMMON_COLUMNS or kind not in KINDS:
             raise ValueError(f"the column {name!r} of type {kind!r} of {work.name}")
-    return {**OWN, **work.columns}
+    return {**COMMON_COLUMNS, **work.columns}
 
 
 def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
@@ -195,7 +196,7 @@ def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
         row = None if row_error else result.row
         error = row_error or result.error
         own = (task.number, task.seed, error, result.passing, result.seconds)
-        for name, cell in zip(OWN, own, strict=True):
+        for name, cell in zip(COMMON_COLUMNS, own, strict=True):
             cells[name].append(cell)
         for name in work.columns:
             cells[name].append(None if row is None else row[name])
@@ -235,7 +236,7 @@ def in_order(columns: Columns, count: int) -> Columns:
 def table_of(work: Work, columns: Columns, asked: int) -> RowTable:
     """Return the table of sorted columns; ``asked`` is the number of requested tasks."""
     times = {name: columns[name] for name, kind in all_columns(work).items() if kind == "time"}
-    shown = [name for name in (*SHOWN, *work.columns) if name not in times]
+    shown = [name for name in (*FIRST_COLUMNS, *work.columns) if name not in times]
     return RowTable(
         {
             name: columns[name].astype(np.int64) if name in ("number", "seed") else columns[name]
@@ -273,13 +274,8 @@ def _row_error(work: Work, ended: Ended) -> str:
 
 MANIFEST = "manifest.json"
 SCHEMA = "flightid/tasks/1"
-DECIDING = (
-    "flightid",
-    "numpy",
-    "scipy",
-    "filterpy",
-    "control",
-)  # their versions change last digits
+# Packages whose version may change the last digits of results.
+DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
@@ -324,7 +320,10 @@ def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Flush a folder's file names to disk, against a power cut. Not needed on Windows."""
+    """Flush a folder's file names to disk, so that a power cut loses none.
+
+    Nothing is done on Windows, which cannot open a folder.
+    """
     if not hasattr(os, "O_DIRECTORY"):
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -334,8 +333,10 @@ def flush_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def refuse_another(stored: Mapping[str, Any], requested: Mapping[str, Any], folder: Path) -> None:
-    """Raise FlightidError with the first difference of two manifests, stored and requested."""
+def refuse_other_study(
+    stored: Mapping[str, Any], requested: Mapping[str, Any], folder: Path
+) -> None:
+    """Raise FlightidError, with the first difference, if two manifests are of different studies."""
     stored_versions, requested_versions = stored.get("versions", {}), requested["versions"]
     pairs = [
         (key, stored.get(key), requested[key])
@@ -349,9 +350,9 @@ def refuse_another(stored: Mapping[str, Any], requested: Mapping[str, Any], fold
         difference = _difference("seed" if key == "root" else key, old, new)
         if difference:
             raise FlightidError(
-                f"what is kept here is another study: {difference}",
+                f"this folder has the rows of another study: {difference}",
                 where=str(folder),
-                remedy="ask for the same, or name another folder",
+                remedy="request the same study, or name another folder",
             )
 
 
@@ -374,6 +375,7 @@ LONGEST_VALUE = 79  # characters of a value in a message
 
 
 def _shown(value: Any) -> str:
+    """Return a JSON value as a short text for messages."""
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 2]}..."
 

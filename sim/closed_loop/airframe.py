@@ -1,11 +1,10 @@
-"""The X-29-like aircraft as frozen data: airframe, surfaces, sensors, control law, telemetry; and
-its data file.
+"""The X-29-like aircraft: airframe, surfaces, sensors, control law, telemetry; and its data file.
 
-Convention throughout ``sim.closed_loop``: SI and radians for time, speed, alpha and q. Three things
-keep the unit in which the aircraft is described, because their derivatives are per that unit:
+Convention throughout ``sim.closed_loop``: SI and radians for time, speed, alpha and q. Three
+quantities keep the unit of the aircraft's description, because derivatives are per that unit:
 surface deflections and the command u_p in degrees, the stick in inches (aft +), and normal
 acceleration in g. alpha, q, the surfaces and u_p are perturbations about trim. A positive u_p is
-nose up. Surfaces stand in the order canard, symmetric flaperon, strake flap.
+nose up. The order of the surfaces is canard, symmetric flaperon, strake flap.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any
 
 from sim.errors import DeclarationError
 
-# ---- Numbers of the X-29-like aircraft as frozen data
+# ---- Numbers of the X-29-like aircraft
 
 SURFACE_NAMES = ("canard", "flaperon", "strake")
 
@@ -34,7 +33,7 @@ class ShortPeriodAirframe:
 
     Attributes
     ----------
-    title : what this airframe is.
+    title : description of this airframe.
     airspeed, gravity, air_density : m/s, m/s2, kg/m3.
     L_alpha, L_q, M_alpha, M_q : 1/s, 1, 1/s2, 1/s.
     L_surface, M_surface : per degree of each surface, 1/s/deg and 1/s2/deg.
@@ -56,17 +55,17 @@ class ShortPeriodAirframe:
 class Actuator:
     """Actuator of one surface.
 
-    The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order
-    servo, then a first-order ram with a rate limit and end stops.
+    The command ``mixing * u_p`` (deg, about trim) is limited to the travel. A second-order servo
+    and a first-order ram with a rate limit and end stops follow it.
 
     Attributes
     ----------
     mixing : deg of surface per deg of u_p.
     trim, lower, upper : deg, absolute; the travel about trim is ``lower - trim`` to ``upper -
         trim``.
-    rate : largest rate of the ram, deg/s.
+    rate : rate limit of the ram, deg/s.
     ram : bandwidth of the ram, rad/s.
-    servo_frequency, servo_damping : rad/s and 1; both None for a surface that has a ram only.
+    servo_frequency, servo_damping : rad/s and 1; both None for a surface without servo.
     """
 
     name: str
@@ -102,7 +101,7 @@ class ControlLaw:
     Kn, Kq, Ki, Kqi : deg/g, s, deg/g/s, g s/deg.
     lead, lag : rad/s.
     frame_rate : frames a second.
-    delay_frames : n, whole frames between reading the sensors and moving the command; at least 1.
+    delay_frames : n, whole frames between reading the sensors and changing the command; at least 1.
     """
 
     Kn: float
@@ -170,7 +169,7 @@ class X29:
         return 1.0 / self.law.frame_rate
 
 
-# ---- Reads the X-29-like aircraft from its data file, numbers with units and origins
+# ---- Reading the X-29-like aircraft from its data file, numbers with units and origins
 
 DATA_FILE = Path(__file__).resolve().parent.parent / "data" / "x29.toml"
 
@@ -183,8 +182,7 @@ _ORIGINS = {
 _FOOT = 0.3048  # m
 _SLUG = 14.593902937206364  # kg
 
-# Unit in the file and the factor to the unit inside; degrees, inches and g stay (see
-# sim.closed_loop.airframe).
+# Unit in the file, and factor to the unit of this package; degrees, inches and g are kept.
 _AIRFRAME = {
     "airspeed": ("ft/s", _FOOT),
     "gravity": ("ft/s2", _FOOT),
@@ -253,7 +251,7 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
     title = own.get("title")
     if not isinstance(title, str):
         raise DeclarationError(
-            "title is missing", where=where, remedy="say in a text what this airframe is"
+            "title is missing", where=where, remedy="describe this airframe in a text"
         )
     numbers = _numbers(
         {k: v for k, v in own.items() if k not in ("title", "law", "stick")},

@@ -1,21 +1,21 @@
-"""Equations of the closed loop: matrices of its parts, steps with rate and position limits, any
+"""Equations of the closed loop: matrices of its parts, steps with rate and position limits, and any
 computing delay.
 
-Every block is written here once. ``sim.closed_loop.linear`` gives the blocks signal names and joins
-them with python-control; ``sim.closed_loop.nonlinear`` steps them with limits.
+``sim.closed_loop.linear`` gives the blocks signal names and joins them with python-control;
+``sim.closed_loop.nonlinear`` steps them with limits.
 
 The rams are piecewise linear: free, at their rate limit, or at an end of the travel. Within one of
 these modes the whole plant is linear and is stepped exactly by a matrix exponential. The span is
-looked at in ``pieces`` equal steps. While no limit is met at any of them, one exponential covers
-the whole span. Where a step ends beyond a limit, the instant of the change is found by halving that
-step ``_HALVINGS`` times. Two errors remain: the instant, to 2^-20 of a piece, where the rate is
-continuous so that the state is wrong in second order only; and a limit met and left again within
-one piece, which is not seen. On flights whose surfaces run at their limits 1 to 64 pieces a frame
-agree to 1e-9 rad in alpha.
+checked in ``pieces`` equal steps. While no limit is reached at any of them, one exponential covers
+the whole span. Where a step ends beyond a limit, the time of the change is found by halving that
+step ``_HALVINGS`` times. Two errors remain: that of this time, 2^-20 of a piece, which changes the
+state in second order only because the rate is continuous; and a limit that is reached and left
+again within one piece, which is not detected. On flights whose surfaces run at their limits 1 to 64
+pieces a frame agree to 1e-9 rad in alpha.
 
-The computer reads its sensors at a frame and moves the command ``late`` seconds after it, whatever
-``delay_frames`` of its law says. The command holds until the next one comes, so sampling is exact:
-over a frame the old command acts for the rest of ``late``, then the new one.
+The computer reads its sensors at a frame and changes the command ``late`` seconds after it,
+independently of ``delay_frames`` of its law. The command is held until the next one, so sampling is
+exact: over a frame the old command acts for ``late`` less its whole frames, then the new one.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Matrices:
 
 
 def airframe_matrices(airframe: ShortPeriodAirframe) -> Matrices:
-    """Short period. States alpha, q (rad, rad/s); inputs the surfaces (deg); outputs alpha, q,
-    incremental nz (g).
+    """Return the short period: states alpha, q (rad, rad/s); inputs surfaces (deg); outputs alpha,
+    q and incremental nz (g).
     """
     A = np.array([[airframe.L_alpha, airframe.L_q], [airframe.M_alpha, airframe.M_q]])
     B = np.array([airframe.L_surface, airframe.M_surface])
@@ -74,7 +74,7 @@ def airframe_matrices(airframe: ShortPeriodAirframe) -> Matrices:
 
 
 def actuator_matrices(actuator: Actuator) -> Matrices:
-    """Servo (where there is one) and ram. Input: command (deg); output and last state: the surface
+    """Return a ram with its servo, if any. Input: command (deg); output and last state: surface
     (deg).
     """
     p = actuator.ram
@@ -88,7 +88,7 @@ def actuator_matrices(actuator: Actuator) -> Matrices:
 
 
 def sensor_matrices(sensor: Sensor, gain: float) -> Matrices:
-    """Second order: output ``gain`` times the input at rest. States: output and its rate."""
+    """Return a second-order sensor with this static gain. States: output and its rate."""
     w, zeta = sensor.frequency, sensor.damping
     A = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]])
     return Matrices(A, np.array([[0.0], [gain * w * w]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
@@ -96,7 +96,7 @@ def sensor_matrices(sensor: Sensor, gain: float) -> Matrices:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """Everything between the three surface commands and the outputs, continuous.
+    """The continuous system between the three surface commands and the outputs.
 
     Attributes
     ----------
@@ -146,16 +146,17 @@ def mixing(x29: X29) -> np.ndarray:
 
 
 def shape_stick(stick: np.ndarray, shaping: StickShaping) -> np.ndarray:
-    """Break-out and gearing: inches to g, any shape; K e (1 + curvature |e|) with e = sign(stick)
-    max(|stick| - dead band, 0).
+    """Apply break-out and gearing, inches to g, to an array of any shape.
+
+    The result is K e (1 + curvature |e|) with e = sign(stick) max(|stick| - dead band, 0).
     """
     beyond = np.maximum(np.abs(stick) - shaping.dead_band, 0.0)
     return np.asarray(shaping.gain * np.sign(stick) * beyond * (1.0 + shaping.curvature * beyond))
 
 
 def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
-    """Sampled system from the geared stick (g) to the reference r (g): N frames of delay, then a
-    lag by Tustin's rule.
+    """Return the sampled system from the geared stick (g) to the reference r (g): N frames of
+    delay, then a lag by Tustin's rule.
     """
     a, b0, b1 = _tustin(1.0, 0.0, 1.0, 1.0 / shaping.lag, frame)
     n = shaping.delay_frames
@@ -174,8 +175,8 @@ def law_matrices(law: ControlLaw) -> Matrices:
     """Return the sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg),
     delayed by whole frames.
 
-    States: lead-lag, integrator, then the commands on their way out. The delay leaves no direct
-    path from input to u_p.
+    States: lead-lag, integrator, then the delayed commands. The delay leaves no direct path from
+    input to u_p.
     """
     frame = 1.0 / law.frame_rate
     a, b0, b1 = _tustin(1.0, 1.0 / law.lead, 1.0, 1.0 / law.lag, frame)
@@ -193,19 +194,19 @@ def law_matrices(law: ControlLaw) -> Matrices:
 
 
 def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[float, float, float]:
-    """(n0 + n1 s)/(d0 + d1 s) as y = a y' + b0 u + b1 u' (primes: the frame before), s = (2/T)(z -
-    1)/(z + 1); returns a, b0, b1.
+    """Return a, b0, b1 of (n0 + n1 s)/(d0 + d1 s) with s = (2/T)(z - 1)/(z + 1), written as
+    y = a y' + b0 u + b1 u' (primes: the frame before).
     """
     c = 2.0 / frame
     denominator = d0 + d1 * c
     return (d1 * c - d0) / denominator, (n0 + n1 * c) / denominator, (n0 - n1 * c) / denominator
 
 
-# ---- Steps the continuous part of the loop through a span with constant commands
+# ---- Steps of the continuous part of the loop over a span with constant commands
 
 _HALVINGS = 20
-# Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a
-# mode to and fro.
+# Tolerance within which a limit is not yet exceeded, relative to the limit; it prevents switches of
+# modes by rounding.
 _LIMIT_SLACK = 1e-10
 
 
@@ -225,7 +226,7 @@ ALL_FREE: Modes = (RamMode.FREE, RamMode.FREE, RamMode.FREE)
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
-    """A span of fixed length, prepared. Make one with ``prepare``.
+    """Prepared matrices of a step over a span of fixed length; see ``prepare``.
 
     Attributes
     ----------
@@ -233,10 +234,12 @@ class Stepper:
         every ram free.
     watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces, scaled so that
         the limits are -1 and 1.
-    ram_rate : ``(3, m)``, rates the rams would have when free, deg/s.
-    rams, rates, lower, upper : positions in the state, and limits about trim, deg/s and deg.
+    ram_rate : ``(3, m)``, rates of the rams if they are free, deg/s.
+    rams : positions of the rams in the state.
+    rates, lower, upper : limits of the rams about trim, deg/s and deg.
+    pieces : number of equal steps at whose ends limits are checked.
     powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21, m, m)``;
-        made once each.
+        cached.
     """
 
     free: np.ndarray
@@ -251,7 +254,7 @@ class Stepper:
 
 
 def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
-    """Return a stepper over ``span`` s that looks at the limits ``pieces`` times."""
+    """Return a stepper over ``span`` s that checks the limits ``pieces`` times."""
     from scipy.linalg import expm
 
     n = plant.A.shape[0]
@@ -299,14 +302,14 @@ def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
 def advance(
     stepper: Stepper, state: np.ndarray, modes: Modes
 ) -> tuple[np.ndarray, Modes, tuple[Modes, ...]]:
-    """Moves the extended state ``(m,)`` over the span.
+    """Move the extended state ``(m,)`` over the span.
 
-    Returns the state and modes at its end, and the modes that were active on the way in order
-    (empty when all rams were free).
+    Returns the state and modes at its end, and the modes that were active within it, in order
+    (empty if all rams were free).
     """
     if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _LIMIT_SLACK:
         return stepper.free @ state, modes, ()
-    # A new command moves the rate of a ram without servo at once.
+    # A new command changes the rate of a ram without servo at once.
     modes = _modes_after(stepper, state, modes)
     seen = [modes]
     for _ in range(stepper.pieces):
@@ -331,7 +334,7 @@ def advance(
 
 
 def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
-    """Return the modes in which the rams go on from a state that was reached in ``modes``."""
+    """Return the modes of the rams after a state that was reached in ``modes``."""
     rates = (stepper.ram_rate @ state).tolist()
     positions = [float(state[i]) for i in stepper.rams]
     return (
@@ -386,9 +389,15 @@ def _put_on_stops(stepper: Stepper, state: np.ndarray, modes: Modes) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SampledLoop:
-    """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro
-    and accelerometer to ``u_p`` without any delay, stick shaping from stick to r; and the sample
-    time, s."""
+    """A loop in its three sampled parts.
+
+    Attributes
+    ----------
+    plant : from ``u_p`` to ``OUTPUT_NAMES``.
+    law : from r, gyro and accelerometer to ``u_p``, without delay.
+    shaping : from stick to r.
+    frame : sample time, s.
+    """
 
     plant: StateSpace
     law: StateSpace
@@ -397,7 +406,7 @@ class SampledLoop:
 
     @property
     def open_loop(self) -> StateSpace:
-        """The loop broken at u_p: the negated command that comes back; 1 + L = 0 closes it."""
+        """The loop opened at u_p, to the law's negated command; 1 + L = 0 closes it."""
         import control
 
         law, plant = self.law, self.plant
@@ -426,7 +435,7 @@ def sampled_loop(x29: X29, lag: float) -> SampledLoop:
         )
     law = law_matrices(replace(x29.law, delay_frames=1))
     shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
-    # Of a law with one frame of delay the third state is the command on its way: its row is the law
+    # The third state of a law with one frame of delay is the delayed command: its row is the law
     # without delay.
     return SampledLoop(
         _delayed_plant(x29, lag),
@@ -437,8 +446,8 @@ def sampled_loop(x29: X29, lag: float) -> SampledLoop:
 
 
 def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
-    """Transfer matrices ``(n, outputs, inputs)`` at ``z (n,)``, all in one solution;
-    python-control's own call takes one point after the other.
+    """Return transfer matrices ``(n, outputs, inputs)`` at ``z (n,)`` by one solution for all
+    points; python-control solves point by point.
     """
     resolvent = z[:, None, None] * np.eye(block.nstates) - block.A
     return np.asarray(
@@ -448,8 +457,8 @@ def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
 
 
 def _delayed_plant(x29: X29, delay: float) -> StateSpace:
-    """Sampled system from u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of
-    earlier frames, the latest first.
+    """Return the sampled system from u_p to ``OUTPUT_NAMES``; states: the plant's, then the
+    commands of earlier frames, the latest first.
     """
     import control
 

@@ -1,13 +1,13 @@
 """The linear closed loop as python-control systems, and its low-order equivalent system.
 
-The reading that reproduces the reference margins of P, S and F: airframe, actuators and both
-sensors are sampled together by exact hold at 80 Hz (the hold is on u_p); lead-lag and integrator by
-Tustin's rule; one frame of computing delay after them; nz is taken at the centre of gravity and
-includes the surfaces' lift; the loop is broken at u_p, the command of the computer before mixing.
+Conventions that reproduce the reference margins of P, S and F: airframe, actuators and both sensors
+are sampled together by exact hold at 80 Hz (the hold is on u_p); lead-lag and integrator by
+Tustin's rule; one frame of computing delay after them; nz at the centre of gravity includes the
+surfaces' lift; the loop is opened at u_p, the command of the computer before mixing.
 
 Signals: ``stick`` (in), ``r`` (g), ``u_p`` (deg), ``canard flaperon strake`` (deg), ``alpha``
 (rad), ``q`` (rad/s), ``nz`` (incremental, g), ``gyro`` (deg/s), ``accelerometer`` (g). Dead band
-and curvature of the stick are absent here: gain K alone.
+and curvature of the stick are left out: its gain is K.
 
 The low-order system with stick s (in): delta_dot = inv_tau (s(t - delay) - delta), alpha_dot =
 L_alpha alpha + L_q q + L_delta delta, q_dot = M_alpha alpha + M_q q + M_delta delta, nz = -(V/g)
@@ -55,7 +55,7 @@ class Margins:
 
     Attributes
     ----------
-    gain_decrease, gain_increase : dB by which the loop gain may fall (negative) or rise (positive).
+    gain_decrease, gain_increase : largest decrease (negative) and increase of the loop gain, dB.
     phase : smallest phase margin, deg.
     crossover : frequency of that phase margin, rad/s.
     """
@@ -67,8 +67,8 @@ class Margins:
 
 
 def continuous_plant(x29: X29) -> StateSpace:
-    """Mixer, actuators, airframe and sensors: from ``u_p`` to every signal of ``OUTPUT_NAMES``;
-    continuous, no limits.
+    """Return mixer, actuators, airframe and sensors without limits: the continuous system from
+    ``u_p`` to all signals of ``OUTPUT_NAMES``.
     """
     import control
 
@@ -102,7 +102,7 @@ def continuous_plant(x29: X29) -> StateSpace:
 
 
 def sampled_plant(x29: X29) -> StateSpace:
-    """``continuous_plant`` at the frames of the computer, u_p held between them (exact)."""
+    """Return ``continuous_plant`` sampled exactly at the computer's frames, u_p held between."""
     return continuous_plant(x29).sample(x29.frame, "zoh", name="sampled_plant")
 
 
@@ -114,15 +114,15 @@ def control_law(x29: X29) -> StateSpace:
 
 
 def stick_shaping(x29: X29) -> StateSpace:
-    """System from ``stick`` to ``r`` without break-out: gain K, N frames of delay, lag."""
+    """Return the system from ``stick`` to ``r`` without break-out: gain K, N frames delay, lag."""
     shaping = shaping_matrices(x29.stick, x29.frame)
     gained = Matrices(shaping.A, x29.stick.gain * shaping.B, shaping.C, x29.stick.gain * shaping.D)
     return _named(gained, ["stick"], ["r"], "shaping", x29.frame)
 
 
 def open_loop(x29: X29) -> StateSpace:
-    """Return the sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that
-    comes back; 1 + L = 0 closes it.
+    """Return the sampled loop opened at u_p: from ``u_p`` to ``returned``, the law's negated
+    command; 1 + L = 0 closes it.
     """
     import control
 
@@ -181,8 +181,8 @@ def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
 
 
 def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Linear response to a stick given at every frame, shape ``(N,)``: time ``(N,)`` and signals of
-    ``RESPONSE_NAMES``, ``(7, N)``.
+    """Return time ``(N,)`` and signals of ``RESPONSE_NAMES`` ``(7, N)`` of the linear response to
+    a stick with one value a frame, ``(N,)``.
     """
     import control
 
@@ -214,7 +214,7 @@ class LoopNoise:
 
     Attributes
     ----------
-    gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.
+    gyro, accelerometer : deg/s and g, white from frame to frame, in the sensors of the law.
     rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time``
         s.
     """
@@ -228,9 +228,9 @@ class LoopNoise:
 def loop_test(
     x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: LoopNoise = LoopNoise()
 ) -> np.ndarray:
-    """Fly the linear loop with an excitation that is added to the computer's command.
+    """Simulate the linear loop with an excitation that is added to the computer's command.
 
-        command = sweep - returned,   returned = L command + what noise and rough air bring back
+        command = sweep - returned,   returned = L command + contribution of noise and rough air
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "d
 _DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 # square root of the usual weight 0.01745 of an error of 1 deg, per rad
 _PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
-# Start of the search, and sizes of the parameters.
+# Start of the search, and typical magnitudes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
 _MOST_STEPS = 12  # most Gauss-Newton steps from a near start
@@ -345,12 +345,12 @@ class EquivalentSystem:
 
 
 def equivalent_system(x29: X29, L_q: float = 1.01) -> EquivalentSystem:
-    """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay),
-    matched at 40 frequencies from 0.35 to 14 rad/s.
+    """Fit a low-order equivalent of the recorded linear loop at 40 frequencies from 0.35 to 14
+    rad/s; the skew of the recorded stick counts as delay.
 
-    The response is taken from frame to frame, without the hold of the sampled stick; the delay of a
-    record whose stick is held between 40 Hz samples comes out about half a frame (6 ms) shorter.
-    L_delta is poorly determined: mostly what an ``L_q`` leaves that is not the airframe's.
+    The response is that from frame to frame, without the hold of the sampled stick; the delay of a
+    record whose stick is held between 40 Hz samples is about half a frame (6 ms) shorter. L_delta
+    is poorly determined: it mostly compensates an ``L_q`` that differs from the airframe's.
     """
     omega = np.geomspace(*_MATCHED_BAND, _MATCHED_FREQUENCIES)
     response = frequency_response(x29, omega, recorded=True)
@@ -365,7 +365,7 @@ def fit_equivalent(
     L_q: float = 1.01,
     near: EquivalentSystem | None = None,
 ) -> EquivalentSystem:
-    """Fits a low-order equivalent system to responses of alpha, q and nz per inch of stick.
+    """Fit a low-order equivalent system to responses of alpha, q and nz per inch of stick.
 
     Parameters
     ----------
@@ -373,9 +373,9 @@ def fit_equivalent(
     response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere
         zero.
     airspeed, gravity : m/s, m/s2.
-    L_q : held at this value.
-    near : the equivalent of a loop nearby: a few Gauss-Newton steps from it, and the whole search
-        only where they do not settle.
+    L_q : value of L_q, which is fixed.
+    near : the equivalent of a similar loop. Gauss-Newton steps start from it; the full search
+        follows only if they do not converge.
 
     Returns the least-squares fit of gain in dB and weighted phase over all three channels with
     equal weight. Raises ModelError when shapes do not agree, a frequency is not positive, or a
@@ -428,7 +428,7 @@ def _from_near(
     gravity: float,
     L_q: float,
 ) -> EquivalentSystem | None:
-    """The same fit by Gauss-Newton steps from a near equivalent; None if it does not converge."""
+    """Fit by Gauss-Newton steps from the equivalent of a similar loop; or return None."""
     p, nudge = np.array([getattr(near, name) for name in FITTED_NAMES]), 1e-7 * _SCALE
 
     def errors(columns: np.ndarray) -> np.ndarray:

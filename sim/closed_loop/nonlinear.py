@@ -1,7 +1,6 @@
 """Simulation of the sampled closed loop with limits and break-out, from stick to telemetry.
 
-What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame,
-which is exact there.
+Frames near a limit are stepped one by one by ``sim.closed_loop.equations``, which is exact there.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from sim.record import Channel, Record
 
 # ---- Pilot's stick inputs as functions of time
 
-# Rounding of a time built by adding up frames must not move a switch to the next frame.
+# Rounding of a time that is a sum of frames must not move a switch to the next frame.
 _TIME_SLACK = 1e-9
 
 
@@ -85,13 +84,13 @@ def three_two_one_one(
     amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0
 ) -> SteppedStick:
     """Return the 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a
-    negative amplitude (in) turns the sign.
+    negative amplitude (in) reverses the signs.
     """
     return alternating((3.0, 2.0, 1.0, 1.0), amplitude, unit, start)
 
 
 def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> SteppedStick:
-    """``unit`` s of + ``amplitude`` (in), ``unit`` s of - ``amplitude``, then 0."""
+    """Return ``unit`` s of + ``amplitude`` (in), ``unit`` s of - ``amplitude``, then 0."""
     return alternating((1.0, 1.0), amplitude, unit, start)
 
 
@@ -113,12 +112,12 @@ def manual_stick(
     bandwidth: float = 10.0,
     start: float = 0.5,
 ) -> SmoothStick:
-    """Return a history as a pilot flies it: pulls and pushes of uneven size and length, now and
-    then a rest near zero; 0 at the end.
+    """Return a random history similar to a pilot's: pulls and pushes of different size and length,
+    with rests near zero.
 
     Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude``
-    (in); one in four is within 0.1 of it instead. The last second before ``duration`` (s) is let
-    go. The same generator state gives the same history.
+    (in); one in four is a rest within 0.1 ``amplitude`` of zero. The stick is at 0 in the last
+    second before ``duration`` (s). The same generator state gives the same history.
     """
     times, levels, sign, now = [], [], 1.0 if rng.random() < 0.5 else -1.0, start
     while now < duration - 1.0:
@@ -154,8 +153,8 @@ def _check(times: tuple[float, ...], levels: tuple[float, ...]) -> None:
 
 # ---- Frames of the computer in which nothing is limited
 
-FRAMES_PER_BLOCK = 32  # at a time: more cost more for each, fewer do not repay the call
-LIMIT_SHARE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
+FRAMES_PER_BLOCK = 32  # larger blocks cost more for each frame, smaller ones more calls
+LIMIT_SHARE = 1.0 - 1e-9  # share of a limit below which rounding has no effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +171,7 @@ class FrameBlock:
     from_input: np.ndarray
 
     def states(self, start: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """w at the frames of ``driven (k,)``, at most ``FRAMES_PER_BLOCK`` of them, and at the one
+        """Return w at the frames of ``driven (k,)``, at most ``FRAMES_PER_BLOCK``, and at the one
         after the last: ``(k + 1, d)``.
         """
         d, k = start.size, driven.size
@@ -183,7 +182,7 @@ class FrameBlock:
 
 
 def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
-    """Prepare ``A (d, d)``, ``b (d,)``."""
+    """Return the block of frames of w' = A w + b r with ``A (d, d)`` and ``b (d,)``."""
     d = b.size
     powers, pulses = (
         np.empty((FRAMES_PER_BLOCK + 1, d, d)),
@@ -199,7 +198,7 @@ def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
 
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
-    """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
+    """Return the output ``(N,)`` of a sampled block with one input and one output, from rest."""
     prepared, out = stretch(block.A, block.B[:, 0]), np.empty(driven.size)
     state = np.zeros(block.A.shape[0])
     for k in range(0, driven.size, FRAMES_PER_BLOCK):
@@ -216,11 +215,11 @@ class FreeFrames:
 
     Attributes
     ----------
-    prepared : the loop over a stretch.
+    prepared : the loop over a block of frames.
     watch, offset : ``(v, d)`` and ``(v,)``: a frame is free where ``|watch w + offset|`` stays
         below one.
     command : ``(d,)``, u_p.
-    inner : ``(n, d)``, plant states at the last look of a record within the frame.
+    inner : ``(n, d)``, plant states at the time within the frame that a record samples.
     """
 
     prepared: FrameBlock
@@ -230,8 +229,8 @@ class FreeFrames:
     inner: np.ndarray
 
     def ahead(self, start: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1,
-        d)``; ``reference (k,)`` g at the frames.
+        """Return w at the free frames from ``start`` on and at the one after them, ``(f + 1, d)``;
+        ``reference (k,)`` in g at the frames.
         """
         states = self.prepared.states(start, reference[:FRAMES_PER_BLOCK])
         seen = np.abs(states[:-1] @ self.watch.T + self.offset).max(axis=1)
@@ -267,10 +266,10 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
     return FreeFrames(stretch(A, b), np.concatenate(watch), np.concatenate(offset), command, inner)
 
 
-# ---- Flies the sampled closed loop with its limits and break-out
+# ---- Simulation of the sampled closed loop with its limits and break-out
 
 Stick = Callable[[np.ndarray], np.ndarray]
-# Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
+# Beyond this angle of attack (rad) linear derivatives do not hold, and the flight ends.
 _DEPARTURE_ALPHA = 1.0
 _SINGLE_FRAMES_AFTER_LIMIT = 8  # frames that are stepped one by one after one that was limited
 
@@ -284,7 +283,7 @@ class FlightOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopTruth:
-    """True histories at the F frames of the control computer (80 Hz); not in the record.
+    """True histories at the F frames of the control computer (80 Hz).
 
     Attributes
     ----------
@@ -323,28 +322,26 @@ def fly_closed_loop(
     *,
     pieces: int = 8,
 ) -> tuple[Record, ClosedLoopTruth]:
-    """Flies from trim for ``duration`` s and returns the telemetry record with the truth.
+    """Fly from trim for ``duration`` s and return the telemetry record with the truth.
 
     Within a frame (12.5 ms) the plant is stepped exactly by the matrix exponential with the command
-    held; rate and position limits are exact but for a limit met and left within 1/``pieces`` of a
-    frame (see ``sim.closed_loop.equations``). The computer reads the stick and both sensors at the
-    frame and moves the command one frame later.
+    held; rate and position limits are exact except for a limit reached and left within 1/``pieces``
+    of a frame (see ``sim.closed_loop.equations``). The computer reads the stick and both sensors at
+    the frame and changes the command one frame later.
 
     Parameters
     ----------
     stick : a function of time (array of s to array of in, aft +), read at the frames, or an array
         with one value a frame.
-    rng : source of the measurement noise, whose levels stand in ``x29.telemetry``; None records
-        without noise.
-    pieces : how often in a frame the limits are looked at.
+    rng : generator of the measurement noise of ``x29.telemetry``; None for no noise.
+    pieces : number of times in a frame at which limits are checked.
 
     Returns
     -------
     Record : input ``stick`` (in, previous value held), outputs ``alpha`` (rad, vane: alpha -
-    (arm/V) q), ``q`` (rad/s) and
-        ``nz`` (total, g, 1 in trim), 40 Hz from 0 to ``duration``. The recorder has its own
-        sensors, without lag. With a ``recorded_skew`` the row at time t holds the stick at t and
-        the outputs at t - skew: the stick leads.
+        (arm/V) q), ``q`` (rad/s) and ``nz`` (total, g, 1 in trim), 40 Hz from 0 to ``duration``.
+        The recorder has its own sensors, without lag. With a ``recorded_skew`` the row at time t
+        holds the stick at t and the outputs at t - skew: the stick leads.
     ClosedLoopTruth : see there.
 
     Raises
@@ -396,7 +393,7 @@ def fly_closed_loop(
 
 @dataclass(frozen=True, eq=False)
 class _FrameStates:
-    """Plant states at the frames and, for a skewed record, inside them; commands and limits, one
+    """Plant states at the frames and, for a skewed record, within them; commands and limits; one
     row a frame.
     """
 
@@ -479,7 +476,7 @@ def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
 
 
 def _states_at_rows(x29: X29, flown: _FrameStates, rows: np.ndarray) -> np.ndarray:
-    """Plant states ``recorded_skew`` before the given frames; trim before the flight."""
+    """Return plant states ``recorded_skew`` before the given frames; trim before the flight."""
     whole, rest = divmod(x29.stick.recorded_skew, x29.frame)
     source, frames = (
         (flown.inner_states, rows - int(whole) - 1) if rest else (flown.states, rows - int(whole))
@@ -488,7 +485,7 @@ def _states_at_rows(x29: X29, flown: _FrameStates, rows: np.ndarray) -> np.ndarr
 
 
 def _reference(x29: X29, stick: np.ndarray) -> np.ndarray:
-    """Break-out, gearing, delay and lag: r (g) at every frame."""
+    """Return r (g) at every frame, after break-out, gearing, delay and lag."""
     return filtered(shaping_matrices(x29.stick, x29.frame), shape_stick(stick, x29.stick))
 
 

@@ -54,13 +54,19 @@ _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class EffectStages:
-    """The effects of a model by stage, each stage in the order in which the signal meets them.
+    """The effects of a model by stage, in the order in which they act on a signal.
 
-    ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that are
-    states of an on-line System, ``slices`` where these stand among ``states``. ``own`` picks an
-    effect's parameters off a row of all of them, by effect name, ``vehicle_of`` those of the
-    equations, which ``varying`` and ``varying_together`` change. ``bias_index`` by output.
-    ``jumps`` move the states of the equations; ``clocks`` set the pace of ``dynamics``.
+    Attributes
+    ----------
+    inputs, sensors : effects that act on whole paths.
+    moved_in, moved_out : input and sensor effects that are states of an on-line System.
+    varying, varying_together : effects that change parameters of the equations.
+    jumps : effects that move the states of the equations.
+    clocks : effects that scale the time of ``dynamics``.
+    slices : by effect name, the places of its states among ``states``.
+    own : by effect name, a function that selects its parameters from those of the model.
+    vehicle_of : a function that selects the parameters of the equations.
+    bias_index : by output, the place of its bias among the parameters.
     """
 
     model: Model
@@ -91,8 +97,9 @@ class EffectStages:
 
 
 def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> EffectStages:
-    """Return the parts of a model; an unknown output, or an effect that cannot run on line, is a
-    ModelError.
+    """Return the effects of a model by stage.
+
+    Raises ModelError for an unknown output and, with ``online``, an effect that cannot run on line.
     """
     equations = model.equations
     chosen = _chosen_outputs(model, outputs)
@@ -201,7 +208,7 @@ def _gather(model: Model, effect: Effect) -> Callable[[Rows], Any]:
     return _gather_named(model.parameters, full, "effect_parameters", names)
 
 
-@cache  # making such a class takes as long as all the rest of an effect's compilation
+@cache  # creating the class takes as long as the rest of an effect's compilation
 def _view(label: str, fields: tuple[str, ...]) -> Any:
     return namedtuple(label, fields)
 
@@ -228,8 +235,8 @@ Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: EffectStages) -> Bus:
-    """Return all signals by name at one time, with the contributions of effects, and the vehicle's
-    parameters at that time.
+    """Return a function of all signals by name at one time, with the contributions of effects, and
+    of the vehicle's parameters at that time.
     """
     equations, own, slices = parts.model.equations, parts.own, parts.slices
     moved_in = parts.moved_in
@@ -247,8 +254,8 @@ def signals_of(parts: EffectStages) -> Bus:
         for effect in parts.dynamics
         if effect.station is not Station.DISTURBANCE
     ]
-    # The flow of a user's own model may hold the ports, to which dynamics add only after it was
-    # formed for them.
+    # The flow of a user's own model may depend on ports, to which dynamics add after the first
+    # evaluation of the flow.
     forms_ports = (
         bool(others)
         and isinstance(equations, OwnEquations)
@@ -297,7 +304,7 @@ def signals_of(parts: EffectStages) -> Bus:
 
 
 def measured_of(parts: EffectStages) -> Measured:
-    """Return all outputs by name, as sensors without memory measure them."""
+    """Return a function of all outputs by name as sensors without memory measure them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = (
@@ -321,7 +328,7 @@ def measured_of(parts: EffectStages) -> Measured:
 def dynamics_of(
     parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
-    """``f``: the rates of all states, those of effects after those of the equations."""
+    """Return ``f``: the rates of all states, those of effects after those of the equations."""
     equations, own, slices = parts.model.equations, parts.own, parts.slices
     input_names = parts.input_names
     moved_in, moved_out = parts.moved_in, parts.moved_out
@@ -368,7 +375,7 @@ def dynamics_of(
 def outputs_of(
     parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
-    """``h``: the chosen outputs before sensors with memory, biases added."""
+    """Return ``h``: the chosen outputs before sensors with memory, biases added."""
     own, slices, moved_out = parts.own, parts.slices, parts.moved_out
     bias_index, outputs = parts.bias_index, parts.outputs
 
@@ -387,7 +394,7 @@ def outputs_of(
 
 
 def input_path_of(parts: EffectStages) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
-    """``input_path``: cell means of the recorded inputs at the vehicle."""
+    """Return ``input_path``: cell means of the recorded inputs at the vehicle."""
     own, inputs, input_names = parts.own, parts.inputs, parts.input_names
 
     def input_path(p: Rows, u: list[Any], edges: np.ndarray) -> list[Any]:
@@ -403,7 +410,7 @@ def input_path_of(parts: EffectStages) -> Callable[[Rows, list[Any], np.ndarray]
 def sensor_path_of(
     parts: EffectStages,
 ) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
-    """``sensor_path``: outputs after sensors with memory."""
+    """Return ``sensor_path``: outputs after sensors with memory."""
     own, sensors, bias_index = parts.own, parts.sensors, parts.bias_index
     names = [signal.name for signal in parts.outputs]
 
@@ -413,7 +420,7 @@ def sensor_path_of(
         begin, end = list(begin), list(end)
         for effect in sensors:
             row = names.index(effect.channel)
-            # A sensor sees the signal before the bias of the recorded channel is added.
+            # The bias of the recorded channel is added after the sensor.
             bias = p[bias_index[effect.channel]] if effect.channel in bias_index else 0.0
             new_begin, new_end = effect.act(
                 steps, begin[row] - bias, end[row] - bias, own[effect.name](p)
@@ -425,7 +432,7 @@ def sensor_path_of(
 
 
 def sensor_memory_of(parts: EffectStages) -> Callable[[Rows], list[SensorMemory]]:
-    """``sensor_memory``: how sensors with memory show small fast motion."""
+    """Return ``sensor_memory``: the response of sensors with memory to small fast motion."""
     names = [signal.name for signal in parts.outputs]
     sensor_effects = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
     rows = [(names.index(each.channel), each, parts.own[each.name]) for each in sensor_effects]
@@ -433,7 +440,7 @@ def sensor_memory_of(parts: EffectStages) -> Callable[[Rows], list[SensorMemory]
 
 
 def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
-    """``noise``: spectral density of each state's forcing, measurement variance of each output."""
+    """Return ``noise``: densities of the states' forcing, measurement variances of the outputs."""
     model, own, dynamics = parts.model, parts.own, parts.dynamics
     vehicle_of, outputs = parts.vehicle_of, parts.outputs
     state_names, at = parts.state_names, len(model.equations.states)
@@ -463,7 +470,7 @@ def _measurement_variance(model: Model, output: str) -> float:
     return float("nan") if std is None else std**2
 
 
-# ---- From a declared Model to its System: the five array functions that every algorithm sees
+# ---- From a declared Model to its System: the five array functions that algorithms use
 
 
 def compile_model(
@@ -474,15 +481,15 @@ def compile_model(
     Parameters
     ----------
     model : the declaration.
-    outputs : the outputs wanted, in order; all when None.
-    online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters
-        that see one sample at a time. An input effect without one may stay when all its parameters
-        are held: it then acts on the recorded input beforehand, which it can only ahead of all
-        others or if it commutes with them.
+    outputs : names of the outputs, in order; None for all.
+    online : move input and sensor effects that have a state form into ``f`` and ``h``, for filters
+        that process one sample at a time. An input effect without a state form is allowed if all
+        its parameters are held. It then acts on the recorded input beforehand, and must therefore
+        be the first on its signal or commute with those before it.
 
     Raises
     ------
-    ModelError : an unknown output, or an effect that cannot run on line (it is named).
+    ModelError : an unknown output, or an effect that cannot run on line.
     """
     parts = parts_of(model, outputs, online)
     signals, measured = signals_of(parts), measured_of(parts)
@@ -520,7 +527,7 @@ def compile_model(
 
 
 def _initial(parts: EffectStages) -> ParameterSet:
-    """Initial values in the order of the states; undeclared states of effects start at zero."""
+    """Return initial values in the order of the states; undeclared ones of effects are zero."""
     model = parts.model
     given = {item.name for item in model.initial}
     added = [
@@ -538,10 +545,10 @@ def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """Return the System with every tied parameter replaced by its tie's value; the same object
-    without ties.
+    """Return the System with every tied parameter computed from its tie; the same object without
+    ties.
 
-    A parameter that others follow counts as acting wherever one of these does.
+    A source of ties acts wherever one of the parameters tied to it acts.
     """
     if not ties:
         return system
@@ -574,7 +581,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
 def _followed(
     places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]
 ) -> list[Any]:
-    """The parameters with tied ones computed from the others; entries are numbers or arrays."""
+    """Return parameters with tied ones computed from the others; entries are numbers or arrays."""
     out = list(p)
     for place, terms, constant in places:
         value: Any = constant

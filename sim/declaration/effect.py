@@ -1,11 +1,12 @@
-"""Parameters and effects: a number with its unit, prior and bounds, and one physical phenomenon
-that uses some.
+"""Parameters, and effects: physical phenomena with parameters of their own.
 
 recorded input -> input path -> dynamics (with disturbances) -> sensor path -> recorded output
 
-An effect is a frozen object. It declares its parameters (local names; full names carry the
-instance as a prefix), the values at which it vanishes exactly, and the hook of its station.
-Hooks are plain arithmetic that broadcasts over trailing batch axes and survives a complex step.
+A parameter is a number with its unit, prior and bounds. An effect is a frozen object. It declares
+its parameters, the values at which it vanishes exactly, and the functions (hooks) that its station
+calls. Parameters have local names in the effect; their full names begin with the name of the
+effect. Hooks are plain arithmetic that broadcasts over trailing batch axes and keeps the imaginary
+part of a complex step.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from sim.errors import ModelError
 
 # ---- Parameters of a model: a number with its unit, prior, bounds and origin; immutable
 
-# what equations call the constant speed that they are declared for
+# Names of the constant in equations that is the airspeed of their declaration.
 AIRSPEEDS = ("airspeed", "reference_airspeed")
 # Source of a state's start that a fit finds from the outputs at the first sample.
 FROM_OUTPUTS = "from the outputs at the start"
@@ -35,13 +36,13 @@ class Parameter:
 
     Attributes
     ----------
-    name : unique within a model, e.g. ``"Cm_alpha"`` or ``"input-delay.delay"``.
-    value : in the unit below; SI and radians throughout.
-    unit : text, ``"1"`` when the number has none.
-    prior_std : standard deviation of what is known beforehand, ``inf`` when nothing is.
+    name : name, unique within a model, e.g. ``"Cm_alpha"`` or ``"input-delay.delay"``.
+    value : value in ``unit``.
+    unit : unit in SI and radians; ``"1"`` for a pure number.
+    prior_std : standard deviation of the prior about the value; ``inf`` without prior knowledge.
     bounds : physical limits, inclusive.
-    free : estimated (True) or held (False).
-    source : where the number comes from.
+    free : whether the parameter is estimated; else it is held.
+    source : origin of the value.
     """
 
     name: str
@@ -113,7 +114,7 @@ class ParameterSet:
         return {item.name: place for place, item in enumerate(self.items)}
 
     def index(self, name: str) -> int:
-        """Position of a parameter; an unknown name is an error that lists the known ones."""
+        """Return the position of a parameter; raise ModelError for an unknown name."""
         try:
             return self._places[name]
         except KeyError:
@@ -171,7 +172,7 @@ class ParameterSet:
         )
 
 
-# ---- What an effect is: one physical phenomenon with one station on the signal chain
+# ---- Effects: physical phenomena, each with a station on the signal chain
 
 
 class Station(Enum):
@@ -211,13 +212,15 @@ class Effect(Protocol):
 
     Attributes
     ----------
-    name : the instance, ``"input-delay"`` or, with a channel, ``"sensor-lag:q"``.
-    station : where it acts.
-    parameters : with local names; values are sensible starts, bounds the physical limits.
-    absent : local values at which the effect vanishes bit for bit; the others do not matter then.
-    regularity : the kind of test its absence allows.
-    aliases : names of effects that a common record cannot tell from this one.
-    explanation : one paragraph a student can read.
+    name : name of the instance, ``"input-delay"`` or, with a channel, ``"sensor-lag:q"``.
+    station : place in the signal chain.
+    parameters : parameters with local names; values are starts of a fit, bounds are physical
+        limits.
+    absent : local name -> value at which the effect vanishes bit for bit; parameters that are not
+        named may then have any value.
+    regularity : behaviour of the likelihood at absence, which decides the kind of test.
+    aliases : names of effects that usual records do not distinguish from this one.
+    explanation : a paragraph that a student understands.
     """
 
     @property
@@ -240,12 +243,12 @@ class Effect(Protocol):
 class InputEffect(Effect, Protocol):
     """Acts on one input between the record and the vehicle.
 
-    ``act(edges, u, p)``: ``u`` holds the input's mean over each cell, ``(n_cells, ...)``; ``edges``
-    the cell boundaries, ``(n_cells + 1,)``, s. The result has the same meaning and length.
+    ``act(edges, u, p)`` takes the means ``u (n_cells, ...)`` of the input over cells with the
+    boundaries ``edges (n_cells + 1,)``, s, and returns the means behind the effect.
 
-    An attribute ``rank`` places it on the path (see ``in_order``). One with ``commutes = True``
-    only shifts the input in time: held, it may act on the record ahead of effects that a filter
-    carries as states.
+    The attribute ``rank`` decides its place on the path (see ``in_order``). An effect with
+    ``commutes = True`` only shifts the input in time. With fixed parameters it may therefore act on
+    the recorded input, ahead of effects that a filter has as states.
     """
 
     @property
@@ -257,8 +260,9 @@ class InputEffect(Effect, Protocol):
 class DynamicsEffect(Effect, Protocol):
     """Adds to the ports of the equations of motion, with or without states of its own.
 
-    ``increments(s, vehicle, p)`` returns ``{port: value}``; ``derivatives(s, vehicle, p)`` one rate
-    for each of ``states``. Disturbances act before the flow quantities are formed, dynamics after.
+    ``increments(s, vehicle, p)`` returns ``{port: value}``, and ``derivatives(s, vehicle, p)`` one
+    rate for each of ``states``. Effects of the station ``DISTURBANCE`` act before the flow
+    quantities are formed, those of ``DYNAMICS`` after.
     """
 
     @property
@@ -269,10 +273,10 @@ class DynamicsEffect(Effect, Protocol):
 
 @runtime_checkable
 class ParameterEffect(Effect, Protocol):
-    """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``, after
-    the disturbances and ahead of all that reads it.
+    """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``.
 
-    The change is linear in the effect's own parameters, which are all zero where it is absent.
+    It is added after the disturbances, before the parameter is used. The change is linear in the
+    effect's own parameters, which are all zero at absence.
     """
 
     @property
@@ -282,8 +286,9 @@ class ParameterEffect(Effect, Protocol):
 
 @runtime_checkable
 class GroupEffect(Effect, Protocol):
-    """Makes several parameters of the equations vary at once: ``changes(s, p)`` by name is added to
-    ``group``, as of a ``ParameterEffect``.
+    """Makes several parameters of the equations vary at once, as a ``ParameterEffect`` does one.
+
+    ``changes(s, p)`` returns the change of each parameter of ``group`` by name.
     """
 
     @property
@@ -295,9 +300,10 @@ class GroupEffect(Effect, Protocol):
 class SensorEffect(Effect, Protocol):
     """Acts on one output channel with memory, on the grid of sub-steps.
 
-    ``act(steps, begin, end, p)``: values at the beginning of each sub-step, ``(M + 1, ...)`` (the
-    last one is the value at the final sample), at the end of each, ``(M, ...)``, sub-step sizes
-    ``(M,)``, s. Returns new ``(begin, end)``. The two differ where the input jumps.
+    ``act(steps, begin, end, p)`` takes sub-step sizes ``steps (M,)``, s, values at the begin of
+    each sub-step and at the final sample, ``begin (M + 1, ...)``, and values at the end of each
+    sub-step, ``end (M, ...)``. It returns ``(begin, end)`` behind the sensor. The value at the end
+    of a sub-step differs from that at the begin of the next one if the input jumps there.
     """
 
     @property
@@ -307,16 +313,17 @@ class SensorEffect(Effect, Protocol):
 
 @dataclass(frozen=True)
 class SensorMemory:
-    """Response of a sensor to small fast motion: ``direct`` y + (1 - ``direct``) x, x following y
-    with a first-order lag.
+    """A sensor with memory as a first-order system.
 
-    A lag has ``direct`` 0. A delay has -1 and half its length: Pade's approximation of first order.
+    It reads ``direct`` y + (1 - ``direct``) x, where x follows y with a first-order lag. For a lag
+    ``direct`` is 0. For a delay it is -1 with half the delay as time constant: Pade's approximation
+    of first order.
 
     Attributes
     ----------
-    row : of the output in its System.
-    time_constant : of x, s.
-    direct : share of y itself.
+    row : index of the output in its System.
+    time_constant : time constant of x, s.
+    direct : share of y itself in the reading.
     """
 
     row: int
@@ -326,8 +333,9 @@ class SensorMemory:
 
 @runtime_checkable
 class RememberingEffect(SensorEffect, Protocol):
-    """A sensor whose memory an algorithm can carry as a state: ``memory(p)`` gives its time
-    constant, s, and the ``direct`` share (see `SensorMemory`).
+    """A sensor whose memory can be written as a state.
+
+    ``memory(p)`` returns its time constant, s, and its ``direct`` share (see `SensorMemory`).
     """
 
     def memory(self, p: Any) -> tuple[Any, float]: ...
@@ -344,11 +352,11 @@ class ReadingEffect(Effect, Protocol):
 
 @runtime_checkable
 class ClockEffect(Effect, Protocol):
-    """The record's clock is wrong: ``pace(p)`` is how much time it counts in one true second.
+    """The clock of the record is wrong: ``pace(p)`` is the time that it counts in one true second.
 
-    The rates of all states of the dynamics are divided by it, and the density of random forcing;
-    readings are those of the true motion. What has a memory on the input or the sensor path keeps
-    its times, and events theirs, in the record's time.
+    The rates of all states of the dynamics, and the density of random forcing, are divided by it.
+    Readings are those of the true motion. Times of effects on the input and the sensor path, and
+    times of events, are in the record's time.
     """
 
     def pace(self, p: Any) -> Any: ...
@@ -356,10 +364,11 @@ class ClockEffect(Effect, Protocol):
 
 @runtime_checkable
 class StateJumpEffect(Effect, Protocol):
-    """Moves the vehicle's states themselves: ``added_rates(s, rates, p)`` by name of the state is
-    added to the ``rates`` that the equations give. Readings and forces know nothing of it.
+    """Makes states of the vehicle jump, without a force and without a change of readings.
 
-    ``states_read`` are all states of the equations that it is made for, in their order.
+    ``added_rates(s, rates, p)`` returns the rate to add, by state, to the ``rates`` of the
+    equations. ``states_read`` are all states of the equations that the effect is made for, in their
+    order.
     """
 
     @property
@@ -371,8 +380,8 @@ class StateJumpEffect(Effect, Protocol):
 class OnlineForm(Protocol):
     """State form of an input or sensor effect, for filters that see one sample at a time.
 
-    ``states`` names the states, ``rates(v, x, p)`` gives their derivatives when the signal that
-    enters is ``v``, ``pass_on(v, x, p)`` the signal that leaves.
+    ``online_states`` are the states. For an incoming signal ``v``, ``rates(v, x, p)`` returns the
+    derivatives of the states ``x``, and ``pass_on(v, x, p)`` the outgoing signal.
     """
 
     @property
@@ -383,8 +392,8 @@ class OnlineForm(Protocol):
 
 @runtime_checkable
 class NoiseEffect(Effect, Protocol):
-    """Drives its own states by white noise: ``density(vehicle, p)`` returns one spectral density a
-    state.
+    """Drives its own states by white noise: ``density(vehicle, p)`` returns a spectral density for
+    each state.
     """
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
@@ -424,8 +433,9 @@ class NeedsConstants(Protocol):
 
 @runtime_checkable
 class ReadsRates(Protocol):
-    """Reads rates of states, named in ``rates_read``: while it acts, the bus carries them as
-    ``STATE_dot``, all other effects included.
+    """Reads the rates of the states in ``rates_read``, from the bus as ``STATE_dot``.
+
+    The rates include all other effects.
     """
 
     @property
@@ -460,7 +470,7 @@ class Ranked(Protocol):
 
 @runtime_checkable
 class Commuting(Protocol):
-    """An input effect that only shifts the input in time where ``commutes``."""
+    """An input effect that, if ``commutes``, only shifts the input in time."""
 
     @property
     def commutes(self) -> bool: ...
@@ -468,8 +478,8 @@ class Commuting(Protocol):
 
 @runtime_checkable
 class Anticipating(Protocol):
-    """An input effect that needs the record's future where ``anticipates``: it never runs on line,
-    not even held.
+    """An input effect that, if ``anticipates``, needs future inputs: no filter can use it, not even
+    with fixed parameters.
     """
 
     @property
@@ -502,16 +512,19 @@ def states_read_by(effect: object) -> Sequence[str]:
 
 
 def in_order(effects: Sequence[Any]) -> list[Any]:
-    """Return the effects of one station as the signal meets them: by ``rank``, 0 where an effect
-    has none; equals as they were added.
+    """Return the effects of one station in the order in which a signal passes them.
+
+    The order is that of ``rank``, which is 0 for an effect without one. Effects of equal rank keep
+    the order in which they were added.
     """
     return sorted(effects, key=lambda effect: effect.rank if isinstance(effect, Ranked) else 0)
 
 
 def full_name(effect: Effect, local: str) -> str:
-    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2,
-    which has its own ``rename``, is ``CL_eta2``.
+    """Return the name of an effect's parameter in the model, such as ``"input-delay.delay"``.
+
+    An effect with a method ``rename`` decides the name: ``CL_eta`` of mode 2 is ``CL_eta2``.
     """
-    # Asked ten thousand times a search, where a test against the protocol costs ten times as much.
+    # A search calls this ten thousand times; a test against a protocol would take ten times longer.
     rename: Callable[[str], str] | None = getattr(effect, "rename", None)
     return rename(local) if rename is not None else f"{effect.name}.{local}"

@@ -33,8 +33,9 @@ from sim.errors import ModelError
 
 @dataclass(frozen=True)
 class Tie:
-    """A parameter that is a linear function of others: ``name`` = ``constant`` + sum of factor
-    times parameter over ``terms``, SI.
+    """A parameter that is a linear function of other parameters.
+
+    ``name`` = ``constant`` + sum of factor times parameter over ``terms``, in SI units.
     """
 
     name: str
@@ -67,8 +68,8 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
 
     Raises
     ------
-    ModelError : an unknown parameter, one that is tied twice, a tie to one
-        that is tied itself, or a value that is not finite or beyond the tied parameter's bounds.
+    ModelError : a parameter is unknown or tied twice, a tie refers to a tied parameter, or a value
+        is not finite or beyond the bounds of the tied parameter.
     """
     tied = [tie.name for tie in ties]
     for tie in ties:
@@ -102,11 +103,11 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
 class Equations(Protocol):
     """Equations of motion of one kind of vehicle, written once.
 
-    ``flow(s, p)`` forms quantities that loads depend on (air angle of attack, airspeed) after the
-    disturbances have acted; ``derivatives(s, p)`` returns one rate for each state,
-    ``measurements(s, p)`` one value for each output. ``s`` carries states, inputs, ports and
-    ``time`` by name, ``p`` the parameters named in ``parameter_names``. Each port is zero unless an
-    effect adds to it.
+    ``flow(s, p)`` returns quantities on which loads depend (air angle of attack, airspeed), after
+    the disturbances have acted; ``derivatives(s, p)`` returns a rate for each state, and
+    ``measurements(s, p)`` a value for each output. ``s`` has states, inputs, ports and ``time`` by
+    name; ``p`` has the parameters in ``parameter_names``. A port is zero unless an effect adds to
+    it.
     """
 
     @property
@@ -128,8 +129,8 @@ class Equations(Protocol):
 
 @runtime_checkable
 class Containing(Protocol):
-    """Equations that already contain some effects of the library, named in ``contains``; a search
-    does not offer them.
+    """Equations that contain some effects of the library, named in ``contains``: a search does not
+    offer these.
     """
 
     @property
@@ -146,8 +147,9 @@ class Biased(Protocol):
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """Equations that declare which of their parameters multiply a signal: ``factors``, units by
-    name. Each of these may vary.
+    """Equations that declare in ``factors`` which of their parameters multiply a signal.
+
+    ``factors`` has the unit of each by name. An effect may make each of them vary.
     """
 
     @property
@@ -156,8 +158,9 @@ class Multiplying(Protocol):
 
 @runtime_checkable
 class DrivenByOthers(Protocol):
-    """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them,
-    and no effect acts on their path.
+    """Equations with inputs that are no controls, such as an updraft, named in ``no_controls``.
+
+    No effect acts on the input path of these.
     """
 
     @property
@@ -166,7 +169,7 @@ class DrivenByOthers(Protocol):
 
 @runtime_checkable
 class KnowingBiases(Protocol):
-    """Equations with prior knowledge of biases: ``bias_priors``, standard deviation by output."""
+    """Equations with priors of biases: ``bias_priors`` has standard deviations by output."""
 
     @property
     def bias_priors(self) -> Mapping[str, float]: ...
@@ -218,12 +221,12 @@ class Model:
     Attributes
     ----------
     equations : the base equations of motion.
-    parameters : those of the equations, then those of effects (full names), then biases.
-    initial : one entry a state of the equations: value, prior standard deviation.
+    parameters : parameters of the equations, of effects (with full names), and biases.
+    initial : value and prior standard deviation of the initial value of each state.
     noise : measurement and process noise.
-    effects : in order along the signal chain.
+    effects : effects in the order in which they were added.
     biases : outputs with a constant bias; each has a parameter ``bias_OUTPUT``.
-    ties : parameters that follow others; held, at what their tie gives.
+    ties : parameters that are functions of others; they are held at the values of their ties.
     """
 
     equations: Equations
@@ -291,8 +294,8 @@ class Model:
     def with_effects(self, *effects: Effect) -> Model:
         """Return the model with further effects, at their starting values.
 
-        A ``shared`` effect uses an existing parameter of its own full name, as one delay of several
-        inputs.
+        A ``shared`` effect uses a parameter that the model already has under its full name: several
+        inputs may so have one delay.
         """
         model = self
         for effect in effects:
@@ -327,8 +330,10 @@ class Model:
         return replace(self, effects=others, parameters=kept)
 
     def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
-        """Return the model with one free constant bias on each of the named outputs, with the prior
-        of the equations if they have one.
+        """Return the model with a free constant bias on each of the named outputs.
+
+        ``prior_std`` is the standard deviation of its prior, unless that of the equations is
+        smaller.
         """
         units = {signal.name: signal.unit for signal in self.equations.outputs}
         new = [name for name in outputs if name not in self.biases]
@@ -359,19 +364,28 @@ Rows = Sequence[Any]
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Five array functions and the names of what they take.
+    """A model as array functions, with the names and units of their arguments.
 
-    ``input_path(p, u, edges)`` maps cell means of the recorded inputs to cell means at the vehicle,
-    ``f(t, x, u, p)`` gives the rates of the states, ``h(t, x, u, p)`` the outputs before sensors
-    with memory, ``sensor_path(p, begin, end, steps)`` the outputs after them, ``noise(p)`` the
-    spectral density of each state's forcing and the measurement variance of each output.
-    ``input_stages`` and ``sensor_stages`` name the effects on the two paths: with none the path is
-    the identity, bit for bit. ``input_parameters`` act on the input path only,
-    ``output_parameters`` only after the dynamics: an algorithm may spare itself the derivatives of
-    ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start is
-    drawn from their own stationary distribution.
-    ``sensor_memory(p)`` describes the
-    sensors with memory, in the order in which a signal meets them.
+    Attributes
+    ----------
+    states, inputs, outputs : signals in the order of x, u and y.
+    parameters, initial : parameters in the order of p, and initial states.
+    declared_noise : noise of the model.
+    input_stages, sensor_stages : names of the effects on the two paths. A path without effects is
+        the identity, bit for bit.
+    input_parameters : parameters that act on the input path only.
+    output_parameters : parameters that act only after the dynamics. The derivatives of ``f`` by
+        these and by ``input_parameters`` are zero.
+    input_path : ``input_path(p, u, edges)`` maps cell means of recorded inputs to cell means at the
+        vehicle.
+    f : ``f(t, x, u, p)`` returns the rates of the states.
+    h : ``h(t, x, u, p)`` returns the outputs before sensors with memory.
+    sensor_path : ``sensor_path(p, begin, end, steps)`` returns the outputs after these sensors.
+    noise : ``noise(p)`` returns the spectral density of each state's forcing, and the measurement
+        variance of each output.
+    stationary : states of noise effects, whose initial values have their stationary distribution.
+    sensor_memory : ``sensor_memory(p)`` returns the sensors with memory in the order in which a
+        signal passes them.
     """
 
     states: tuple[Signal, ...]

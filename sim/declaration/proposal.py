@@ -1,4 +1,4 @@
-"""Search traits and start values of an effect, for a search that knows no physics."""
+"""Traits and trial values that an effect declares for a search that is independent of physics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.declaration.effect import Effect
 
 # ---- Traits of an effect
 
-_ONSETS = 36  # times at which a search starts an event
+_ONSETS = 36  # number of times at which a search tries an event
 GUARD = "guard:"  # prefix of a catch-all term's printed name
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -24,62 +24,59 @@ _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 class Traits:
     """Properties of an effect for searches and reports; each effect file states its own.
 
-    Names of other effects in ``separating`` are without the part after a colon: ``"sensor-lag"`` is
+    Names of other effects in ``separating`` have no part after a colon: ``"sensor-lag"`` stands for
     that of every channel.
 
     Attributes
     ----------
-    sentences : templates in words, of which the first is taken whose parameters are all there. In
-        braces a parameter by local name, or {control}, {sticks}, {channel}, {count_spikes}, {rest}
-        (all parameters but times), and of a parameter NAME_percent (its distance from one),
-        NAME_change (a share), NAME_direction, NAME_hertz, NAME_side (a length with "ahead of" or
-        "behind"). Without any the report prints the parameters.
-    grouped : the template where effects that a record cannot tell apart are told together; the
-        sentence when empty.
-    short_name : what it is called in such a group; its name when empty.
-    separating : other effect -> what to fly to tell the two apart. Either of the two may say it. Of
-        ``{ (CL_de, L_delta)}`` a report names those that the model has, nothing where it has none.
-    twins : names of effects that are another description of the same fault of the same sensor:
-        never claimed side by side.
-    equivalents : those of the twins that no record tells apart from it, since other values of the
-        derivatives make up for the difference: a record is explained alike under each, and only the
-        priors say which is likelier.
-    same_as : local name -> (effect, least size): where this parameter is larger than that, the
-        effect is the same thing under another name, which no record without further channels tells
-        apart.
-    never_beside : names of effects that are never in one set with it: of one slow fault, or one law
-        of the airspeed, a record shows no more.
-    plausible : local name -> range within which a value is believed without asking; bounds are the
-        physical limits.
-    usual : local name -> one standard deviation of what is expected of it before any record is
-        seen, about its absence; its declared size where it is not here.
+    sentences : templates of the sentence in a report; the first one whose parameters all exist is
+        used. Braces have a parameter by its local name, or {control}, {sticks}, {channel},
+        {count_spikes}, {rest} (all parameters but times). For a parameter NAME there are
+        NAME_percent (its distance from one), NAME_change (a share), NAME_direction, NAME_hertz, and
+        NAME_side (a length with "ahead of" or "behind"). Without a template the report prints the
+        parameters.
+    grouped : template for effects that a record cannot distinguish and that are reported together;
+        the sentence if empty.
+    short_name : name of the effect in such a group; its name if empty.
+    separating : other effect -> maneuver that distinguishes the two. One of the two effects may
+        declare it for both. Of ``{ (CL_de, L_delta)}`` a report names the parameters that the model
+        has.
+    twins : names of effects that describe the same fault of the same sensor in another form; only
+        one of them is claimed.
+    equivalents : those twins that no record distinguishes from the effect, because other values of
+        the derivatives compensate the difference. Only the priors separate them.
+    same_as : local name -> (effect, least size). If the parameter is larger than the size, the
+        other effect describes the same motion, and only further channels could distinguish the two.
+    never_beside : names of effects that are never in one set with this one: a record shows only one
+        slow fault, or one law of the airspeed.
+    plausible : local name -> plausible range; bounds are the physical limits.
+    usual : local name -> standard deviation of the prior about its absence; the declared value if
+        it is not given.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its
         sampling rate.
-    tried : local names of parameters that only trying finds, since no slope tells them: each is
-        known to its prior about the value tried.
-    in_input_unit : local names of parameters that are counted in the unit of the input, or that per
-        second.
-    onset : local name of the time from which it acts, searched for over the record; empty where
-        there is none.
-    lasts : local name of the time that an event lasts: where it is no longer than two samples, the
-        recorder did it, and no force.
-    per_record : True where the effect belongs to one record (an event, a drift): its parameters are
-        fitted anew for each record, and it needs not act on all of them. Those in ``of_aircraft``
+    tried : local names of parameters that are found by trial values, since the likelihood has no
+        useful slope; the prior about the trial value is their uncertainty.
+    in_input_unit : local names of parameters in the unit of the input, or in this unit per second.
+    onset : local name of the time from which an event acts, which is searched over the record;
+        empty if the effect is no event.
+    lasts : local name of the duration of an event. An event of at most two samples is an error of
+        the recorder and no force.
+    per_record : True if the effect belongs to one record (an event, a drift). Its parameters are
+        fitted for each record, and it need not act on all records. Parameters in ``of_aircraft``
         are excepted.
-    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to
-        their prior: all records share them.
-    guard : True for a generic term that competes like an effect and is never claimed: where it
+    of_aircraft : local names of parameters that any aircraft has, with a prior; they are common to
+        all records.
+    guard : True for a catch-all term, which competes like an effect and is never claimed. If it
         wins, the library lacks the cause.
-    wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for:
-        found by rule, never fitted.
-    recorded_as : the input channel that records what this effect would have to guess: with it there
-        is nothing to search for.
-    within_interval : local name of a time that, where it is shorter than the sampling interval,
-        tells how inputs are to be read between samples, and no more.
-    background : True for motion that any real record may have whatever else is wrong: its prior
-        odds are one half.
-    general : True for one of many instances of a general form, less specific than a named cause:
-        offered where nothing with a cause of its own explains the records.
+    wrong_samples_of : output or recorded input whose isolated wrong samples the effect describes;
+        it is found by a rule and never fitted.
+    recorded_as : input channel that would record the cause; the effect is not searched if a record
+        has it.
+    within_interval : local name of a time. If it is shorter than the sampling interval, it only
+        shows how inputs move between samples.
+    background : True for motion that any real record may have; its prior odds are one half.
+    general : True for one of many instances of a general form, without a cause of its own. It is
+        offered only if no effect with a cause explains the records.
     """
 
     sentences: tuple[str, ...] = ()
@@ -109,8 +106,7 @@ class Traits:
 
 # ---- Search traits and probes of an effect
 
-# highest frequency of an oscillation, relative to half the sampling rate: with fewer samples a
-# period any derivative fits
+# Highest frequency of an oscillation that a record resolves, relative to half the sampling rate.
 RESOLVED_FREQUENCY_SHARE = 0.8
 
 _NONE: Mapping[str, float] = MappingProxyType({})
@@ -123,18 +119,17 @@ class SearchContext:
 
     Attributes
     ----------
-    begin, end : s, of the record.
+    begin, end : times of the first and last sample, s.
     interval : median sampling interval, s.
     input_peak : largest magnitude of each input.
-    input_rate : largest step between samples over the interval, unit/s.
+    input_rate : largest rate of each input between samples, in its unit per s.
     state_peak : largest magnitude of each measured state or output, in its unit.
-    flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range``
-        falls back on the peaks.
+    flown : lowest and highest value of an input, state or output without spikes. For others
+        ``flown_range`` takes the peaks.
     residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
-    update_periods : of each output the period, s, at which it would be held between updates if it
-        were.
-    airspeed : m/s, where the model has one.
-    values : parameters of the model as fitted, by name.
+    update_periods : output -> period, s, of the updates between which its sensor may hold it.
+    airspeed : airspeed of the model, m/s; zero without one.
+    values : fitted parameters of the model, by name.
     """
 
     begin: float
@@ -175,14 +170,14 @@ class Probe:
 
     Attributes
     ----------
-    values : all local parameters.
-    slopes : those by which the outputs are differentiated at ``values``; the columns that this
-        gives are the effect's signature. When empty, the signature is the whole change from the
+    values : value of each parameter, by local name.
+    slopes : parameters by which the outputs are differentiated at ``values``; these derivatives are
+        the effect's signature. If empty, the signature is the change of the outputs from the
         effect's absence.
-    shifts : True where a later onset only moves the signature along the record, and the same probe
-        therefore stands for all of them.
-    sharp : of one that shifts: a fit moves the onset by a sample at most, and the best place is
-        looked for to the sample.
+    shifts : True if a later onset only shifts the signature along the record; the probe then stands
+        for all onsets.
+    sharp : for a probe that shifts: True if a fit moves the onset by at most a sample, so that the
+        best onset has to be searched at every sample.
     """
 
     values: Mapping[str, float]
@@ -202,8 +197,9 @@ class Traceable(Effect, Protocol):
 
 @runtime_checkable
 class FittedToRecord(Protocol):
-    """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the
-    form for that record, under the same name.
+    """An effect whose form depends on the record (a range, a width).
+
+    ``fitted_to`` returns the effect in the form for a record, under the same name.
     """
 
     def fitted_to(self, context: SearchContext) -> Traceable: ...
@@ -222,8 +218,9 @@ class RangedCurve(Protocol):
 
 @runtime_checkable
 class Refinable(Protocol):
-    """An effect with a freer form under the same name; ``finer`` gives it, its further parameters
-    at their absent values.
+    """An effect with a refined form under the same name.
+
+    ``finer`` returns the refined form; its further parameters have their absent values.
     """
 
     def finer(self) -> Traceable: ...
@@ -231,8 +228,9 @@ class Refinable(Protocol):
 
 @runtime_checkable
 class Underdetermined(Protocol):
-    """A part of a vehicle whose parameters do not all leave a trace in its outputs: where
-    ``needs_priors`` a fit takes all declared priors.
+    """A part of a vehicle whose parameters are not all observable in its outputs.
+
+    If ``needs_priors``, a fit uses all declared priors.
     """
 
     @property
@@ -240,7 +238,7 @@ class Underdetermined(Protocol):
 
 
 def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
-    """The effect in the form that a record asks for: itself unless it is ``FittedToRecord``."""
+    """Return the effect in the form for a record; itself unless it is ``FittedToRecord``."""
     return effect.fitted_to(context) if isinstance(effect, FittedToRecord) else effect
 
 
@@ -248,8 +246,8 @@ def delays_to_try(context: SearchContext) -> tuple[float, ...]:
     """Return the delays and time constants to try, s, a factor of two apart, from a share of the
     sampling interval upward.
 
-    None is a multiple of a usual sampling interval: a step of a held input would then meet a
-    sample, and slopes would be one-sided.
+    No value is a multiple of a usual sampling interval. A step of a held input would then reach the
+    vehicle at a sample, where the derivative is one-sided.
     """
     return tuple(
         time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval
@@ -259,7 +257,7 @@ def delays_to_try(context: SearchContext) -> tuple[float, ...]:
 def shares_of_peak(
     context: SearchContext, signal: str, shares: Sequence[float]
 ) -> tuple[float, ...]:
-    """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
+    """Return shares of a signal's largest magnitude without spikes; none if the signal is zero."""
     recorded_range = context.flown_range(signal)
     return (
         tuple(share * max(abs(value) for value in recorded_range) for share in shares)

@@ -45,8 +45,8 @@ class Signals(SimpleNamespace):
 def is_sampled(call: int) -> bool:
     """Whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and so on.
 
-    Locking every call would cost 12 to 32 % of the time of an evaluation. A function that changes
-    its arguments is found when it is declared, or at a later call if the change depends on values.
+    Locking in every call would cost 12 to 32 % of the time of an evaluation. A function that
+    changes its arguments is found in its declaration, or in a later call if this depends on values.
     """
     return not call & (call - 1)
 
@@ -79,7 +79,7 @@ class WatchedTime(NDArrayOperatorsMixin):
     """Time zero, as a number or an array without axes, that records in ``used`` whether a function
     used it.
 
-    That also finds functions of time whose value changes at one instant only.
+    This also finds functions of time whose value changes at a single time only.
     """
 
     __array_priority__ = 1000.0
@@ -114,13 +114,13 @@ class WatchedTime(NDArrayOperatorsMixin):
 
 
 def signals_from(values: Mapping[str, Any]) -> Signals:
-    """Signals with read-only views in place of arrays."""
+    """Return signals with read-only views of arrays."""
     result = Signals(**values)
     lock_arrays(result.__dict__)
     return result
 
 
-# ---- Equations of motion made of a user's functions, which answer by name
+# ---- Equations of motion from a user's functions, which return mappings by name
 
 _NUMBERS = frozenset({float, np.float64, complex, np.complex128, int})
 Answer = Callable[[Any, Any], Mapping[str, Any]]
@@ -128,21 +128,25 @@ Answer = Callable[[Any, Any], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class OwnEquations:
-    """Equations of a user's own model, as ``sim.declaration.model.Equations`` wants them.
+    """Equations of a user's own model, a form of ``sim.declaration.model.Equations``.
 
-    ``rates(s, p)``, ``readings(s, p)`` and ``formed(s, p)`` (None where the model forms no further
-    signals, ``formed_names`` else) return mappings by name. ``rate_ports`` holds for each state the
-    port that is added to its rate; it is empty where the model declares ports of its own, which its
-    functions then take as ``s.PORT``. ``biased_outputs`` names the outputs whose sensors have a
-    free constant bias. ``resting``: inputs about which they are tried. ``explanation``: what the
-    file says of the equations. ``multiplying``: estimated parameters that multiply signals, with
-    their units. ``products``: port, signal and estimated parameter, where the parameter multiplies
-    the signal in a rate to which the port adds. ``terms``: of equations whose ports are
-    coefficients that are sums of terms, coefficient and text of each (`sim.aerodynamics`).
+    An overflow or a division by zero makes the answer NaN, and an estimator shortens its step;
+    every other error in a function is a ModelError that names file and line.
 
-    A number beyond the range of floats, or a division by zero, makes the answer NaN, which an
-    estimator steps back from; every other error in a function is a ModelError that names file and
-    line.
+    Attributes
+    ----------
+    rates, readings : functions of ``s`` and ``p`` that return mappings by name.
+    formed : function that returns further signals, ``formed_names``, by name; None without any.
+    rate_ports : the port that is added to the rate of each state; empty if the model declares
+        ports of its own, which its functions read as ``s.PORT``.
+    biased_outputs : outputs whose sensors have a free constant bias.
+    resting : inputs at which the functions are tried.
+    explanation : text of the file on the equations.
+    multiplying : estimated parameters that multiply signals, with their units.
+    products : port, signal and estimated parameter; the parameter multiplies the signal in a rate
+        to which the port adds.
+    terms : coefficient and text of each term, if the ports are coefficients that are sums of terms
+        (`sim.aerodynamics`).
     """
 
     name: str
@@ -269,10 +273,10 @@ class OwnEquations:
         )
 
 
-# ---- A user's functions tried once at the starts
+# ---- Trial of a user's functions at the starting values
 
-# offset from the starts at which slopes are compared, relative to a value or to one: at zero itself
-# many curves have a kink
+# offset from the starts at which slopes are compared, relative to a value or to one: many curves
+# have a kink at zero
 TRIAL_OFFSET = 0.01
 DIFFERENCE_STEP_SHARE = 1e-6  # step of the differences, relative to a value or ``TRIAL_OFFSET``
 # rounding of a difference, relative to the terms, with a margin of three digits for cancellation
@@ -350,8 +354,8 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
 def _refuse_reused(
     equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts
 ) -> None:
-    """Raise ModelError for an array that a function makes once and overwrites at each call: earlier
-    answers would change with it.
+    """Raise ModelError for an array that a function overwrites at each call, since earlier answers
+    would change, too.
     """
     arguments = [*given.signals.values(), *given.parameters.values()]
     if not isinstance(value, np.ndarray) or any(
@@ -397,7 +401,7 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
 
 @cache
 def _parameter_class(names: tuple[str, ...]) -> Any:
-    """Return a named tuple of parameters; to make its class takes longer than to fill it."""
+    """Return the class of a named tuple of parameters; creating it takes longer than its use."""
     return namedtuple("Parameters", names)
 
 
@@ -472,7 +476,7 @@ def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
         raise ModelError(
             f"{name} is a signal or parameter already",
             where=where,
-            remedy="give what flow forms a name of its own",
+            remedy="give the signal of flow another name",
         )
 
 
@@ -511,8 +515,8 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
 
 
 def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Compare complex steps with differences, by one signal or parameter at a time; skipped where
-    the functions are not finite.
+    """Raise ModelError where complex steps and differences by one signal or parameter disagree;
+    points at which the functions are not finite are skipped.
     """
     names = [(True, name) for name in at.signals if name != "time"] + [
         (False, name) for name in at.parameters

@@ -1,5 +1,5 @@
-"""Build a user model: named states, inputs, outputs and parameters with units, and functions that
-give its equations.
+"""A user's own model: named states, inputs, outputs and parameters with units, and functions that
+return its equations.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from sim.declaration.user_equations import (
 from sim.errors import FlightidError, ModelError, written_in
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
-# ---- What the parameters of a user's own model multiply
+# ---- Signals that parameters of a user's own model multiply
 
 TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name
-SLOPE_TOLERANCE = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
+SLOPE_TOLERANCE = 1e-9  # difference of slopes due to rounding, relative to the largest slope
 
 
 def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
     """Return the parameters of ``names`` that multiply signals.
 
     The slope of the rates and readings by such a parameter depends on the signals. A parameter that
-    is only added, as a constant load, has the same slope everywhere.
+    is only added, such as a constant load, has the same slope everywhere.
     """
     places = [
         Starts(neighbouring_point(starts, side).signals, starts.parameters)
@@ -58,8 +58,8 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 def products(
     equations: OwnEquations, starts: Starts, names: Sequence[str]
 ) -> tuple[tuple[str, str, str], ...]:
-    """(Port, signal, parameter) for each parameter of ``names`` that multiplies the signal in
-    a rate to which the port adds: the slope by the parameter differs at two values of the signal.
+    """Return (port, signal, parameter) for each parameter of ``names`` that multiplies the signal
+    in a rate to which the port adds: the slope by the parameter differs at two values of it.
     """
     here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
@@ -125,10 +125,10 @@ def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...
 
     With A and C the slopes of rates and readings by the states, a bias is unobservable if C x0
     equals it for a constant change x0 of the states with A x0 = 0. Slopes are taken at points on
-    two sides of the starting values; a bias that is observable at one of them counts.
+    both sides of the starting values; a bias is observable if it is so at one of them.
     """
     observable = [
-        _observable(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
+        _observable(*_state_slopes(equations, neighbouring_point(starts, side)))
         for side in (1.0, -1.0)
     ]
     return tuple(
@@ -147,10 +147,7 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
         if signal.name in states
     ]
     slopes = (
-        [
-            _own_sensors_slopes(equations, neighbouring_point(starts, side))[1]
-            for side in (1.0, -1.0)
-        ]
+        [_state_slopes(equations, neighbouring_point(starts, side))[1] for side in (1.0, -1.0)]
         if both
         else []
     )
@@ -177,8 +174,8 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
             )
 
 
-def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
+def _state_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
+    """Return slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
     names, p = [signal.name for signal in equations.states], Signals(**at.parameters)
 
     def answers(x: Sequence[Any]) -> list[Any]:
@@ -198,14 +195,14 @@ def _observable(A: np.ndarray, C: np.ndarray) -> list[int]:
     C = C / np.where(sizes > 0.0, sizes, 1.0)
     chosen: list[int] = []
     for i in range(len(C)):
-        if _seen(A, C, [*chosen, i]) > _seen(A, C, chosen):
+        if _observability_rank(A, C, [*chosen, i]) > _observability_rank(A, C, chosen):
             chosen.append(i)
     return chosen
 
 
-def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
-    """Rank of the observability matrix with the states and these biases as unknowns; time is
-    scaled, which changes no rank.
+def _observability_rank(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
+    """Return the rank of the observability matrix with the states and these biases as unknowns;
+    time is scaled, which changes no rank.
     """
     n, k = len(A), len(biases)
     rate = np.linalg.norm(A, 2)
@@ -224,7 +221,7 @@ Units = Mapping[str, str]
 Numbers = Mapping[str, tuple[float, str]]
 
 TIME = "time"
-BIAS = "bias_"  # what the parameter of a sensor's bias begins with
+BIAS = "bias_"  # prefix of the parameter of a sensor's bias
 
 
 def own_model(
@@ -250,19 +247,19 @@ def own_model(
 
     Parameters
     ----------
-    name : of the model, for tables and messages.
+    name : name of the model in tables and messages.
     states, inputs, outputs : name -> unit. An output with the name of a state reads that state.
-    parameters : name -> (start, unit), estimated.
+    parameters : name -> (starting value, unit), estimated.
     constants : name -> (value, unit), fixed.
-    rates : ``rates(s, p)`` gives the rate of each state by name, in its unit per second.
-    readings : ``readings(s, p)`` gives each output by name.
+    rates : ``rates(s, p)`` returns the rate of each state by name, in its unit per second.
+    readings : ``readings(s, p)`` returns each output by name.
     ports : name -> unit of disturbances, zero unless an effect adds to them, read as ``s.PORT``;
-        None: one port ``STATE_rate`` for each state, added to its rate.
-    flow : ``flow(s, p)`` gives further signals by name, formed once for both other functions.
-    initial : name -> initial value of a state, else zero; of an input: where functions are tried.
+        None for one port ``STATE_rate`` for each state, added to its rate.
+    flow : ``flow(s, p)`` returns further signals by name, computed once for both other functions.
+    initial : name -> initial value of a state, else zero; of an input, its value in the trial.
     bounds : name of a parameter -> (lowest, highest).
-    biases : outputs whose sensors have a free constant bias; None: all whose bias is observable
-        beside the initial states.
+    biases : outputs whose sensors have a free constant bias; None for all whose bias is observable
+        together with the initial states.
 
     Raises
     ------
@@ -580,7 +577,7 @@ def _biased(model: str, biases: object, outputs: list[str]) -> tuple[str, ...]:
 def _refuse_collisions(
     model: str, signals: _DeclaredSignals, numbers: Mapping[str, tuple[Parameter, ...]]
 ) -> None:
-    """Refuse a name that is declared twice; only an output and a state may share one."""
+    """Raise ModelError for a name declared twice; only an output and a state may share one."""
     states, inputs, outputs, ports = signals
     declared: dict[str, Sequence[Signal | Parameter]] = {"states": states, "inputs": inputs}
     declared |= {"ports": ports, **numbers, "outputs": outputs}

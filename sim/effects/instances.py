@@ -1,5 +1,5 @@
-"""Instances of an effect on the inputs and outputs of given equations: names, sizes, advice to
-separate them; affected coefficients of controls, one-parameter curves, half widths.
+"""Common parts of effects: instances for the inputs and outputs of given equations, their names and
+sizes; advice that separates effects; coefficients of controls; base classes; play.
 """
 
 from __future__ import annotations
@@ -28,30 +28,31 @@ from sim.maths import maximum, minimum
 
 # ---- Instances of an effect on the inputs and outputs of any equations
 
-# Inputs (name, unit) whose instances are defined in the effects' own files.
+# Inputs and outputs (name, unit) whose instances are in ``VARIANTS`` of the effects' files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
 KNOWN_OUTPUTS = {("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("altitude", "m")}
-# units in which effects use these ports
+# Port -> unit that effects use for it.
 PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}
-ATTITUDE = "theta"  # as an input it was measured, like an airspeed that is a port
-# Ports of air motion; the others take loads.
+ATTITUDE = "theta"  # as an input it is a measured attitude and no control
+# Ports of air motion; the other ports take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
+# Unit -> typical large deflection; unit -> typical large reading.
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
 _LARGE_OUTPUT = {"rad": 0.2, "rad/s": 0.2, "g": 2.0, "m/s": 20.0, "m": 1000.0, "m/s2": 20.0}
 
 
 def labelled(name: str, label: str) -> str:
-    """``input-delay:rudder``; the plain name where the label is empty."""
+    """Return a name with a label, ``input-delay:rudder``; the plain name if the label is empty."""
     return f"{name}:{label}" if label else name
 
 
 def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
-    """Several names with the same label."""
+    """Return several names with the same label, as ``labelled``."""
     return tuple(labelled(name, label) for name in names)
 
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
-    """Return the inputs that a pilot or controller moves, without measured motion and air."""
+    """Return the inputs that a pilot or controller moves: no measured motion or air data."""
     attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
     others = {
         *attitude,
@@ -62,8 +63,9 @@ def controls(equations: Equations) -> tuple[Signal, ...]:
 
 
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
-    """Inputs that need instances of their own, with the label of each: its name, if there are
-    several inputs.
+    """Return the inputs that no ``VARIANTS`` cover, each with the label of its instances.
+
+    The label is the name of the input if there are several inputs, else it is empty.
     """
     if isinstance(equations, Containing):
         # These equations include the input path.
@@ -78,7 +80,7 @@ def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
 
 
 def further_outputs(equations: Equations) -> tuple[Signal, ...]:
-    """Outputs that need instances of their own."""
+    """Return the outputs that no ``VARIANTS`` cover."""
     return tuple(
         signal for signal in equations.outputs if (signal.name, signal.unit) not in KNOWN_OUTPUTS
     )
@@ -87,8 +89,8 @@ def further_outputs(equations: Equations) -> tuple[Signal, ...]:
 def for_inputs(
     equations: Equations, *makers: Callable[[Signal, str], Traceable]
 ) -> tuple[Traceable, ...]:
-    """Return the effects that each maker gives for each input without an instance yet: of a signal
-    and a label.
+    """Return the effects that each maker makes, from a signal and a label, for each of the
+    ``further_inputs``.
     """
     inputs = further_inputs(equations)
     return tuple(make(signal, label) for make in makers for signal, label in inputs)
@@ -97,9 +99,7 @@ def for_inputs(
 def sized(
     kind: Callable[[str, str, float, str, bool], Traceable], share: float
 ) -> Callable[[Signal, str], Traceable]:
-    """Return a maker of effects of a given size, as a share of a large deflection in the unit of
-    the input.
-    """
+    """Return a maker of effects whose size is a share of a large deflection in the input's unit."""
     return lambda signal, label: kind(
         signal.name, signal.unit, share * large_input(signal.unit), label, has_size(signal.unit)
     )
@@ -108,14 +108,15 @@ def sized(
 def for_outputs(
     equations: Equations, *makers: Callable[[Signal], Traceable]
 ) -> tuple[Traceable, ...]:
-    """Return the effects that each maker gives for each output without an instance yet."""
+    """Return the effects that each maker makes for each of the ``further_outputs``."""
     outputs = further_outputs(equations)
     return tuple(make(signal) for make in makers for signal in outputs)
 
 
 def large_input(unit: str) -> float:
-    """Typical large deflection in a unit; 1 if unknown: such an effect uses the record's
-    (``input_peak``).
+    """Return a typical large deflection in a unit; 1 for an unknown unit.
+
+    In an unknown unit the size follows from the peak of the recorded input.
     """
     return _LARGE_INPUT.get(unit, 1.0)
 
@@ -131,7 +132,7 @@ def has_output_size(unit: str) -> bool:
 
 
 def in_its_unit(effect: object, equations: Equations) -> bool:
-    """Whether the input, output and ports of an effect have the units that it is written for."""
+    """Return whether input, output and ports of an effect have the units that it is written for."""
     units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
     name = (
         effect.signal
@@ -142,24 +143,24 @@ def in_its_unit(effect: object, equations: Equations) -> bool:
     )
     wanted = getattr(effect, "unit", units.get(name, ""))
     ports = {port.name: port.unit for port in equations.ports}
-    through = all(
+    ports_agree = all(
         ports.get(port) == PORT_UNITS[port] for port in ports_needed(effect) if port in PORT_UNITS
     )
-    return through and (name not in units or wanted == units[name])
+    return ports_agree and (name not in units or wanted == units[name])
 
 
 def large_output(unit: str) -> float:
-    """Typical large reading in a unit; 1 if unknown."""
+    """Return a typical large reading in a unit; 1 for an unknown unit."""
     return _LARGE_OUTPUT.get(unit, 1.0)
 
 
 def per(unit: str) -> str:
-    """Return one over a unit."""
+    """Return the unit 1/unit."""
     return f"1/({unit})" if "/" in unit or " " in unit else f"1/{unit}"
 
 
 def per_square(unit: str) -> str:
-    """Return one over the square of a unit."""
+    """Return the unit 1/unit^2."""
     return f"1/({unit})/({unit})" if "/" in unit or " " in unit else f"1/{unit}2"
 
 
@@ -168,12 +169,12 @@ def load_ports(equations: Equations) -> tuple[Signal, ...]:
     return tuple(port for port in equations.ports if port.name not in AIR)
 
 
-def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
-    """Load ports of a user model on which none of the effects ``listed`` acts."""
+def ports_without(variants: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
+    """Return the load ports of a user model on which none of the effects ``variants`` acts."""
     parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     acting = (
         effect
-        for effect in listed
+        for effect in variants
         if parameter_names.issuperset(constants_needed(effect))
         and ports.issuperset(ports_needed(effect))
     )
@@ -182,7 +183,7 @@ def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """Return the unit of a slope of a port by the product of some signals, as ``m/s2/(m/s)/N``."""
+    """Return the unit of the derivative of a port by a product of signals, as ``m/s2/(m/s)/N``."""
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
@@ -203,8 +204,8 @@ ANOTHER_FALL = (
 )
 BEYOND_PRODUCTS = (
     "both signals moved far, together and one after the other: as long as a derivative grows "
-    "evenly with a signal, all that a record shows is the product of two signals, whichever of the "
-    "two derivatives it is"
+    "evenly with a signal, a record shows only the product of two signals, whichever of the two "
+    "derivatives it is"
 )
 
 
@@ -213,8 +214,14 @@ BEYOND_PRODUCTS = (
 
 @dataclass(frozen=True)
 class LateralControl:
-    """A lateral control surface: its signal, its main derivative and its side force, the ports of
-    both, and the third pair.
+    """A lateral control surface.
+
+    Attributes
+    ----------
+    control : signal of the control.
+    moment_by, lift_by : its main moment derivative, and that of the side force.
+    ports : ports of this moment and of the side force.
+    further : port and derivative of its other moment.
     """
 
     control: str
@@ -240,20 +247,20 @@ class NonlinearControl:
     """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the
     vehicle's derivatives by the control.
 
-    ``lift_share`` is one where lift and moment come from one force on the surface, zero where the
-    moment alone is nonlinear. f has one further parameter, ``bend``; a subclass defines its
+    ``lift_share`` is one if lift and moment come from one force on the surface, and zero if only
+    the moment is nonlinear. f has one further parameter, ``bend``; a subclass defines its
     ``curve``.
 
     Attributes
     ----------
-    control : the signal.
-    moment_by, lift_by : names of the derivatives.
-    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
-    ports : that moment and lift add to.
-    further : ports beside them, each with its derivative by the control.
-    label : of the name, where there are several controls.
-    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
-        deflections are totals, and d counts from the ``middle`` of the range.
+    control : signal of the control.
+    moment_by, lift_by : names of its derivatives.
+    share_free : whether ``lift_share`` is estimated; it is not for a control with hardly any lift.
+    ports : ports of the moment and of the lift.
+    further : further ports, each with its derivative by the control.
+    label : suffix of the effect's name, where the vehicle has several controls.
+    speed : name of the constant that is the declared airspeed. With a ``reference_airspeed``
+        deflections are totals, and d counts from ``middle``, the middle of the range.
     """
 
     control: str = "elevator"
@@ -302,7 +309,7 @@ class NonlinearControl:
         )
 
     def curve(self, d: Any, p: Any) -> Any:
-        """f(d)."""
+        """Return f(d)."""
         raise NotImplementedError
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -317,7 +324,7 @@ class NonlinearControl:
         return ()
 
     def used(self, context: SearchContext) -> tuple[float, float]:
-        """Return the largest deflection from the middle that a record used, and the middle, in the
+        """Return the largest deflection from the middle in a record, and the middle, in the
         control's unit.
         """
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
@@ -333,8 +340,10 @@ Form = TypeVar("Form", bound=NonlinearControl)
 
 
 def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:
-    """Return a form on every control of the equations; ``pseudo_control`` holds its usual sizes on
-    that of the low-order equivalent.
+    """Return a form for the controls of all built-in equations.
+
+    ``pseudo_control`` has the attributes of the form on the pseudo-control of the low-order
+    equivalent system.
     """
     lateral = (
         form(
@@ -388,15 +397,15 @@ class OfChannel:
 
 @dataclass(frozen=True)
 class SizedOnInput(OfInput):
-    """An effect on an input whose one parameter has a size in the unit of that input.
+    """An effect on an input with one parameter, in the unit of that input.
 
     A subclass has ``of_peak``, the typical value as a share of the input's peak.
 
     Attributes
     ----------
-    signal, unit : the input it acts on.
-    typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
+    signal, unit : name and unit of the input.
+    typical : starting value of the parameter; if not ``sized``, it follows from the record.
+    label : suffix of the effect's name, where the vehicle has several inputs.
     """
 
     signal: str = "elevator"
@@ -408,9 +417,7 @@ class SizedOnInput(OfInput):
     of_peak: ClassVar[float]
 
     def fitted_to(self, context: SearchContext) -> Self:
-        """Return the effect; without a usual size for the input's unit, with a size from its
-        record.
-        """
+        """Return the effect; if it is not ``sized``, with a size from the peak of the record."""
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=self.of_peak * peak)
 
@@ -421,7 +428,7 @@ ABSENT: Mapping[str, float] = MappingProxyType({"half_width": 0.0})
 
 
 def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
-    """Return the one parameter, which is not negative."""
+    """Return the parameter ``half_width``, which is not negative, as a tuple of one."""
     return (Parameter("half_width", typical, unit, bounds=(0.0, 1e9)),)
 
 
@@ -442,14 +449,14 @@ def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
 
 
 def played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """Return the output of backlash for one run.
+    """Return the output ``(n,)`` of backlash for one input ``u (n,)``.
 
-    While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width),
-    y0 that at the last turn.
+    While the input rises y = max(y0, u - half_width), and while it falls y = min(y0, u +
+    half_width), where y0 is the output at the last turn of the input.
     """
     change = np.sign(np.diff(u.real))
     moves = np.flatnonzero(change)
-    # the last cell before each turn's first move
+    # Index of the last cell before the first move of each turn.
     turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
     last = np.append(turns, len(u) - 1)
     rising = bool(len(moves) == 0 or change[moves[0]] > 0)

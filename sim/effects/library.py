@@ -1,8 +1,8 @@
-"""The library of effects, found by file: a new effect is one new file in the folder of its station.
+"""The library of effects: every module in the folder of a station is found automatically.
 
-Every module in a station's folder defines ``VARIANTS: tuple[Effect, ...]``, the instances that the
-library offers: one for each channel or input the effect may act on, with parameters at typical
-values. Effects of one family may share a file; each is listed under its own name.
+Such a module defines ``VARIANTS: tuple[Effect, ...]``, the instances that the library offers: one
+for each channel or input on which the effect may act, with parameters at typical values. Effects of
+one family may share a file.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def effect_modules() -> tuple[ModuleType, ...]:
 
 
 def library() -> tuple[Effect, ...]:
-    """Every instance that the library offers; a module without ``VARIANTS`` is a ModelError."""
+    """Return every instance of the library; raise ModelError for a module without ``VARIANTS``."""
     effects: list[tuple[str, Effect]] = []
     for module in effect_modules():
         variants = getattr(module, "VARIANTS", ())
@@ -72,11 +72,11 @@ def library() -> tuple[Effect, ...]:
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
-    """Return the effects that can act on a vehicle: those whose input, channel and ports it has,
-    and those made from its declaration.
+    """Return the effects that can act on a vehicle.
 
-    A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
-    ports that none of its ``VARIANTS`` is for.
+    These are instances in ``VARIANTS`` whose input, channel and ports the vehicle has, and
+    instances for its other inputs, outputs and ports, which ``made_for(equations)`` of a module
+    makes if the module has this function.
     """
     candidates: list[tuple[str, Effect]] = []
     for module in effect_modules():
@@ -89,8 +89,9 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
 
 
 def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
-    """Each effect of a file with its name in the list of its station: the name of the file, or of
-    the effect if the file has several.
+    """Return the effects of a module, each with the name by which it is sorted.
+
+    That is the name of the module, or of the effect if the module has several.
     """
     stems = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
     file = module.__name__.rpartition(".")[2]
@@ -101,15 +102,15 @@ def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[st
 
 
 def _in_order(effects: Sequence[tuple[str, Effect]]) -> tuple[Effect, ...]:
-    """Effects in the order of the signal chain, then by the names of ``_with_places``."""
+    """Return effects in the order of the signal chain, then by the names of ``_with_places``."""
     stations = [*Station]
     ordered = sorted(effects, key=lambda each: (stations.index(each[1].station), each[0]))
     return tuple(effect for _, effect in ordered)
 
 
 def other_names(equations: Equations) -> dict[str, str]:
-    """Further names of some effects of a vehicle, each with the effect's own: from
-    ``other_names(equations)`` of a module.
+    """Return further name -> name of an effect of a vehicle, from ``other_names(equations)`` of the
+    modules.
     """
     names: dict[str, str] = {}
     for module in effect_modules():
@@ -118,13 +119,11 @@ def other_names(equations: Equations) -> dict[str, str]:
 
 
 def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the catch-all terms of a vehicle: they compete with its effects and name no cause.
-    They are not in the library, but found by file like it.
+    """Return the catch-all terms of a vehicle, which compete with its effects and name no cause.
 
-    A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a
-    user's own model.
-
-    If one of them is the likeliest, a cause outside the library acts.
+    If one of them is the most probable, a cause outside the library acts. They are not in the
+    library, but are found by file in the same way; ``made_for(equations)`` of a file makes those
+    for the signals and ports of a user's model.
     """
     package = importlib.import_module("sim.effects.guards")
     candidates: list[Traceable] = []
@@ -146,22 +145,22 @@ def applies(effect: Effect, equations: Equations) -> bool:
     if isinstance(effect, StateJumpEffect) and states != {*effect.states_read}:
         return False
     # With several inputs each has its own instance, named by its label.
-    whose = (
+    has_right_label = (
         not isinstance(effect, OnSignal)
         or len(controls(equations)) == 1
         or getattr(effect, "label", effect.signal) != ""
     )
-    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
-    read = (not isinstance(effect, OnChannel) or effect.channel in outputs) and outputs.issuperset(
-        outputs_read_by(effect)
-    )
-    able = ports.issuperset(ports_needed(effect)) and states.issuperset(
+    input_exists = not isinstance(effect, OnSignal) or (effect.signal in inputs and has_right_label)
+    outputs_exist = (
+        not isinstance(effect, OnChannel) or effect.channel in outputs
+    ) and outputs.issuperset(outputs_read_by(effect))
+    ports_and_states_exist = ports.issuperset(ports_needed(effect)) and states.issuperset(
         (*rates_read_by(effect), *states_read_by(effect))
     )
     return (
-        fed
-        and read
-        and able
+        input_exists
+        and outputs_exist
+        and ports_and_states_exist
         and in_its_unit(effect, equations)
         and {*equations.parameter_names}.issuperset(constants_needed(effect))
     )
@@ -173,10 +172,10 @@ def effect_names() -> tuple[str, ...]:
 
 
 def traits_of(name: str) -> Traits:
-    """Return the traits of the library's effect of that name, or of its first instance
-    (``elastic-mode`` for ``elastic-mode#2``).
+    """Return the traits of the effect of the library with a name; empty for an unknown name.
 
-    An unknown name has empty traits; instances made from a declaration carry their own.
+    A numbered instance (``elastic-mode#2``) has the traits of the first one (``elastic-mode``).
+    Instances made from a declaration are not in the library; they have traits of their own.
     """
     effects = [effect for effect in library() if isinstance(effect, Traceable)]
     first = [effect for effect in effects if effect.name == name.partition("#")[0]]
@@ -190,15 +189,14 @@ def traits_of(name: str) -> Traits:
 
 
 def find_effect(name: str, equations: Equations | None = None) -> Effect:
-    """Return the effect of that name, for one vehicle or for any.
+    """Return the effect with a name, for the equations of a vehicle or of any vehicle.
 
-    A name without its part after the colon will do where only one instance is offered
-    (``"elastic-mode"`` for ``"elastic-mode:1"``), and of a vehicle another name of an effect
-    (``other_names``).
+    The part after the colon may be left out if there is only one instance (``"elastic-mode"`` for
+    ``"elastic-mode:1"``). For a vehicle the name may be one of ``other_names``.
 
     Raises
     ------
-    ModelError : no such effect (the nearest name is suggested), or several of that name.
+    ModelError : there is no such effect (the nearest name is suggested), or there are several.
     """
     effects = library() if equations is None else effects_for(equations)
     name = name if equations is None else other_names(equations).get(name, name)

@@ -19,21 +19,26 @@ from sim.maths import G0, clip, combine, cos, natural_shapes, once_for_alike, sh
 
 # ---- Earlier values of a channel, for sensors with a delay
 
-# s over which a jump at a sample is spread, as cells do for a delayed input
+# s; a jump at a sample is spread over this time, as a delayed input is by its cells.
 JUMP_SPREAD_TIME = 0.001
 
 
 def each_run_earlier(
     steps: Any, begin: Any, end: Any, shown: Callable[..., Any], *values: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values at the times ``shown(edges, *values)``, for a channel that is linear from
-    ``begin`` to ``end`` of each sub-step.
+    """Return the values of a channel at the earlier times ``shown(edges, *values)``.
 
-    ``begin`` ``(M + 1, ...)``, ``end`` ``(M, ...)`` and ``steps`` ``(M,)`` as in
-    ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs with equal values are
-    computed together. ``edges`` ``(M + 1,)`` count from the record's start, s. Before the start the
-    first value holds. Just before an edge at which the channel jumps (within ``JUMP_SPREAD_TIME``)
-    the value changes linearly across it, so that outputs are continuous in the delay.
+    The channel is linear from ``begin`` to ``end`` of each sub-step. Before the start its first
+    value holds. A jump at an edge is spread linearly over the ``JUMP_SPREAD_TIME`` before it, so
+    that outputs are continuous in the delay.
+
+    Parameters
+    ----------
+    steps, begin, end : ``(M,)``, ``(M + 1, ...)`` and ``(M, ...)`` as in ``SensorEffect.act``.
+    shown : function of the edges ``(M + 1,)``, s from the record's start, and of ``values``, that
+        returns the time shown at each edge.
+    values : parameters of a run, which broadcast with the batch axes. Runs with equal values are
+        computed together.
     """
     begin, end, steps = np.asarray(begin), np.asarray(end), np.asarray(steps)
     given = [np.asarray(value) for value in values]
@@ -58,8 +63,9 @@ def each_run_earlier(
 def _earlier(
     edges: np.ndarray, steps: np.ndarray, begin: np.ndarray, end: np.ndarray, then: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Runs ``(M + 1, c)`` and ``(M, c)`` at the times ``then (M + 1,)``, none after the end: just
-    after and just before each of them.
+    """Return the values of c runs just after and just before the times ``then (M + 1,)``, s.
+
+    ``begin`` is ``(M + 1, c)`` and ``end`` ``(M, c)``. Times after the end are set to the end.
     """
     then = np.where(then.real > edges[-1], edges[-1], then)
     # Each earlier time lies in sub-step k, its end included; before the first sub-step k = -1.
@@ -83,37 +89,36 @@ SLOW_WIDTH = 0.1  # s, for bodies tracked over minutes
 
 
 def risen(time: Any, at: Any, width: float) -> Any:
-    """Smooth step: 0 before the time ``at``, 1 after it, a straight ramp of ``width`` s centred on
-    it.
+    """Return a step with a ramp: 0 before the time ``at``, 1 after it, s.
 
-    Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on the
-    position of ``at`` between them.
+    The ramp lasts ``width`` s and is centred on ``at``. If ``width`` is a multiple of the sub-step
+    of an integration, the integral does not depend on the position of ``at`` between sub-steps.
     """
     return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
 def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
-    """Return the largest integer fraction of a sampling interval that is at most ``usual``: the
-    sub-step of a fit.
+    """Return the sub-step of a fit, s: the largest integer fraction of a sampling ``interval`` that
+    is at most ``usual``.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
 
 
-# ---- An input moved along the time axis, on cells that hold its means
+# ---- An input that is shifted in time, as means over cells
 
 
 def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Return the means of u(t - delay) over each cell, exact for an input that is constant within
-    cells; before the first edge its first value holds.
+    """Return the means of u(t - delay) over each cell ``(n,)``.
 
-    A cell shifted by the delay starts in cell j and ends in cell k. Its mean is u[k] plus the
-    differences of the cells before k, so that a delay of zero returns u exactly. At a cell's edge
-    the derivative is that for longer delays.
+    They are exact for an input that is constant within cells. Before the first edge the first value
+    holds. A cell that is shifted by the delay begins in cell j and ends in cell k. Its mean is
+    computed as u[k] plus contributions of the cells before k, so that a delay of zero returns u
+    exactly. If the shifted edge is an edge of a cell, the derivative is that towards longer delays.
 
     Parameters
     ----------
-    edges : ``(n + 1,)`` s, increasing.
-    u : ``(n,)``.
+    edges : ``(n + 1,)``, boundaries of the cells, s, increasing.
+    u : ``(n,)``, mean of the input over each cell.
     delay : s, not negative; may be complex.
     """
     width, last = np.diff(edges), len(u) - 1
@@ -129,8 +134,9 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
 
 def moved_ahead(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: after the last
-    edge the last value holds.
+    """Return the means of u(t + delay), as ``moved_back`` with time reversed.
+
+    After the last edge the last value holds.
     """
     return moved_back(-edges[::-1], u[::-1], delay)[::-1]
 
@@ -145,7 +151,9 @@ DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
 
 
 def gust_parameters(fine: bool) -> tuple[Parameter, ...]:
-    """``peak`` and three shapes where ``fine``, m/s; ``start`` and ``duration``, s."""
+    """Return the parameters of a gust: ``peak`` and, if ``fine``, three shapes, m/s; ``start`` and
+    ``duration``, s.
+    """
     shapes = tuple(
         Parameter(name, 0.3, "m/s", bounds=(-50.0, 50.0)) for name in (SHAPES if fine else ())
     )
@@ -158,17 +166,20 @@ def gust_parameters(fine: bool) -> tuple[Parameter, ...]:
 
 
 def calm_air(fine: bool) -> Mapping[str, float]:
-    """Parameter values without a gust."""
+    """Return the parameter values at which there is no gust."""
     return MappingProxyType(dict.fromkeys(("peak", *(SHAPES if fine else ())), 0.0))
 
 
 def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
-    """w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)), m/s, zero outside the gust; with
-    ``lasting`` the first half, and then the peak.
+    """Return the speed of a gust, w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)), m/s.
 
-    With ``fine`` + the sum of ``shape1`` ... ``shape3`` times sin(k pi x), x from 0 to 1 over the
-    gust, or over its rise, minus their contribution at the peak. ``time`` in s; ``p`` has the
-    parameters of ``gust_parameters``.
+    Parameters
+    ----------
+    time : s.
+    p : parameters of ``gust_parameters``.
+    lasting : whether the gust keeps its peak after its first half; else it is zero outside.
+    fine : add the sum of ``shape1`` ... ``shape3`` times sin(k pi x), where x runs from 0 to 1 over
+        the gust or its rise, minus the contribution of each shape at the peak.
     """
     end = 0.5 if lasting else 1.0
 
@@ -191,8 +202,9 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
 
 
 def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
-    """Probe the peak of a gust at the begin of the record, for some durations; a later start only
-    shifts the response.
+    """Return probes of the peak of a gust at the begin of the record, for some durations.
+
+    A later start only shifts the response.
     """
     durations = [
         duration
@@ -211,8 +223,14 @@ def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
 
 
 def at_arm(s: Any, vehicle: Any, arm: Any, rate: str, speed: str) -> Any:
-    """(arm/V) rate, rad: V the airspeed at the time, or the declared one of equations without;
-    ``arm`` in m, ``rate`` and ``speed`` by name.
+    """Return (arm/V) rate, the change of a vane's reading by rotation, rad.
+
+    Parameters
+    ----------
+    s, vehicle : signals, and constants of the equations.
+    arm : distance of the vane from the centre of gravity, m.
+    rate : name of the angular rate.
+    speed : name of the constant that is V if the equations have no state of airspeed.
     """
     V = s.V if hasattr(s, "V") else getattr(vehicle, speed)
     return arm / V * getattr(s, rate)
@@ -224,8 +242,9 @@ LOADS = ("lift", "moment")
 
 
 class SizedOnPorts:
-    """Base of terms with one size for each port that they load; the parameter has the name of the
-    port, and the term is absent if all sizes are zero.
+    """Base of terms with one size for each port to which they add.
+
+    The parameter has the name of the port. The term is absent if all sizes are zero.
     """
 
     ports: tuple[str, ...]
@@ -242,7 +261,7 @@ class SizedOnPorts:
 def load_parameters(
     sizes: Sequence[float], units: Sequence[str], ports: Sequence[str] = LOADS
 ) -> tuple[Parameter, ...]:
-    """One parameter for each of some ports, named after it, with a usual size in its unit."""
+    """Return a parameter for each port, with the name of the port, a usual size and a unit."""
     return tuple(
         Parameter(name, size, unit) for name, size, unit in zip(ports, sizes, units, strict=True)
     )
@@ -281,20 +300,21 @@ _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
 def weight_lift(
     change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0
 ) -> Any:
-    """Increment of the port ``lift`` where the airspeed changes by ``change`` (m/s) with surfaces
-    and attitude at trim.
+    """Return the increment of the port ``lift`` by a change of the airspeed at trim.
 
-    About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 - 1), V the
-    changed airspeed. On equations with a mass ``lift`` is a coefficient, m g0/S (1/qbar_0 -
-    1/qbar); on those with a dimensional lift it is that rate of alpha, 1/s, negative where the
-    aircraft is faster. qbar_0 holds at the declared airspeed and density.
+    The lift that carries the weight follows the dynamic pressure qbar, with surfaces and attitude
+    at trim. About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 -
+    1), where V is the changed airspeed and qbar_0 the pressure at the declared airspeed and
+    density. In equations with a mass the port is a coefficient, and its increment m g0/S (1/qbar_0
+    - 1/qbar). In equations with a dimensional lift it is the change of alpha_dot, 1/s, negative for
+    a faster aircraft.
 
     Parameters
     ----------
-    change : m/s, above what the ports hold already.
+    change : change of the airspeed, m/s, in addition to ``airspeed_change``.
     vehicle : constants of the equations.
-    airspeed_change, density_change : m/s and kg/m3, what the ports of these names hold before;
-        their own lift is not counted here.
+    airspeed_change, density_change : m/s and kg/m3, values of the ports of these names; their lift
+        is not part of the result.
     """
     V = vehicle.airspeed + airspeed_change
     if hasattr(vehicle, "mass"):
@@ -306,7 +326,7 @@ def weight_lift(
 
 
 def _excess(V: Any, vehicle: Any) -> Any:
-    """(g/V) (qbar/qbar_0 - 1), 1/s, at constant density."""
+    """Return (g/V) (qbar/qbar_0 - 1), 1/s, at constant density."""
     return vehicle.gravity / V * (V * V / (vehicle.airspeed * vehicle.airspeed) - 1.0)
 
 
@@ -317,24 +337,26 @@ _WIDEST = 30.0  # largest plausible size of a shape, in usual sizes
 
 @dataclass(frozen=True)
 class LoadCurve:
-    """``port`` += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0; of
-    sideslip, f(beta).
+    """A nonlinear load: ``port`` += f(alpha), or f(beta) for loads of sideslip.
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`): each is the root mean square
-    that its shape adds over the range, in the port's unit: a coefficient on the rigid aircraft, 1/s
-    of alpha_dot or 1/s2 on the low-order equivalent system. alpha in rad, the gust included;
-    outside the range f is linear. The slope at zero belongs to the declared derivative.
+    f is a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0, because the slope at
+    zero belongs to the declared derivative; it is linear outside the range. f = sum of ``shape1``
+    ... times orthonormal shapes (`sim.maths`). Each parameter is the root mean square that its
+    shape adds over the range, in the unit of the port: a coefficient on the rigid aircraft, 1/s of
+    alpha_dot or 1/s2 on the low-order equivalent system. The angle is in rad and includes the gust.
 
     Attributes
     ----------
-    port : what it adds to.
-    name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
-    unit, size : of what is added, and a usual one.
-    needs_constants : those of the equations it is written for.
-    angle, flown : what it is a curve of, and the output that shows its range.
-    middle : of that range, from which f counts where the angle is a ``total``.
-    low, high : the flown range, rad.
-    fine : nine shapes instead of four, the first four the same.
+    port : port to which the load is added.
+    name, short_name, explanation : as of every effect.
+    load : the load in words, as the begin of a sentence.
+    unit, size : unit and usual size of the load.
+    needs_constants : constants that the equations must have.
+    angle, flown : signal of the angle, and output that shows its range.
+    middle : middle of the range, from which f counts if the angle is a ``total``.
+    total : whether the angle is a total value and no perturbation.
+    low, high : range of the angle in the record, rad.
+    fine : use nine shapes instead of four; the first four are the same.
     """
 
     port: str
@@ -364,8 +386,8 @@ class LoadCurve:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # Regularises shapes that the model does not reach: with a wrong reading of the angle it
-        # flies less than the record shows.
+        # The prior regularises shapes at angles that the model does not reach: with a wrong reading
+        # of the angle, its range is smaller than that of the record.
         names = enumerate(shape_names(self.fine))
         return tuple(
             Parameter(
@@ -392,13 +414,10 @@ class LoadCurve:
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        at = getattr(s, self.angle)
-        at = at - self.middle if self.total else at
-        return {
-            self.port: combine(
-                natural_shapes(self.low - self.middle, self.high - self.middle, self.fine), at, p
-            )
-        }
+        angle = getattr(s, self.angle)
+        angle = angle - self.middle if self.total else angle
+        shapes = natural_shapes(self.low - self.middle, self.high - self.middle, self.fine)
+        return {self.port: combine(shapes, angle, p)}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()

@@ -18,6 +18,7 @@ from sim.truth.flight import Distance, Truth
 from sim.truth.measurement import white_noise
 
 Gains = Mapping[str, Mapping[str, float]]
+FEED_THROUGH_TOLERANCE = 1e-12  # relative change of an output that is rounding, no feed-through
 
 
 def fly_with_feedback(
@@ -33,24 +34,26 @@ def fly_with_feedback(
     distance: Distance = Distance.OTHER_STEP,
     name: str = "record",
 ) -> tuple[Record, Truth]:
-    """Simulate a model under feedback and measure it; the recorded input is the one that flew.
+    """Simulate a model under feedback and measure it; inputs are recorded as they act.
 
-    At each sample every input is its maneuver's value plus the sum over ``gains[input]`` of gain
-    times measured output, noise included, less that output's value at the start without noise; it
+    At each sample an input is the value of its maneuver plus feedback: the sum over
+    ``gains[input]`` of gain times (measured output minus its value at the start without noise). It
     is held to the next sample.
 
     Parameters
     ----------
-    gains : by input, then by output, in the input's unit over the output's. Outputs that an input
-        moves at once, as a load factor, are refused.
-    time : ``(N,)`` s.
+    gains : by input, then by output, in the unit of the input over that of the output. Outputs with
+        feed-through, such as a load factor, are refused.
+    time : ``(N,)``, s.
     step : largest integration step, s.
-    method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
+    method : integrator; None for Runge-Kutta's method of order 4.
+
+    The other parameters are those of ``fly``; process noise may act on states only.
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop,
-        parameters that drift, a flight that diverges.
+    ModelError : an input or output is unknown; effects on the input or sensor path; an algebraic
+        loop; parameters that walk randomly; or a flight that diverges.
     """
     system, method = compile_model(model, outputs), method or rk4_step
     loop = _Loop(system, model, maneuvers, gains)
@@ -73,7 +76,7 @@ def fly_with_feedback(
         u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x
         if k < N - 1:
-            x = _carried(
+            x = _states_at_next_sample(
                 loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng
             )
         if not np.all(np.isfinite(x)):
@@ -109,8 +112,11 @@ def fly_with_feedback(
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """A compiled model with its controller; refuses what a loop closed sample by sample cannot
-    have.
+    """A compiled model with its controller, which acts sample by sample.
+
+    Raises
+    ------
+    ModelError : effects on the input or sensor path, unknown signals, or parameters that walk.
     """
 
     system: System
@@ -150,6 +156,7 @@ class _Loop:
                 )
 
     def densities(self) -> list[float]:
+        """Return the spectral density of the forcing of each state."""
         return [
             float(value) for value in self.system.noise(self.system.parameters.values().tolist())[0]
         ]
@@ -161,13 +168,15 @@ class _Loop:
     def closed(
         self, t: float, x: list[Any], noise: np.ndarray, start: list[float]
     ) -> tuple[list[float], list[float]]:
-        """Inputs at a sample and the outputs without noise; ``start`` are those at the
-        beginning.
+        """Return the inputs at a sample, and the outputs without noise.
+
+        ``noise`` is that of the outputs, and ``start`` are the outputs at the start without noise.
         """
         system, command = self.system, self.command(t)
-        felt = self.outputs(t, x, command)
+        open_loop = self.outputs(t, x, command)
         readings = {
-            key: felt[i] + float(noise[i]) - start[i] for i, key in enumerate(system.output_names)
+            key: open_loop[i] + float(noise[i]) - start[i]
+            for i, key in enumerate(system.output_names)
         }
         added = [
             sum(gain * readings[key] for key, gain in self.gains.get(name, {}).items())
@@ -177,7 +186,7 @@ class _Loop:
         y = self.outputs(t, x, u)
         for key in {name for table in self.gains.values() for name in table}:
             i = system.output_names.index(key)
-            if abs(y[i] - felt[i]) > 1e-12 * max(1.0, abs(y[i])):
+            if abs(y[i] - open_loop[i]) > FEED_THROUGH_TOLERANCE * max(1.0, abs(y[i])):
                 raise ModelError(
                     f"an input moves {key!r} at once",
                     where="feedback",
@@ -186,14 +195,14 @@ class _Loop:
         return u, y
 
     def outputs(self, t: float, x: list[Any], u: list[float]) -> list[float]:
-        """Outputs without noise."""
+        """Return the outputs without noise."""
         return [
             float(value)
             for value in self.system.h(t, x, u, self.system.parameters.values().tolist())
         ]
 
 
-def _carried(
+def _states_at_next_sample(
     loop: _Loop,
     method: Step,
     x: list[Any],
@@ -204,8 +213,15 @@ def _carried(
     densities: Sequence[float],
     rng: np.random.Generator,
 ) -> list[Any]:
-    """States a sample later under held inputs, infinite where rates are not defined; ``densities``
-    force them after each sub-step, variance density times its length."""
+    """Return the states after a sampling interval, infinite if a rate is not defined.
+
+    Parameters
+    ----------
+    x, u : states at the begin, and inputs, which are held.
+    begin, span : begin and length of the interval, s.
+    step : largest integration step, s.
+    densities : spectral density of each state's forcing, which is added after each step.
+    """
     p, count = loop.system.parameters.values().tolist(), max(1, int(np.ceil(span / step - 1e-9)))
     size = span / count
     for k in range(count):

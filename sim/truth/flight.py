@@ -1,9 +1,8 @@
-"""The truth generator: flies a model through maneuvers, with random forcing where declared, and
-measures it.
+"""Simulated flights: a model flies maneuvers, with random forcing if declared, and is measured.
 
-``fly`` returns what a test engineer would hand over, the Record, and apart from it the Truth that
-only a study may open. The motion is exact to a tolerance far below any sensor's noise, or goes in
-steps finer than an estimator's, and meets every switch of a maneuver at its own time.
+``fly`` returns the Record, as a flight test gives it, and the Truth, which only a study may use.
+The error of the motion is far below any sensor's noise, or the steps are finer than those of an
+estimator. Inputs switch at the exact times of their maneuvers.
 """
 
 from __future__ import annotations
@@ -23,20 +22,18 @@ from sim.maneuvers import Maneuver, Sum
 from sim.propagation import (
     Drive,
     Grid,
-    InputsAt,
     Step,
     cell_edges,
     drive_from_cells,
     drive_from_means,
-    exact_motion,
     make_grid,
     outputs_at_samples,
     propagate,
     rk4_step,
-    smooth_motion,
 )
 from sim.record import Channel, Hold, Record
 from sim.truth.measurement import Measurement, measure
+from sim.truth.motion import InputsAt, exact_motion, smooth_motion
 
 # ---- Propagation under random forcing
 
@@ -51,8 +48,22 @@ def propagate_with_process_noise(
     walking: Mapping[str, float],
     rng: np.random.Generator,
 ) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-    """States at all edges under white forcing, and parameters in random walk; the forcing is
-    additive, so Euler-Maruyama's order is 1.
+    """Return states at all edges under white forcing, and the parameters that walk randomly.
+
+    The forcing is added after each step. It is additive noise, so that Euler-Maruyama's method has
+    the order 1.
+
+    Parameters
+    ----------
+    p : parameters.
+    drive, grid, method : inputs at the vehicle, time grid, and integrator.
+    densities : state -> spectral density of its forcing.
+    walking : parameter -> spectral density of its random walk.
+    rng : source of the random numbers.
+
+    Returns
+    -------
+    An array ``(M + 1,)`` for each state, and parameter -> ``(M + 1,)``.
     """
     root = np.sqrt(grid.steps)
     walks = {key: np.empty(len(grid.edges)) for key in walking}
@@ -105,6 +116,9 @@ def outputs_with_walks(
     drive: Drive,
     grid: Grid,
 ) -> list[np.ndarray]:
+    """Return the outputs ``(N,)`` at the samples, as ``outputs_at_samples``, with parameters that
+    walk randomly: ``walks``, by name ``(M + 1,)`` at the edges.
+    """
     rows: list[object] = list(p)
     for key, walk in walks.items():
         rows[system.parameters.index(key)] = walk
@@ -121,13 +135,16 @@ def outputs_with_walks(
     return [row[grid.sample] for row in begin]
 
 
-# ---- Inputs at the vehicle for maneuvers: every switch at its own time, whatever the grid
+# ---- Inputs at the vehicle for maneuvers, whose switches need not be edges of the grid
 
 
 def drive_from_maneuvers(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid
 ) -> Drive:
-    """Inputs at the vehicle for one maneuver an input, every switch at its own time."""
+    """Return the inputs at the vehicle; ``by_input`` has a maneuver for each input.
+
+    Means over sub-steps are exact, so that a switch inside a sub-step acts at its time.
+    """
     if system.input_stages:
         edges = cell_edges(grid)
         return drive_from_cells(
@@ -138,8 +155,8 @@ def drive_from_maneuvers(
     begin = [maneuver(grid.edges) for maneuver in by_input]
     end = [maneuver.before(b) for maneuver in by_input]
     drive = drive_from_means(means, begin, end)
-    # Where the input is smooth within a sub-step its values at the stages keep the integrator's
-    # order; elsewhere the mean serves.
+    # In sub-steps where the input is smooth, its values at the stages keep the integrator's order;
+    # in others its mean is used.
     stages: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]] = ([], [], [])
     for maneuver, mean, first, last in zip(by_input, means, begin, end, strict=True):
         smooth = _without_break(maneuver, a, b)
@@ -149,7 +166,7 @@ def drive_from_maneuvers(
 
 
 def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return whether sub-steps have no switch strictly inside."""
+    """Return whether sub-steps from ``a`` to ``b`` have no switch strictly inside, ``(M,)``."""
     if not maneuver.breakpoints:
         return np.ones(a.shape, dtype=bool)
     breaks = np.asarray(maneuver.breakpoints)
@@ -160,25 +177,24 @@ def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarr
 
 EXACT = "exact, linear"  # exact solution of linear equations
 SMOOTH = "LSODA"  # SciPy's integrator for smooth inputs
-INTEGRATION_TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
+INTEGRATION_TOLERANCE = 1e-9  # error at the end of a flight, relative to the size of the motion
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """States ``(N,)`` each, and by which method they were found: ``EXACT`` or ``SMOOTH``."""
+    """States ``(N,)`` each, and the method that gave them: ``EXACT`` or ``SMOOTH``."""
 
     states: list[np.ndarray]
     method: str
 
 
-def by_tolerance(
+def motion_to_tolerance(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
 ) -> SimulatedMotion | None:
-    """Motion at ``time`` (s, ``(N,)``) within ``INTEGRATION_TOLERANCE``, inputs as the maneuvers
-    give them; None where no method keeps it.
+    """Return the motion at ``time (N,)``, s, within ``INTEGRATION_TOLERANCE``.
 
-    None too for effects on the input path: they act on means over cells, and so do not leave inputs
-    that are functions of time.
+    The result is None if no method keeps the tolerance. It is also None for effects on the input
+    path: they act on means over cells, so that the inputs behind them are no functions of time.
     """
     if system.input_stages:
         return None
@@ -196,8 +212,9 @@ def by_tolerance(
 
 
 def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> InputsAt:
-    """Inputs from one break to the next: a held one by its level, others up to the break and not
-    beyond it.
+    """Return the inputs from one break to the next (s), as a function of time.
+
+    Held inputs are constant. Other inputs keep their last value from the second break on.
     """
     if all(maneuver.hold is Hold.PREVIOUS for maneuver in by_input):
         input_values = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
@@ -210,8 +227,9 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
 
 
 class Distance(Enum):
-    """Difference between the truth and the model that will be fitted: the smaller, the easier the
-    test ("inverse crime").
+    """Difference between the truth and the model to be fitted.
+
+    A small difference makes the test of an estimator too easy ("inverse crime").
     """
 
     SAME_EQUATIONS = "same equations and step"
@@ -229,17 +247,17 @@ class Truth:
 
     Attributes
     ----------
-    parameters : true values with units, those of effects included; of a random walk the start.
+    parameters : true values with units, those of effects included; the start of a random walk.
     effects : names of the effects that acted.
-    time : ``(N,)`` s, the record's.
-    states, outputs : by name, ``(N,)`` each, without measurement noise; outputs as the sensors
-        would pass them on.
-    walks : by name, ``(N,)``, parameters that drifted.
-    noise_std : standard deviation of the measurement noise by output, zero where there was none.
-    process_density : spectral density of the forcing that acted, by state or parameter.
-    distance : how far this is from the model to be fitted.
-    step, method : largest integration step, s, and the integrator's name; no step where the motion
-        was found to a tolerance.
+    time : ``(N,)``, s, that of the record.
+    states, outputs : by name, ``(N,)`` each, without measurement noise; sensor effects act on the
+        outputs.
+    walks : by name, ``(N,)``, parameters that walked randomly.
+    noise_std : output -> standard deviation of its measurement noise, zero without noise.
+    process_density : state or parameter -> spectral density of its forcing.
+    distance : difference from the model to be fitted.
+    step, method : largest integration step, s, and name of the integrator; the step is None if the
+        motion was computed to a tolerance.
     """
 
     parameters: ParameterSet
@@ -256,8 +274,8 @@ class Truth:
 
 
 def sample_times(rate: float, duration: float, start: float = 0.0) -> np.ndarray:
-    """Even sample times from ``start`` to ``start + duration`` inclusive, s; ``rate`` in 1/s. Shape
-    ``(N,)``.
+    """Return even sample times ``(N,)`` from ``start`` to ``start + duration`` inclusive, s; the
+    ``rate`` is in 1/s.
     """
     if (
         not (rate > 0 and duration > 0 and np.isfinite(rate * duration))
@@ -289,49 +307,52 @@ def fly(
     Parameters
     ----------
     model : its parameter values, initial state and noise are the true ones.
-        ``noise.process_density`` forces states by white noise, increments of variance density x
-        step after each step, and lets parameters drift in a random walk.
-    maneuvers : by input, or one for the only input; inputs not named rest at zero.
-    time : ``(N,)`` s, sample times, uneven if wanted; see ``sample_times``.
-    rng : the one source of randomness; the same state gives the same bytes.
-    measurement : None for white noise of the model's ``measurement_std``.
-    method : an integrator that goes in steps, or None for the exact motion of what is linear and
-        else LSODA, to a tolerance of 1e-9; where random forcing or effects on the input path act,
-        or no solver keeps that tolerance, Runge-Kutta's of order 4 in its place.
+        ``noise.process_density`` forces states by white noise (increments with the variance density
+        times step, after each step), and makes parameters walk randomly.
+    maneuvers : by input, or the maneuver of the only input; inputs without one are zero.
+    time : ``(N,)``, s, sample times, which may be uneven; see ``sample_times``.
+    rng : source of all random numbers; the same state gives the same bytes.
+    measurement : errors of the recording; None for white noise of the model's ``measurement_std``.
+    method : integrator of fixed steps. None computes to a tolerance of 1e-9: linear models exactly,
+        others by LSODA. With random forcing or effects on the input path, or if LSODA fails, None
+        stands for Runge-Kutta's method of order 4.
     step : largest step of an integrator and of sensors with memory, s.
-    outputs : those recorded, all when None.
-    distance : stated by the caller, kept in the Truth.
+    outputs : recorded outputs; None for all.
+    distance : difference from the model to be fitted, which the Truth states.
+    name : name of the record.
 
     Returns
     -------
-    The record, inputs sampled at the switch with their new value, and the truth.
+    The record and the truth. An input that is sampled at a switch has its new value.
 
     Raises
     ------
-    ModelError : an unknown input or output, a random walk of an unknown parameter, a simulation
-        that diverges.
+    ModelError : an input or output is unknown, a parameter that should walk is unknown, or the
+        simulation diverges.
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)
-    moved = _propagated(model, system, by_input, np.asarray(time, dtype=float), step, method, rng)
-    at = moved.sample
+    motion = _propagated(model, system, by_input, np.asarray(time, dtype=float), step, method, rng)
+    samples = motion.sample
     measured = measurement or Measurement()
     std = model.noise.measurement_std if measured.std is None else measured.std
     truth = Truth(
         parameters=model.parameters,
         effects=tuple(effect.name for effect in model.effects),
         time=np.array(time, dtype=float),
-        states={key: row[at] for key, row in zip(system.state_names, moved.states, strict=True)},
+        states={
+            key: row[samples] for key, row in zip(system.state_names, motion.states, strict=True)
+        },
         outputs={
             key: np.array(row, dtype=float)
-            for key, row in zip(system.output_names, moved.outputs, strict=True)
+            for key, row in zip(system.output_names, motion.outputs, strict=True)
         },
-        walks={key: row[at] for key, row in moved.walks.items()},
+        walks={key: row[samples] for key, row in motion.walks.items()},
         noise_std={key: float(std.get(key, 0.0)) for key in system.output_names},
-        process_density=moved.density,
+        process_density=motion.density,
         distance=distance,
-        step=moved.step,
-        method=moved.method,
+        step=motion.step,
+        method=motion.method,
     )
     units = {signal.name: signal.unit for signal in system.outputs}
     channels = measure(
@@ -357,8 +378,15 @@ def _recorded_inputs(
 
 @dataclass(frozen=True, eq=False)
 class _GridStates:
-    """States and random walks at the edges of a grid that contains the samples, noise-free outputs
-    there, and the integration method.
+    """Motion on a time grid that contains the samples.
+
+    Attributes
+    ----------
+    states, walks : states and random walks at the edges of the grid.
+    sample : indices of the samples among the edges.
+    outputs : outputs at the samples, without noise.
+    density : spectral density of the forcing, by state or parameter.
+    step, method : largest step, s, or None, and name of the integrator.
     """
 
     states: Sequence[Any]
@@ -379,6 +407,7 @@ def _propagated(
     method: Step | None,
     rng: np.random.Generator,
 ) -> _GridStates:
+    """Return the motion of a model; the parameters are those of ``fly``."""
     p = system.parameters.values().tolist()
     densities = {
         key: value
@@ -387,9 +416,9 @@ def _propagated(
     }
     walking = _walking(model, system)
     if method is None and not densities and not walking:
-        # Sensors with memory act on what passes between samples.
+        # Sensors with memory need the motion between samples.
         grid = make_grid(time, step if system.sensor_stages else np.inf)
-        result = by_tolerance(system, p, by_input, grid.edges)
+        result = motion_to_tolerance(system, p, by_input, grid.edges)
         if result is not None:
             clean = outputs_at_samples(
                 system, p, result.states, drive_from_maneuvers(system, p, by_input, grid), grid
@@ -410,9 +439,10 @@ def _propagated(
         if walks
         else outputs_at_samples(system, p, states, drive, grid)
     )
-    named = getattr(method, "__name__", type(method).__name__)
+    method_name = getattr(method, "__name__", type(method).__name__)
+    largest_step = float(grid.steps.max())
     return _GridStates(
-        states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named
+        states, walks, grid.sample, clean, {**densities, **walking}, largest_step, method_name
     )
 
 
@@ -430,6 +460,7 @@ def remeasure(record: Record, truth: Truth, rng: np.random.Generator) -> Record:
 def _assigned(
     system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | None
 ) -> tuple[Maneuver, ...]:
+    """Return a maneuver for each input; an input at rest has an empty sum."""
     names = system.input_names
     if maneuvers is None:
         table: Mapping[str, Maneuver] = {}
@@ -454,6 +485,12 @@ def _assigned(
 
 
 def _walking(model: Model, system: System) -> dict[str, float]:
+    """Return parameter -> spectral density of its random walk.
+
+    Raises
+    ------
+    ModelError : process noise is declared for neither a state nor a parameter.
+    """
     walking = {}
     for key, density in model.noise.process_density.items():
         if key in system.state_names:
@@ -470,7 +507,7 @@ def _walking(model: Model, system: System) -> dict[str, float]:
 
 
 def refuse_divergence(model: Model, grid: Grid, states: Sequence[np.ndarray]) -> None:
-    """ModelError with the time from which states ``(M + 1,)`` at the edges are not finite."""
+    """Raise ModelError with the time from which states ``(M + 1,)`` at the edges are not finite."""
     finite = np.all(np.isfinite(states), axis=0)
     if not np.all(finite):
         when = grid.edges[int(np.argmin(finite))]

@@ -126,14 +126,16 @@ _NO_OUTPUT: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Measurement:
-    """Errors of the recording. Each mapping is by output; an output without an entry has no such
-    error.
+    """Errors of the recording, each as a mapping by output.
+
+    An output without an entry has no such error.
 
     Attributes
     ----------
-    std : standard deviation of the noise, unit of the output. None: ``fly`` takes that of
+    std : standard deviation of the noise, in the unit of the output. If None, ``fly`` takes that of
         the model, and ``measure`` adds no noise.
-    correlation_time : s; noise on that output is first-order coloured instead of white.
+    correlation_time : s; the noise of that output is a first-order Gauss-Markov process instead of
+        white noise.
     resolution : size of the quantisation step, unit of the output; rounding comes after the noise.
     missing : share of samples lost at random, 0 to 1.
     """
@@ -171,7 +173,7 @@ def measure(
     rng: np.random.Generator,
     measurement: Measurement,
 ) -> tuple[Channel, ...]:
-    """Return recorded channels of known outputs, shape ``(N,)`` each, at ``time (N,)``, s.
+    """Return the recorded channels of true outputs ``(N,)`` at ``time (N,)``, s.
 
     Random numbers are drawn output by output in the order of ``outputs``, those of the noise before
     those of the losses, so that the same generator state gives the same bytes.

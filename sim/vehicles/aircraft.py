@@ -7,12 +7,12 @@ and non-dimensional rates as signals of the terms (see `sim.aerodynamics`),
     v_dot = p w - r u + g cos(theta) sin(phi) + qS CY/m
     w_dot = q u - p v + g cos(theta) cos(phi) + (qS CZ - T sin(e))/m
 
-and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta in the place of u, v,
-w. Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moment coefficients
+and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta instead of u, v, w.
+Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moment coefficients
 refer to a reference point; ``cg`` is the position of the centre of gravity relative to it.
 
-With a recorded wind these states are of the velocity over the ground, and aerodynamic forces and
-the outputs airspeed, alpha and beta are of the velocity against the air.
+With a recorded wind these states belong to the velocity over the ground. Aerodynamic forces and the
+outputs airspeed, alpha and beta belong to the velocity relative to the air.
 
 References
 ----------
@@ -95,7 +95,7 @@ STATES: Mapping[str, str] = MappingProxyType(
 )
 FURTHER: Mapping[str, str] = MappingProxyType({"psi": "rad", "altitude": "m"})
 OUTPUTS: Mapping[str, str] = MappingProxyType({**STATES, "ax": "m/s2", "ay": "m/s2", "az": "m/s2"})
-# Columns of the wind, m/s, by the axes in which it is recorded: where the air moves to.
+# Axes of a recorded wind -> its columns: components of the velocity of the air, m/s.
 WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {"earth": ("wind_north", "wind_east", "wind_down"), "body": ("wind_u", "wind_v", "wind_w")}
 )
@@ -111,8 +111,8 @@ class Thrust:
 
     Attributes
     ----------
-    signal : ``thrust`` in N, ``throttle`` from 0 to 1, or empty for a glider.
-    table : of a throttle, shares and the thrust there, N.
+    signal : input: ``thrust`` in N, ``throttle`` from 0 to 1, or empty for a glider.
+    table : positions of the throttle, and the thrust there, N.
     """
 
     signal: str = "thrust"
@@ -121,23 +121,27 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Aircraft:
-    """Declaration of an aircraft in a vehicle file, in SI.
+    """Declaration of an aircraft in a vehicle file, in SI units.
 
     Attributes
     ----------
-    name, constants : of the vehicle; see ``CONSTANTS``.
-    surfaces, mixes : recorded inputs with units; sums of them that terms use, with factors.
-    coefficients : of CX CY CZ or CD CY CL, Cl Cm Cn, terms and their values.
-    sensors : places of ``SENSORS``, m from the centre of gravity, body axes.
-    thrust : see ``Thrust``.
-    wind : axes in which its components are recorded inputs, a key of ``WIND``, or empty.
-    recorded : states that are columns of the record and not simulated; alpha and beta as their
-        vanes read.
-    varying, start : constants that are columns; states at the start.
-    biases, further : outputs with a free constant bias; states beyond ``STATES``.
-    attitude : ``euler`` or ``quaternion``, by which it is integrated.
-    estimated : coordinates of sensors that are parameters, ``accelerometer_y``; they begin at
-        ``sensors``.
+    name : name of the vehicle.
+    constants : values of ``CONSTANTS``.
+    surfaces : recorded control inputs with their units.
+    mixes : sums of surfaces that terms use: name -> surface -> factor.
+    coefficients : terms and their values for CX CY CZ or CD CY CL, and Cl Cm Cn.
+    sensors : positions of ``SENSORS`` from the centre of gravity in body axes, m.
+    thrust : propulsive force.
+    wind : axes of a wind that is recorded, a key of ``WIND``; empty without wind.
+    varying : constants that are columns of the record.
+    start : initial values of states.
+    biases : outputs with a free constant bias.
+    further : states in addition to ``STATES``.
+    recorded : states that are columns of the record and not simulated; alpha and beta are the
+        readings of their vanes.
+    attitude : ``euler`` or ``quaternion``, the representation that is integrated.
+    estimated : coordinates of sensors that are parameters, such as ``accelerometer_y``; their
+        starting values are in ``sensors``.
     """
 
     name: str
@@ -224,7 +228,7 @@ class Aircraft:
 
 
 def refuse_unphysical(aircraft: Aircraft) -> None:
-    """Raise DeclarationError for a mass, inertias or coefficients that no aircraft has."""
+    """Raise DeclarationError for constants that no aircraft has, or incomplete coefficients."""
     where = f"vehicle {aircraft.name}"
     refuse_numbers(aircraft.constants, CONSTANTS, where)
     both = {"CD", "CL"} & set(aircraft.coefficients), {"CX", "CZ"} & set(aircraft.coefficients)
@@ -242,11 +246,9 @@ def refuse_unphysical(aircraft: Aircraft) -> None:
 
 
 def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
-    """Raise DeclarationError for a wind in unknown axes, or from the north without a heading.
+    """Raise DeclarationError for a wind in unknown axes, or in those of the Earth without heading.
 
-    Parameters
-    ----------
-    axes, further, where : a key of ``WIND`` or empty; states beyond ``STATES``; for the message.
+    ``further`` are the states in addition to ``STATES``.
     """
     if axes and axes not in WIND:
         raise DeclarationError(
@@ -266,13 +268,10 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
 def refuse_recorded(
     recorded: Collection[str], wind: str, where: str, attitude: str = EULER
 ) -> None:
-    """Raise DeclarationError for an unknown attitude, if recorded states leave no motion, or if a
-    wind or a quaternion excludes them.
+    """Raise DeclarationError for recorded states that the model cannot have.
 
-    Parameters
-    ----------
-    recorded, where : states that are columns; for the message.
-    wind, attitude : a key of ``WIND`` or empty, and a key of ``ATTITUDES``.
+    These are all states, since none is left to simulate, and states that a wind or a quaternion
+    excludes. An attitude that is no key of ``ATTITUDES`` is refused, too.
     """
     if attitude not in ATTITUDES:
         raise DeclarationError(
@@ -311,11 +310,11 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
     Returns
     -------
-    Model whose parameters are the coefficients of terms and the estimated positions of sensors,
-    with the states airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``, less
-    those that are ``recorded``, which are inputs; the outputs are the states and ax, ay, az (m/s2,
-    what accelerometers read, without gravity), each where its sensor is. Ports ``CX`` ... ``Cn``
-    add to the coefficients.
+    Model whose parameters are the coefficients of terms and the estimated positions of sensors. Its
+    states are airspeed, alpha, beta, p, q, r, phi, theta and those of ``further``, without those
+    that are ``recorded``, which are inputs. Its outputs are the states and ax, ay, az (specific
+    force, m/s2), each at the position of its sensor. Ports ``CX`` ... ``Cn`` add to the
+    coefficients.
 
     Raises
     ------
@@ -375,7 +374,10 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
 
 def _start(item: Parameter, attitude: str) -> Parameter:
-    """Initial value of a state; a quaternion's are computed from ``phi``, ``theta`` and ``psi``."""
+    """Return the initial value of a state as a fit takes it.
+
+    Those of a quaternion follow from the outputs ``phi``, ``theta`` and ``psi``, or are held.
+    """
     turned = ATTITUDES[attitude]
     if item.name in turned.held:
         return replace(item, free=False)
@@ -384,7 +386,7 @@ def _start(item: Parameter, attitude: str) -> Parameter:
 
 
 def declaration_of(model: Model) -> Aircraft | None:
-    """Declaration of a model with its present values; None for any other model."""
+    """Return the declaration of an aircraft's model with its values; None for another model."""
     motion = getattr(getattr(model.equations, "rates", None), "__self__", None)
     if not isinstance(motion, _AircraftEquations):
         return None
@@ -425,7 +427,7 @@ class _AircraftEquations:
         )
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """Velocity against the air, dynamic pressure times area, and the sums of terms."""
+        """Return velocity relative to the air, pressure times area, thrust, and sums of terms."""
         c = self._constants(s, p)
         if self.aircraft.wind:
             u, v, w = (a - b for a, b in zip(self._velocity(s), self._wind(s), strict=True))
@@ -465,7 +467,7 @@ class _AircraftEquations:
         return result | {f"{axis}_terms": total for axis, total in totals.items()}
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """Rates of all states."""
+        """Return the rates of all simulated states."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         u, v, w = self._velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
@@ -486,7 +488,7 @@ class _AircraftEquations:
         return {name: result[name] for name in self.moving}
 
     def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """Readings of the sensors at their positions."""
+        """Return the readings of the sensors at their positions."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         angles = self.turned.angles(s, self.headed)
@@ -513,9 +515,7 @@ class _AircraftEquations:
         return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
-        """Return the position of a sensor from the centre of gravity, m; estimated coordinates are
-        parameters.
-        """
+        """Return the position of a sensor from the centre of gravity, m."""
         x, y, z = (
             getattr(p, parameter) if parameter else value
             for value, parameter in zip(self.places[name], self.free[name], strict=True)
@@ -527,7 +527,7 @@ class _AircraftEquations:
         return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
 
     def _alpha(self, s: Any) -> Any:
-        """Angle of attack at the centre of gravity; a recorded one is corrected from its vane."""
+        """Return alpha at the centre of gravity; a recorded one is corrected for its vane's arm."""
         if "alpha" in self.moving or "alpha" not in self.away:
             return s.alpha
         x, y, _ = self.places["alpha"]
@@ -535,20 +535,20 @@ class _AircraftEquations:
         return arctan(sin(s.alpha) / cos(s.alpha) - across)
 
     def _beta(self, s: Any) -> Any:
-        """Sideslip at the centre of gravity; a recorded one is corrected from its vane."""
+        """Return beta at the centre of gravity; a recorded one is corrected for its vane's arm."""
         if "beta" in self.moving:
             return s.beta
         x, _, z = self.places["beta"]
         return s.beta - (s.r * x - s.p * z) / s.airspeed
 
     def _velocity(self, s: Any) -> tuple[Any, Any, Any]:
-        """u, v, w of the centre of gravity, m/s."""
+        """Return u, v, w of the centre of gravity, m/s."""
         alpha, beta = self._alpha(s), self._beta(s)
         across = s.airspeed * cos(beta)
         return across * cos(alpha), s.airspeed * sin(beta), across * sin(alpha)
 
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
-        """Wind in body axes, m/s."""
+        """Return the wind in body axes, m/s."""
         parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
         return parts if self.aircraft.wind == "body" else self.turned.to_body(s, *parts)
 
@@ -561,7 +561,7 @@ class _AircraftEquations:
         return interpolate(s.throttle, *(np.array(each) for each in source.table))
 
     def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
-        """Return the velocity of a point of the aircraft against the air."""
+        """Return the velocity of a point of the aircraft relative to the air."""
         x, y, z = place
         return (
             s.u_air + s.q * z - s.r * y,
@@ -572,7 +572,7 @@ class _AircraftEquations:
     def _loads(
         self, s: Any, c: Mapping[str, Any]
     ) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-        """Forces N and moments N m about the centre of gravity, without weight, body axes."""
+        """Return forces without weight, N, and moments about the centre of gravity, N m."""
         qS = s.pressure_area
         first, side, third = (
             plus(getattr(s, f"{axis}_terms"), getattr(s, axis)) for axis in self.aircraft.forces

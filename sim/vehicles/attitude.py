@@ -1,14 +1,14 @@
-"""Attitude of an aircraft by Euler angles or by a quaternion: states, their rates, and angles read.
+"""Attitude of an aircraft by Euler angles or by a quaternion: states, rates, and angles.
 
-Euler angles phi, theta and psi turn the Earth's axes by yaw, then pitch, then roll [1]_; their
-rates have no value at theta = +-90 deg. The quaternion (e0, e1, e2, e3) has rates everywhere,
+Euler angles phi, theta and psi turn the Earth's axes by yaw, then pitch, then roll [1]_. Their
+rates are not defined at theta = +-90 deg. The quaternion (e0, e1, e2, e3) has rates everywhere,
 
     2 e0' = -(e1 p + e2 q + e3 r),      2 e1' = e0 p + e2 r - e3 q,
     2 e2' = e0 q + e3 p - e1 r,         2 e3' = e0 r + e1 q - e2 p .
 
-Everything that is read of it is divided by its norm, which the rates keep. A fit may therefore hold
-e0 at the start. It holds e3 there as well: the heading at the start is a state of its own,
-``psi_start``, whose rate is zero, and which is there where the heading is wanted.
+The rates keep its norm, and all angles are computed from the normalised quaternion. So a fit holds
+e0 at the start. It also holds e3 at the start, because the initial heading is a state of its own,
+``psi_start``, with a rate of zero; a model has this state only if it has a heading.
 
 References
 ----------
@@ -27,14 +27,17 @@ from sim.maths import arctan, cos, real, sin, sqrt, where
 
 EULER, QUATERNION = "euler", "quaternion"
 Vector = tuple[Any, Any, Any]
-_ZERO_GUARD = 1e-300  # beside which a zero may divide
+_ZERO_GUARD = 1e-300  # added to a divisor that may be zero
 
 
 class Attitude(Protocol):
-    """How an attitude is written down.
+    """A representation of the attitude.
 
-    ``states`` : their units by name, the heading left out; ``headed`` : further ones that the
-    heading needs. ``held`` : states whose value at the start says nothing.
+    Attributes
+    ----------
+    states : state -> unit, without the heading.
+    headed : state -> unit of the further states that the heading needs.
+    held : states whose initial value has no effect, so that a fit holds it.
     """
 
     states: Mapping[str, str]
@@ -42,15 +45,15 @@ class Attitude(Protocol):
     held: tuple[str, ...]
 
     def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
-        """Return the Earth's downward axis in body axes, of length one; and the rates of the states
-        by name, those of the heading among them.
+        """Return the unit vector downward in body axes, and the rates of the states by name, those
+        of the heading included.
         """
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
-        """phi and theta, and psi where ``headed``, rad."""
+        """Return phi and theta and, if ``headed``, psi, rad."""
 
     def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
-        """Components in body axes of a vector in the Earth's."""
+        """Return the components in body axes of a vector in the axes of the Earth."""
 
     def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
         """Return the values of the states at an attitude, rad."""
@@ -91,7 +94,7 @@ class EulerAngles:
 
 
 class Quaternion:
-    """Four states of any length, read by their direction; see the module."""
+    """A quaternion of any norm as states; see the module."""
 
     states: Mapping[str, str] = MappingProxyType(dict.fromkeys(("e0", "e1", "e2", "e3"), "1"))
     headed: Mapping[str, str] = MappingProxyType({"psi_start": "rad"})
@@ -139,8 +142,8 @@ class Quaternion:
         )
 
     def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
-        """e3 is zero: of the attitudes with these phi and theta the one that needs no yaw axis."""
-        # The downward axis turned from the body's z about an axis in the x-y plane.
+        """Return a quaternion with e3 = 0 for phi and theta, and the heading that remains."""
+        # It turns the body's z axis to the downward axis, about an axis in the x-y plane.
         x = -math.sin(theta)
         y, z = math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)
         e0 = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
@@ -156,11 +159,14 @@ class Quaternion:
 
 
 class _Values:
+    """Values as attributes, as signals have them."""
+
     def __init__(self, **values: float) -> None:
         self.__dict__.update(values)
 
 
 def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the normalised quaternion."""
     norm = sqrt(s.e0 * s.e0 + s.e1 * s.e1 + s.e2 * s.e2 + s.e3 * s.e3)
     return s.e0 / norm, s.e1 / norm, s.e2 / norm, s.e3 / norm
 
@@ -168,7 +174,7 @@ def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
 def _angle(y: Any, x: Any) -> Any:
     """Return the angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
     size = sqrt(x * x + y * y)
-    # tan of half the angle, by the form that loses no digits on its side of the y axis.
+    # The tangent of half the angle, by the formula that is exact on this side of the y axis.
     ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _ZERO_GUARD, y - _ZERO_GUARD)
     return 2.0 * arctan(where(ahead, y, size - x) / where(ahead, size + x, off))
 
@@ -186,13 +192,15 @@ ATTITUDES: Mapping[str, Attitude] = MappingProxyType(
 
 
 def angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) -> dict[str, Any]:
-    """Angular accelerations by Euler's equations of a body that is symmetric to its x-z plane.
+    """Return the angular accelerations of a body that is symmetric to its x-z plane.
+
+    They follow from Euler's equations.
 
     Parameters
     ----------
-    s : p, q, r, rad/s.
+    s : signals p, q, r, rad/s.
     c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
-    L, M, N : moments about the centre of gravity, N m, body axes.
+    L, M, N : moments about the centre of gravity in body axes, N m.
 
     Returns
     -------

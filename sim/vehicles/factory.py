@@ -36,7 +36,7 @@ from sim.vehicles.uncoupled import (
     ShortPeriod,
 )
 
-# ---- From a vehicle's numbers to its Model; one way for built-in sets and for a user's file
+# ---- From a vehicle's numbers to its Model, for built-in sets and for users' files
 
 RIGID_CONSTANTS = {
     "mass": "kg",
@@ -63,13 +63,13 @@ MODE_DERIVATIVES = {
 }
 _MAY_BE_ZERO = {"zeta"}
 Family = tuple[Equations, Mapping[str, str], Mapping[str, str]]
-# Equations whose derivatives may be left out, which holds them at zero.
+# Equations of which derivatives may be left out; these are held at zero.
 WHOLE_AXES: Mapping[str, Family] = {
     "lateral": (Lateral(), LATERAL_CONSTANTS, LATERAL_DERIVATIVES),
     "longitudinal": (Longitudinal(), LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES),
     "multirotor": (Multirotor(), {}, MULTIROTOR_DERIVATIVES),
 }
-# All equations by name, with units of the constants and of what is estimated.
+# All equations by name, with the units of their constants and of their estimated parameters.
 FAMILIES: Mapping[str, Family] = {
     "rigid": (ShortPeriod(), RIGID_CONSTANTS, RIGID_DERIVATIVES),
     "loes": (Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, LOES_DERIVATIVES),
@@ -91,11 +91,10 @@ ABOVE_ZERO = {
 
 
 def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """Return the rigid short period with a set's numbers: constants held, the six derivatives free,
-    at rest.
+    """Return the rigid short period with the numbers of a set, at rest.
 
-    Raises DeclarationError for a number that is missing, of another unit, or a constant that is not
-    positive.
+    Constants are held and the six derivatives free. Raises DeclarationError for a number that is
+    missing or has another unit, and for a constant that is not positive.
     """
     return _model(data, ShortPeriod(), RIGID_CONSTANTS, RIGID_DERIVATIVES, noise)
 
@@ -103,16 +102,15 @@ def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
 def flexible_model(
     data: VehicleData, modes: int | None = None, noise: Noise | None = None
 ) -> Model:
-    """Return the rigid short period with the first ``modes`` elastic modes of a set (all when
-    None), one StructuralMode effect each.
+    """Return the rigid short period with the first ``modes`` elastic modes of a set; None for all.
 
-    Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of
-    each mode the nine ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own
-    ``Ceta_eta Ceta_etadot``. Couplings between modes are held. A common factor of a mode's
-    coordinate cannot be found from data: hold one of its ``Ceta`` or use priors.
+    Each mode is an effect StructuralMode. Free are the six rigid derivatives, and of each mode nine
+    parameters: ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own
+    ``Ceta_eta Ceta_etadot``. Frequencies, dampings, generalized masses and couplings between modes
+    are held; a coupling that is missing is zero. The scale of a mode's coordinate cannot be
+    estimated: hold one of its ``Ceta`` or use priors.
 
-    Raises DeclarationError as ``rigid_model``, and for more modes than the set has. A coupling that
-    is missing is zero.
+    Raises DeclarationError as ``rigid_model``, and for more modes than the set has.
     """
     wanted = data.modes if modes is None else modes
     if not 0 <= wanted <= data.modes:
@@ -145,23 +143,21 @@ def flexible_model(
 
 
 def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """Return the falling body with a set's numbers: constants held, beta free, starting at the
-    set's altitude and velocity.
+    """Return the falling body with the numbers of a set, which include its initial state.
 
-    Raises DeclarationError as ``rigid_model``.
+    Constants are held and beta is free. Raises DeclarationError as ``rigid_model``.
     """
     return _model(data, Ballistic(), BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, noise)
 
 
 def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The low-order equivalent system with a set's numbers, for whole-record fits.
+    """Return the low-order equivalent system with the numbers of a set, for whole-record fits.
 
-    Free are the seven derivatives of ``LOES_DERIVATIVES`` and ``delay``, an InputDelay on the stick
-    with its parameter under that plain name; constants and the constant terms ``LOES_OFFSETS`` are
-    held, these at zero unless the set has them. Add one bias per output for a fit;
-    ``loes_filter_model`` turns the model into the filter's. Without ``vane_arm`` the vane is at the
-    centre of gravity. Raises DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or
-    ``delay``.
+    Free are the parameters in ``LOES_DERIVATIVES``; ``delay`` is that of an InputDelay on the
+    stick. Constants and the constant terms ``LOES_OFFSETS`` are held, the latter at zero unless the
+    set has them. A fit needs a bias on each output in addition; ``loes_filter_model`` makes the
+    model of the filter. Without ``vane_arm`` the vane is at the centre of gravity. Raises
+    DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or ``delay``.
     """
     optional = [
         SourcedNumber(name, 0.0, unit, note="zero unless given")
@@ -184,11 +180,11 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """Lateral, longitudinal or multirotor equations with a set's numbers: constants held,
-    derivatives given free, others held at zero.
+    """Return a lateral, longitudinal or multirotor model with the numbers of a set.
 
-    A motor time constant and a delay that a set gives act on all commands of a multirotor.
-    Raises DeclarationError as ``rigid_model``, and for inertias that no body has.
+    Constants are held, derivatives in the set are free, and other derivatives are held at zero. A
+    motor time constant and a delay of a set act on all commands of a multirotor. Raises
+    DeclarationError as ``rigid_model``, and for inertias that no body has.
     """
     equations, constants, derivatives = WHOLE_AXES[data.equations]
     inside = {name: unit for name, unit in derivatives.items() if name in equations.parameter_names}
@@ -230,10 +226,10 @@ def _with_motors(data: VehicleData, model: Model) -> Model:
 
 
 def loes_filter_model(model: Model) -> Model:
-    """Return the fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free,
-    no other bias.
+    """Return the model of the filter with the fourteen states of eq. 11 of NASA TM-101722.
 
-    Priors, initial variances and noise are those of the filter, and are still to be declared.
+    The delay is held, ``LOES_OFFSETS`` are free, and there is no other bias. The caller has to
+    declare priors, initial variances and noise of the filter.
     """
     return model.with_parameters(model.parameters.hold(["delay"]).release(LOES_OFFSETS))
 
@@ -246,10 +242,19 @@ def vehicle_from_values(
     initial: Mapping[str, float] | None = None,
     modes: int = 0,
 ) -> VehicleData:
-    """Return a user's numbers (SI, radians, full names) in the form of a built-in set;
-    ``equations`` is a name such as ``"rigid"`` or ``"lateral"``.
+    """Return a user's numbers in the form of a built-in set.
 
-    Raises DeclarationError for a name that the equations and modes do not know.
+    Parameters
+    ----------
+    name : name of the vehicle.
+    equations : name of the equations, such as ``"rigid"`` or ``"lateral"``.
+    values : full name -> value, in SI units and radians.
+    initial : state -> initial value; zero for other states.
+    modes : number of elastic modes.
+
+    Raises
+    ------
+    DeclarationError : the equations and modes have no number of a name.
     """
     if equations not in FAMILIES:
         raise DeclarationError(
@@ -277,9 +282,7 @@ def model_from_constants(
     modes: int = 0,
     initial: Mapping[str, float] | None = None,
 ) -> Model:
-    """Return a Model straight from numbers in SI: ``vehicle_from_values``, then the factory of
-    those equations; ``modes`` counts elastic modes.
-    """
+    """Return a Model from numbers in SI; the parameters are those of ``vehicle_from_values``."""
     data = vehicle_from_values(
         "vehicle", equations, {**constants, **derivatives}, initial=initial, modes=modes
     )
@@ -287,8 +290,8 @@ def model_from_constants(
 
 
 def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
-    """Return the most complete model that a set describes: all its elastic modes where it has some,
-    the delay of a low-order equivalent.
+    """Return the most complete model of a set: with all its elastic modes, or with the delay of a
+    low-order equivalent system.
     """
     if data.equations == Ballistic().name:
         return ballistic_model(data, noise)
@@ -300,15 +303,15 @@ def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def mode_parameter(local: str, number: int) -> str:
-    """Full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q`` is
-    ``Ceta2_q``.
+    """Return the full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q``
+    is ``Ceta2_q``.
     """
     return StructuralMode(number, (number,)).rename(local)
 
 
 def mode_units(modes: int) -> tuple[tuple[str, str, bool], ...]:
-    """Full name, unit and whether it must be given, of every parameter of ``modes`` elastic modes;
-    couplings may be left out.
+    """Return every parameter of ``modes`` elastic modes: full name, unit, and whether it is
+    required; couplings between modes are optional.
     """
     out: list[tuple[str, str, bool]] = []
     for i in range(1, modes + 1):
@@ -328,6 +331,9 @@ def _model(
     derivatives: Mapping[str, str],
     noise: Noise | None,
 ) -> Model:
+    """Return the model of a set; ``constants`` (held) and ``derivatives`` (free) have units by
+    name.
+    """
     if data.equations != equations.name:
         raise DeclarationError(
             f"its equations are {data.equations}",
@@ -366,6 +372,7 @@ def _model(
 
 
 def _checked(data: VehicleData, name: str, unit: str) -> SourcedNumber:
+    """Return a number of a set; raise DeclarationError for another unit or a wrong sign."""
     number = data[name]
     where = f"vehicle {data.name}, {name}"
     if number.unit != unit:
@@ -413,8 +420,8 @@ def _user_number(vehicle: str, name: str, value: float, units: Mapping[str, str]
 
 @dataclass(frozen=True, eq=False)
 class SystemMatrices:
-    """x_dot = A x + B u, y = C x + D u, with the shapes ``(n, n)``, ``(n, r)``, ``(m, n)``, ``(m,
-    r)``.
+    """Matrices of x_dot = A x + B u, y = C x + D u: ``A (n, n)``, ``B (n, r)``, ``C (m, n)``, ``D
+    (m, r)``.
     """
 
     A: np.ndarray
@@ -426,19 +433,20 @@ class SystemMatrices:
 def linearise(
     model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None
 ) -> SystemMatrices:
-    """Matrices of a model, exact to rounding; effects on the input and sensor paths are left out.
+    """Return the matrices of a model, exact to rounding, without effects on the input and sensor
+    paths.
 
     Parameters
     ----------
-    model : the declaration.
-    outputs : the outputs wanted, in order; all when None.
-    about : the point, states and inputs by name in SI, zero where one is not named; the origin when
-        None. The matrices are the derivatives there, even if the point is no trim; state
-        derivatives that are not zero there are dropped.
+    model : the model.
+    outputs : outputs in the order of y; None for all.
+    about : point of linearisation: states and inputs by name in SI units, zero for those not named;
+        None for the origin. The matrices are the derivatives there, even if the point is no trim,
+        in which case the rates there are ignored.
 
     Raises
     ------
-    DeclarationError : ``about`` names what is neither state nor input.
+    DeclarationError : a name in ``about`` is neither a state nor an input.
     """
     system = compile_model(model, outputs)
     p = system.parameters.values().tolist()
@@ -461,7 +469,7 @@ def linearise(
 
 
 def frequency_response(system: SystemMatrices, omega: float) -> np.ndarray:
-    """C (j omega - A)^-1 B + D at ``omega``, rad/s; shape ``(m, r)``, complex."""
+    """Return C (j omega - A)^-1 B + D at ``omega``, rad/s: ``(m, r)``, complex."""
     return (
         system.C @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B)
         + system.D
@@ -469,8 +477,8 @@ def frequency_response(system: SystemMatrices, omega: float) -> np.ndarray:
 
 
 def zero_order_hold_response(system: SystemMatrices, u: np.ndarray, step: float) -> np.ndarray:
-    """Outputs ``(m, N)`` from rest for one input ``u (N,)`` held over ``step`` s: the exact
-    discrete system.
+    """Return the outputs ``(m, N)`` from rest for one input ``u (N,)``, held over intervals of
+    ``step`` s; exact.
     """
     from scipy.linalg import expm
 

@@ -1,58 +1,57 @@
 """Flexibility of an aircraft: static condensation, stiffness factors, and adequacy of a rigid
 model.
 
-The modes above those kept follow at once, etadot_b = eta_ddot_b = 0, forced by the motion and by
-the kept modes a,
-
-    (K_b - C_bb) eta_b = C_b_motion motion + C_ba eta_a + C_ba_dot etadot_a c/2V,
-
-and eta_b put into CL, Cm and the forces on the kept modes changes the coefficients that the reduced
-model has.
-
-With etadot = eta_ddot = 0 the modal equations (eq. 28 of the paper on simulated flight data) are
-linear in eta,
+Condensation of all modes. With etadot = eta_ddot = 0 the modal equations (eq. 28 of the paper on
+simulated flight data) are linear in eta,
 
     omega_i^2 M_i / (qbar S c) eta_i - sum_j Ceta_i_eta_j eta_j = Ceta_i_alpha alpha + Ceta_i_q
     q_hat + Ceta_i_de elevator,
 
-and eta put into CL and Cm changes the six rigid derivatives. For any number of modes.
+and eta in CL and Cm changes the six rigid derivatives.
 
-A rigid model with equivalent derivatives assumes that the structure follows its loads at once. What
-it leaves out grows with frequency (in proportion at first, by the rates of the modes) and falls
-with the square of the modal frequencies.
+Condensation of the upper modes b. The motion and the kept modes a deflect them at once, etadot_b =
+eta_ddot_b = 0,
 
-Degree of flexibility (analytic, no data needed): the error of that assumption at the condensed
+    (K_b - C_bb) eta_b = C_b_motion motion + C_ba eta_a + C_ba_dot etadot_a c/2V,
+
+and eta_b in CL, Cm and the forces on the kept modes changes the coefficients of the reduced model.
+
+A rigid model with equivalent derivatives assumes that the structure follows its loads at once. The
+error of this assumption grows with frequency (in proportion at first, by the rates of the modes)
+and falls with the square of the modal frequencies.
+
+Degree of flexibility (analytic, no data needed): the error of this assumption at the condensed
 short period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|,
-Y the response to the elevator. It compares two closed expressions in the model's numbers.
+where Y is the response to the elevator.
 
-Criterion (needs the maneuver and the noise): fit the six rigid derivatives to the noise-free
-flexible response; ``misfit`` is the rms of what no rigid model explains, each channel over its
-noise standard deviation. A rigid model serves while misfit <= 1. Reason: up to there a prediction
-errs less than the sensor does; beyond, the structure dominates the residual, and calling it noise
-means to claim a noise that is larger than the sensor's (the paper does that with its second
-aircraft, 0.09 for 0.016 deg^2).
+Criterion (for a maneuver and a noise): the six rigid derivatives are fitted to the noise-free
+flexible response; ``misfit`` is the rms of the residual of the best rigid model, each channel over
+its noise standard deviation. A rigid model is adequate if misfit <= 1: its prediction then errs
+less than the sensor does. Above, the structure dominates the residual. To call this residual noise
+means to claim more noise than the sensor has (the paper does so for its second aircraft, 0.09 for
+0.016 deg^2).
 
-Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from
-about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on
-the energy): ``detectable``. Between the two the rigid fit is good, but its derivatives are
-off the condensed ones by more than their sigmas: ``fitted`` says what a fit will find, and
-``distance`` bounds the bias, for no combination of derivatives is off by more sigmas than the whole
+A rigid model that is adequate may still leave a detectable misfit. A residual test on n numbers
+detects the structure from about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power
+of a chi-squared test on the energy): ``detectable``. Between the two limits the rigid fit is good,
+but its derivatives, ``fitted``, differ from the condensed ones by more than their sigmas.
+``distance`` bounds this bias: no combination of derivatives is off by more sigmas than the whole
 response difference (Cauchy and Schwarz; to first order).
 
 Values for the bomber with all four modes, the 3-2-1-1 of 6 deg and unit 0.5 s, 8 s at 100 Hz, noise
 variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies; AC2 is 0.5):
 
-    factor  omega_1  stiffness lost  separation  degree  distance  misfit  rigid serves
-    8       100.6    0.004           51.2        0.0005     0.9    0.01    yes, unnoticed
-    4        50.3    0.015           25.7        0.0018     3.5    0.03    yes, unnoticed
-    2        25.1    0.058           13.1        0.0071    14.3    0.14    yes, unnoticed
-    1 AC1    12.57   0.211            7.1        0.0296    63.1    0.69    yes, noticed (0.34 on)
+    factor  omega_1  stiffness lost  separation  degree  distance  misfit  rigid is adequate
+    8       100.6    0.004           51.2        0.0005     0.9    0.01    yes, undetected
+    4        50.3    0.015           25.7        0.0018     3.5    0.03    yes, undetected
+    2        25.1    0.058           13.1        0.0071    14.3    0.14    yes, undetected
+    1 AC1    12.57   0.211            7.1        0.0296    63.1    0.69    yes, detected (0.34 on)
     0.9      11.3    0.255            6.6        0.0373    88.4    1.25    no
     0.7       8.80   0.397            5.6        0.0674   219.9    4.27    no
     0.5 AC2   6.29   0.720            5.8        0.1603   510.9    9.62    no
 
-For this maneuver and noise the threshold lies near factor 0.93, a degree of 0.035. The separation
-alone is no measure: with falling frequencies the short period slows down too.
+For this maneuver and noise the threshold is near factor 0.93, a degree of 0.035. The separation
+alone is no measure, because the frequency of the short period falls with those of the modes.
 """
 
 from __future__ import annotations
@@ -81,15 +80,16 @@ _MOTIONS = ("alpha", "q", "de")
 
 
 def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
-    """Return the coefficients with ``kept_modes`` modes that are equivalent to those with
-    ``modes``; with none kept those of ``condense``.
+    """Return the coefficients of a model with ``kept_modes`` modes that is equivalent to one with
+    ``modes`` modes in static deflection.
 
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
         missing is zero.
-    modes : modes that the aircraft has.
-    kept_modes : how many of them the reduced model has, ``0 <= kept <= modes``.
+    modes : number of modes of the aircraft.
+    kept_modes : number of modes of the reduced model, ``0 <= kept_modes <= modes``. Without any the
+        result is that of ``condense``.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> 
 
     Raises
     ------
-    ModelError : more modes kept than there are.
+    ModelError : more modes are to be kept than there are.
     """
     if not 0 <= kept_modes <= modes:
         raise ModelError(
@@ -167,7 +167,7 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
         missing is zero.
-    modes : how many modes to keep; 0 returns the rigid derivatives.
+    modes : number of modes that are condensed; 0 returns the rigid derivatives.
 
     Raises
     ------
@@ -225,16 +225,15 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
 
 
 def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
-    """Return a vehicle whose in-vacuo modal frequencies are ``factor`` times those of ``data``,
-    masses, shapes and damping ratios alike.
+    """Return a vehicle with in-vacuo modal frequencies ``factor`` times those of ``data``.
 
-    Modal stiffness goes with the square of it; a large factor is a rigid aircraft. At 1 it is the
-    same object.
+    Masses, shapes and damping ratios are equal. Modal stiffness is proportional to the square of
+    the factor; a large factor gives a rigid aircraft. A factor of 1 returns the same object.
 
     Raises
     ------
-    DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a
-        factor other than one.
+    DeclarationError : the factor is not above zero; or it is not one and the vehicle has no elastic
+        modes.
     """
     if factor == 1.0:
         return data
@@ -263,29 +262,29 @@ def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
     )
 
 
-# ---- How flexible is an aircraft, and does a rigid model still serve?
+# ---- Degree of flexibility, and adequacy of a rigid model
 
-LARGEST_MISFIT = 1.0
-_NORMAL_95 = 1.6448536269514722
-_ITERATIONS = 30
+LARGEST_MISFIT = 1.0  # of an adequate rigid model
+_NORMAL_95 = 1.6448536269514722  # 95 % quantile of the standard normal distribution
+_ITERATIONS = 30  # most iterations of the fit of a rigid model
 
 
 @dataclass(frozen=True)
 class Flexibility:
-    """Figures of an aircraft's flexibility; the module's text defines and justifies them.
+    """Figures of an aircraft's flexibility, which the module defines.
 
     Attributes
     ----------
-    stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection takes
-        away.
+    stiffness_loss : share of the short period's stiffness omega_sp^2 that is lost by static
+        deflection.
     separation : lowest elastic frequency over the condensed short-period frequency.
     short_period : condensed short-period frequency omega_sp, rad/s.
-    degree : degree of flexibility, error of the quasi-static assumption at ``short_period``.
+    degree : degree of flexibility, the error of the quasi-static assumption at ``short_period``.
     distance : flexible minus condensed response over the noise, root of the sum of squares over the
         record.
-    misfit : what no rigid model explains over the noise, rms over the record.
-    detectable : misfit from which on a residual test sees it.
-    condensed, fitted : six derivatives by condensation, and of the best rigid model for this
+    misfit : residual of the best rigid model over the noise, rms over the record.
+    detectable : misfit above which a residual test detects the structure.
+    condensed, fitted : six derivatives by condensation, and those of the best rigid model for this
         maneuver, 1/rad.
     """
 
@@ -312,19 +311,20 @@ def flexibility(
     noise_std: Mapping[str, float],
     modes: int | None = None,
 ) -> Flexibility:
-    """Figures of flexibility for one maneuver and noise.
+    """Return the figures of flexibility for a maneuver and a noise.
 
     Parameters
     ----------
     data : a vehicle with elastic modes.
-    elevator : ``(N,)`` rad, samples every ``step`` s, held in between.
-    noise_std : standard deviation by output; the outputs named are those that count.
-    modes : how many modes to keep, all when None.
+    elevator : ``(N,)``, rad, held between samples.
+    step : sampling interval, s.
+    noise_std : output -> standard deviation of its noise; other outputs do not count.
+    modes : number of modes of the flexible model; None for all.
 
     Raises
     ------
-    ModelError : no output named, a condensed aircraft without an oscillatory short period, static
-        divergence.
+    ModelError : no output is named; the condensed aircraft has no oscillatory short period; or
+        static divergence.
     """
     if not noise_std:
         raise ModelError(
@@ -359,6 +359,7 @@ def flexibility(
 
 
 def _pair(data: VehicleData, modes: int | None) -> tuple[Model, Model]:
+    """Return the flexible model, and the rigid model with the condensed derivatives."""
     chosen = data.modes if modes is None else modes
     return flexible_model(data, chosen), rigid_model(data).with_values(
         condense(data.values, chosen).derivatives
@@ -366,11 +367,12 @@ def _pair(data: VehicleData, modes: int | None) -> tuple[Model, Model]:
 
 
 def _error(flexible: Model, condensed: Model, omega: float) -> float:
-    over, under = (
+    """Return the relative error of the condensed model's frequency responses at ``omega``."""
+    exact, approximate = (
         frequency_response(linearise(model, ("alpha", "q")), omega)[:, 0]
         for model in (flexible, condensed)
     )
-    return float(np.max(np.abs(over / under - 1.0)))
+    return float(np.max(np.abs(exact / approximate - 1.0)))
 
 
 def _oscillations(model: Model) -> list[complex]:
@@ -391,8 +393,10 @@ def _short_period(data: VehicleData, model: Model) -> float:
 def _best_rigid(
     start: Model, names: Sequence[str], response: Callable[[Model], np.ndarray], target: np.ndarray
 ) -> tuple[dict[str, float], float]:
-    """Gauss-Newton with halved steps from the condensed derivatives; at worst the start is
-    returned, an upper bound of the misfit.
+    """Return the derivatives of the best rigid model, and the norm of its residual.
+
+    They are found by Gauss-Newton steps from the condensed derivatives. A step that does not reduce
+    the residual is halved.
     """
     model, error = start, target - response(start)
     for _ in range(_ITERATIONS):

@@ -1,9 +1,9 @@
-"""Vehicle data with units and origins, the built-in library, and differences between two sets.
+"""Vehicle data with units and origins, the built-in library, differences between two sets, and
+checks of plausibility.
 
-Mass, inertias and geometry that no aircraft has, or that are in other units.
-
-Area is about span times chord, and radii of gyration lie in a narrow range [1]_; numbers outside
-tell of feet, slugs or pounds.
+Mass, inertias and geometry are refused if no aircraft has them. The area is about span times chord,
+and radii of gyration lie in a narrow range [1]_; other numbers are probably in feet, slugs or
+pounds.
 
 References
 ----------
@@ -28,7 +28,7 @@ from sim.errors import DeclarationError
 
 
 class Origin(Enum):
-    """Source of a number, by its mark in a data file."""
+    """Kind of source of a number; values are the marks in data files."""
 
     PUBLISHED = "pub"
     PAPER = "pap"
@@ -59,12 +59,11 @@ class SourcedNumber:
 
     Attributes
     ----------
-    name, value, unit : as of a Parameter, SI.
-    printed : text of the number in its source, with the source's unit; empty for a user's own.
+    name, value, unit : as of a Parameter, in SI units.
+    printed : text of the number in its source, with the source's unit; empty for a user's number.
     origin : kind of source.
     note : remark on the source.
-    printed_by_paper : what the paper prints where that is known to be a misprint; never used in a
-        computation.
+    printed_by_paper : number in the paper that is known to be a misprint; not used in computations.
     """
 
     name: str
@@ -87,14 +86,14 @@ class VehicleData:
 
     Attributes
     ----------
-    name, title, source : the set's key, what it is, where it is from.
-    equations : name of the base equations, such as ``"rigid"`` or ``"lateral"``.
-    numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``,
-        ``Ceta1_eta2``).
-    initial : starting state, by state name; a state that is missing starts at zero.
-    modes : how many elastic modes it has.
-    based_on : name of the set it was built on.
-    aircraft_class : class of MIL-F-8785C, I to IV; empty for a vehicle that is no aircraft.
+    name, title, source : name of the set, description, and origin.
+    equations : name of the equations, such as ``"rigid"`` or ``"lateral"``.
+    numbers : values of the parameters; those of elastic modes have full names (``omega1``,
+        ``CL_eta1``, ``Ceta1_eta2``).
+    initial : initial values of states; zero for a state that is missing.
+    modes : number of elastic modes.
+    based_on : name of the set that this set extends; empty without one.
+    aircraft_class : class of MIL-F-8785C, I to IV; empty if unknown.
     """
 
     name: str
@@ -136,7 +135,7 @@ class VehicleData:
 
 @dataclass(frozen=True)
 class NumberDifference:
-    """A number that differs between two sets; None where a set lacks it."""
+    """A number that differs between two sets; ``first`` or ``second`` is None if a set lacks it."""
 
     name: str
     first: SourcedNumber | None
@@ -178,7 +177,7 @@ _REQUIRED = ("value", "unit", "printed", "origin")
 
 
 def vehicle_names() -> tuple[str, ...]:
-    """Names of the built-in vehicles, sorted: every data file that names its equations."""
+    """Return the names of the built-in vehicles, sorted: the data files that name equations."""
     return tuple(
         sorted(
             _stem(entry)
@@ -204,13 +203,14 @@ def read_parameter_set(name: str) -> VehicleData:
 
 
 def read_parameter_file(path: Traversable) -> VehicleData:
-    """Return the numbers from a data file in the library's format, e.g. a new vehicle before it is
-    put there; ``based_on`` means a built-in set.
+    """Return the numbers of a data file in the format of the library; ``based_on`` is a built-in
+    set.
     """
     return _read(path, ())
 
 
 def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
+    """Return the numbers of a data file; ``above`` are the sets that are based on it."""
     name, document = _stem(entry), _document(entry)
     where = entry.name
     _only(document, _KEYS, where)
@@ -247,7 +247,8 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
                 remedy=f"use one of {', '.join(vehicle_names())}",
             )
         based_on = _read(base_entry, (*above, name))
-        numbers, initial = _over(based_on.numbers, numbers), _over(based_on.initial, initial)
+        numbers = _merged(based_on.numbers, numbers)
+        initial = _merged(based_on.initial, initial)
     inherited = based_on.modes if based_on is not None else 0
     if aircraft_class is None:
         aircraft_class = based_on.aircraft_class if based_on is not None else ""
@@ -263,13 +264,13 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
     )
 
 
-def _over(
+def _merged(
     base: tuple[SourcedNumber, ...], own: tuple[SourcedNumber, ...]
 ) -> tuple[SourcedNumber, ...]:
-    """Numbers of the base set, replaced by our own where we have them, then the rest of ours."""
-    mine = {number.name: number for number in own}
-    merged = tuple(mine.pop(number.name, number) for number in base)
-    return merged + tuple(mine.values())
+    """Return the numbers of a base set, with numbers of the same name replaced, then the others."""
+    remaining = {number.name: number for number in own}
+    merged = tuple(remaining.pop(number.name, number) for number in base)
+    return merged + tuple(remaining.values())
 
 
 def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[SourcedNumber, ...]:
@@ -354,20 +355,20 @@ POSITIVE = (
 )
 # Area is about span times chord: their ratio is 1 of a rectangle, 4/3 of a triangle. Radii of
 # gyration in roll are 0.2 to 0.4 of half the span (Raymer, Aircraft Design, table 16.1).
-CHORD_TIMES_SPAN = (0.5, 2.5)  # of the area: wider than any wing
+CHORD_TIMES_SPAN = (0.5, 2.5)  # plausible ratio to the area, wider than for any wing
 RADIUS = (0.1, 0.8)  # plausible radius of gyration in roll, relative to half the span
-THINNEST = 0.003  # kg/m3, at 43 km; sea level in slug/ft3 is 0.0024
-SOUND = (200.0, 500.0)  # m/s; 340 m/s are 661 kn and 1116 ft/s
+THINNEST = 0.003  # kg/m3, least plausible density, at 43 km; sea level in slug/ft3 is 0.0024
+SOUND = (200.0, 500.0)  # m/s, plausible speed of sound; 340 m/s are 661 kn and 1116 ft/s
 
 
 def refuse_numbers(constants: Mapping[str, float], names: Iterable[str], where: str) -> None:
-    """Raise DeclarationError, one line, for constants that no aircraft has.
+    """Raise DeclarationError for constants that are missing or that no aircraft has.
 
     Parameters
     ----------
-    constants : SI, by name.
-    names : of all that have to be there.
-    where : for the message.
+    constants : name -> value in SI units.
+    names : names of the required constants.
+    where : the vehicle, for messages.
     """
     c = constants
     for name in names:
@@ -397,7 +398,7 @@ def refuse_numbers(constants: Mapping[str, float], names: Iterable[str], where: 
 
 
 def _refuse_other_units(c: Mapping[str, float], where: str) -> None:
-    """Raise DeclarationError for numbers that go together in other units only."""
+    """Raise DeclarationError for numbers that are consistent in other units only."""
     product = c["chord"] * c["span"]
     if not CHORD_TIMES_SPAN[0] < product / c["wing_area"] < CHORD_TIMES_SPAN[1]:
         raise DeclarationError(

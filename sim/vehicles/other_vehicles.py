@@ -15,7 +15,7 @@ from sim.maths import absolute, exp, plus
 
 @dataclass(frozen=True)
 class Ballistic:
-    """Equations of the vertical fall; altitude and velocity positive up, drag against the motion.
+    """Equations of the vertical fall; altitude and velocity are positive up.
 
     States: ``altitude`` (m), ``velocity`` (m/s). No input. Output: ``altitude``. Ports:
     ``log_density`` adds to the logarithm of the air density, ``log_drag`` to that of the drag
@@ -148,8 +148,10 @@ are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (
 
 
 def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
-    """Return the effects between commands and motors: one lag and one delay for all commands, with
-    the parameters ``motor_time_constant`` and ``delay``.
+    """Return the effects between commands and motors.
+
+    All commands have the same lag and the same delay, with the parameters ``motor_time_constant``
+    and ``delay``.
     """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()
     return (

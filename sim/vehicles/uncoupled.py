@@ -1,5 +1,5 @@
-"""Uncoupled motions of an aircraft. Longitudinal: short period, motion with airspeed and pitch
-attitude, and the low-order equivalent system of an augmented aircraft. Lateral and directional.
+"""Uncoupled motions of an aircraft: short period, longitudinal motion with airspeed and pitch
+attitude, low-order equivalent system of an augmented aircraft, and lateral-directional motion.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ AIRSPEED_CHANGE = Signal("airspeed_change", "m/s", "airspeed above the declared 
 
 @dataclass(frozen=True)
 class ShortPeriod:
-    """Equations of the rigid short period; elastic modes and gusts come in through the ports.
+    """Equations of the rigid short period; elastic modes and gusts act through the ports.
 
     States: angle of attack ``alpha`` (rad), pitch rate ``q`` (rad/s). Input: ``elevator`` (rad).
     Outputs: ``alpha`` (vane at the centre of gravity), ``q``, ``nz`` (g). Ports: ``gust`` is an
-    upward gust over airspeed (rad), seen by the loads and the vane; ``lift`` adds to CL, ``moment``
-    to Cm.
+    upward gust over airspeed (rad), which adds to alpha in the loads and in the vane's reading;
+    ``lift`` adds to CL, ``moment`` to Cm.
     """
 
     explanation = """\
@@ -131,9 +131,9 @@ class Longitudinal:
     States: ``airspeed`` (m/s), ``alpha``, ``theta`` (rad), ``q`` (rad/s). Inputs: ``elevator``
     (rad), ``thrust`` (N). Outputs: ``airspeed``, ``alpha`` (vane at the centre of gravity),
     ``theta``, ``q``, ``nz`` (g, up), ``nx`` (g, forward). Ports: ``gust`` is an upward gust over
-    the airspeed (rad), ``headwind`` (m/s) one from ahead: coefficients, vane and pitot tube feel
-    them, not the states, and lift and drag keep their directions. ``drag``, ``lift`` and ``moment``
-    add to CD, CL and Cm.
+    the airspeed (rad), ``headwind`` (m/s) one from ahead. They act on coefficients, vane and pitot
+    tube, and not on the states or on the directions of lift and drag. ``drag``, ``lift`` and
+    ``moment`` add to CD, CL and Cm.
     """
 
     explanation = """\
@@ -175,8 +175,8 @@ alpha + CD sin alpha)/(m g0), nx = (T + qS (CL sin alpha - CD cos alpha))/(m g0)
     )
     parameter_names: tuple[str, ...] = (*LONGITUDINAL_CONSTANTS, *LONGITUDINAL_DERIVATIVES)
 
-    # Sensors are calibrated and aligned. Near one airspeed, biases and coefficients of totals would
-    # otherwise grow together without limit.
+    # Sensors are calibrated and aligned. Without these priors, biases and coefficients of totals
+    # compensate each other at nearly constant airspeed.
     bias_priors: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"airspeed": 3.0, "alpha": 0.05, "theta": 0.05, "q": 0.02, "nz": 0.1, "nx": 0.1}
     )
@@ -237,15 +237,15 @@ def _drag(s: Any, p: Any) -> Any:
 
 @dataclass(frozen=True)
 class Loes:
-    """Equations of the low-order equivalent system, disturbances through the ports.
+    """Equations of the low-order equivalent system; disturbances act through the ports.
 
     States: ``alpha`` (rad), ``q`` (rad/s), pseudo-control ``delta`` (in the stick's unit). Input:
     ``stick``, any unit, nose up positive. Outputs: ``alpha`` at the vane, ``q``, ``nz`` (g, up).
-    Ports: ``gust`` (rad) adds to alpha in L_alpha, M_alpha and the vane's reading, not to the
-    state; ``lift`` (1/s) adds to alpha_dot, so a positive one lowers nz; ``moment`` (1/s2) adds to
-    q_dot; ``airspeed_change`` (m/s) scales the derivatives as those of an aircraft at constant
-    coefficients, L_alpha, L_delta and M_q with V, M_alpha and M_delta with V^2, and stands in nz
-    and the vane's correction; L_q, the lag and the constant terms stay.
+    Ports: ``gust`` (rad) adds to alpha in the loads and in the vane's reading, and not to the
+    state; ``lift`` (1/s) adds to alpha_dot, so that a positive one lowers nz; ``moment`` (1/s2)
+    adds to q_dot; ``airspeed_change`` (m/s) scales the derivatives as those of an aircraft with
+    constant coefficients: L_alpha, L_delta and M_q with V, M_alpha and M_delta with V^2. It also
+    acts on nz and on the vane's correction; L_q, the lag and the constant terms are constant.
     """
 
     explanation = """\
@@ -355,8 +355,8 @@ class Lateral:
     States: angle of sideslip ``beta``, roll rate ``p``, yaw rate ``r``, bank angle ``phi`` (rad,
     rad/s). Inputs: ``aileron``, ``rudder`` (rad). Outputs: ``beta`` (vane at the centre of
     gravity), ``p``, ``r``, ``phi``, ``ny`` (g, to the right). Ports: ``gust`` is a side gust from
-    the right over airspeed (rad), which the loads and the vane feel; ``side_force``, ``roll`` and
-    ``yaw`` add to CY, Cl and Cn.
+    the right over airspeed (rad), which adds to beta in the loads and in the vane's reading;
+    ``side_force``, ``roll`` and ``yaw`` add to CY, Cl and Cn.
     """
 
     explanation = """\
@@ -397,8 +397,8 @@ positive to the right."""
     )
     parameter_names: tuple[str, ...] = (*LATERAL_CONSTANTS, *LATERAL_DERIVATIVES)
 
-    # rad: a gyro's alignment. A steady turn is next to a bank that is read wrong, with rates that
-    # are.
+    # rad, alignment of a gyro. Without this prior, a steady turn cannot be distinguished from
+    # biases of bank angle and rates.
     bias_priors: ClassVar[Mapping[str, float]] = MappingProxyType({"phi": 0.05})
     factors: ClassVar[Mapping[str, str]] = MappingProxyType(LATERAL_DERIVATIVES)
 
@@ -444,4 +444,5 @@ def _side_force(s: Any, p: Any) -> Any:
 
 
 def _linear(s: Any, beta: Any, p: Any, r: Any, da: Any, dr: Any) -> Any:
+    """Return a coefficient from its five derivatives."""
     return beta * s.beta_air + p * s.p_hat + r * s.r_hat + da * s.aileron + dr * s.rudder

@@ -236,7 +236,7 @@ SIM = (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
         ),
-        ("left - 0.5 * way, left", "left - way, left"),
+        ("left - 0.5 * travel, left", "left - travel, left"),
         ("of_peak: ClassVar[float] = 3.0", "of_peak: ClassVar[float] = 1.0"),
     ),
     *changes(
@@ -292,7 +292,7 @@ SIM = (
         ("row[-1] + (row[-1] - row[-2])", "row[-1] - (row[-1] - row[-2])"),
     ),
     *changes(
-        "sim/propagation.py",
+        "sim/truth/motion.py",
         ("tests/unit/sim/truth/test_motion.py",),
         ("_AFFINE_TOLERANCE = 1e-11", "_AFFINE_TOLERANCE = 1e-4"),
     ),
@@ -600,9 +600,9 @@ SCENARIOS = (
         ("LEAST_SAMPLE_SHARE = 0.5", "LEAST_SAMPLE_SHARE = 0.05"),
     ),
     *changes(
-        "scenarios/tolerances.py",
+        "ident/statistics/residuals.py",
         ("tests/unit/scenarios/test_predict.py",),
-        ("(1.0 - self.figures.nrmse[channel])", "(1.0 - self.figures.nrmse[channel] ** 2)"),
+        ("(1.0 - self.nrmse[channel])", "(1.0 - self.nrmse[channel] ** 2)"),
     ),
     *changes(
         "scenarios/identification/assessment.py",

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scenarios.files.declarations import CHANNEL_UNITS, is_clock, listed, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, is_clock, shortened_list, split_header
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 
@@ -417,7 +417,7 @@ def no_table(path: Path, content: Sequence[str], remedy: str) -> RecordError:
     """Return the error for a file without a column of numbers. ``content`` has the names of what
     the file contains instead.
     """
-    held = f"; it holds {listed(content, 12)}" if content else ""
+    held = f"; it holds {shortened_list(content, 12)}" if content else ""
     return RecordError(f"no column of numbers is in the file{held}", where=str(path), remedy=remedy)
 
 

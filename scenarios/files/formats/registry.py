@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.declarations import is_clock, listed, split_header
+from scenarios.files.declarations import is_clock, shortened_list, split_header
 from scenarios.files.formats.cells import (
     MISSING,
     CellTable,
@@ -254,7 +254,7 @@ def _one_log(
         separate records.
     """
     files = [file for file, _ in topics_by_file]
-    what = f"the archive holds {len(files)} files ({listed([*map(str, files)], 6)})"
+    what = f"the archive holds {len(files)} files ({shortened_list([*map(str, files)], 6)})"
     remedy = "unpack it, and give one of its files"
     for file, topics in topics_by_file:
         if len(topics) != 1:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.declarations import listed
+from scenarios.files.declarations import shortened_list
 from scenarios.files.formats.cells import Topic, no_table, table_of_columns
 
 DATA = ("data", "Data", "values", "Values", "signal", "value")
@@ -331,7 +331,7 @@ def _columns(
         if key not in {*chosen, *columns} and np.size(value) > 1 and not _texts(value)
     ]
     if not_used:
-        notes.append(f"arrays of another length are no columns: {listed(not_used, 6)}")
+        notes.append(f"arrays of another length are no columns: {shortened_list(not_used, 6)}")
     return columns, rows, notes
 
 

@@ -16,7 +16,7 @@ from scenarios.files.declarations import (
     STICK,
     ColumnChoice,
     closest,
-    listed,
+    shortened_list,
     split_header,
 )
 from scenarios.files.formats.cells import CellTable, Topic
@@ -201,7 +201,7 @@ def map_command(file: str | Path) -> str:
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
     """Return the error for a channel that a model needs and the file does not have."""
-    shown = listed([cell for cell in header if cell], 20)
+    shown = shortened_list([cell for cell in header if cell], 20)
     remedy = (
         f"name the column {channel}, or give --channels a map with {channel} = {{column = "
         f'"HEADER"}}; {map_command(file)} drafts one'

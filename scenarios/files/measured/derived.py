@@ -13,7 +13,7 @@ from scenarios.files.declarations import (
     TIME,
     ColumnChoice,
     closest,
-    listed,
+    shortened_list,
     split_header,
 )
 from scenarios.files.formats.cells import CellTable, Topic, numbers
@@ -91,7 +91,7 @@ def with_derived(
                 single, {TIME: clock, **absent}, inputs, outputs, channel_units=channel_units
             )
         if not wanted:
-            names = listed([topic.name for topic in topics], 8)
+            names = shortened_list([topic.name for topic in topics], 8)
             raise RecordError(
                 f"a log of {len(topics)} topics ({names})",
                 where=str(file.path),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.declarations import TIME, ColumnChoice, is_clock, listed, split_header
+from scenarios.files.declarations import TIME, ColumnChoice, is_clock, shortened_list, split_header
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.clock import (
     SECONDS,
@@ -392,8 +392,8 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
         if unread:
             have, are = ("has", "is") if len(unread) == 1 else ("have", "are")
             sentences.append(
-                f"{listed(unread, 6)} {have} the same columns as {topics[used_number].name} and "
-                f"{are} not read"
+                f"{shortened_list(unread, 6)} {have} the same columns as "
+                f"{topics[used_number].name} and {are} not read"
             )
     return sentences
 

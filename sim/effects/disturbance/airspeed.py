@@ -16,41 +16,41 @@ from sim.maths import G0
 SPEED = "phugoid_speed"  # state
 ATTITUDE = "phugoid_attitude"  # state
 STEEPEST_FLIGHT_PATH = 0.35  # rad, steepest flight path for perturbations about level flight
-BELIEVED = {  # Plausible ranges: three to five sigmas of the prior.
+PLAUSIBLE = {  # Plausible ranges: three to five sigmas of the prior.
     "trim_moment": (-0.06, 0.06),
     "speed_damping": (-0.03, 0.05),
     "induced_drag": (-15.0, 25.0),
 }
-# rad: a smaller attitude changes the speed by less than 0.1 m/s2, like a nearly level flight path
+# Attitude, rad, above which a phugoid is a change of airspeed: 0.1 m/s2.
 EVEN_CHANGE = 0.01
-# rad: few values suffice, as the speed is almost linear in the attitude
+# Trial attitudes, rad; few suffice, since the speed is almost linear in the attitude.
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
 
 
 @dataclass(frozen=True)
 class Phugoid:
-    """u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0), theta_dot = q,
-    V = airspeed + u.
+    """Phugoid: u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0),
+    theta_dot = q, V = airspeed + u.
 
-    Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic
-    pressure: the lift that carries the weight (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and
-    nz gains 2 u/V to first order) and the moment that balances the engines, which does not follow
-    it (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go with
-    (1 + u/V)^2. A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the level
-    flight path there, each record's own. A steady deceleration is the same as an attitude: u_dot =
-    -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
+    Signals are perturbations about level flight at the declared airspeed. The lift that carries the
+    weight follows the dynamic pressure (``weight_lift``): to first order alpha_dot gains -(2
+    g0/V^2) u and nz gains 2 u/V. The moment of the engines does not follow it, so that the moment
+    that balances it does: Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V. All
+    other loads are proportional to (1 + u/V)^2. A record begins at u = 0. ``attitude`` (rad, nose
+    up) is theta relative to level flight there; each record has its own. A steady deceleration has
+    the effect of an attitude: u_dot = -gravity attitude. With ``gravity`` = 0 the effect is absent.
 
     ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong
     to the aircraft. Their priors are those of usual aircraft: D/m changes with the speed by 2 g0
-    D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at an arm of a chord
-    makes a moment coefficient of the size of CD.
+    D/(L V), and with the angle of attack by g0 times the slope of D/L; thrust at an arm of a chord
+    gives a moment coefficient of the size of CD.
 
     Attributes
     ----------
-    attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its
-        value at the record's begin), and no state.
-    speed_recorded : so is the airspeed, with the lift that carries the weight: only the trim moment
-        is left to find.
+    attitude_recorded : whether the pitch attitude is an input of the equations, ``theta`` (rad,
+        minus its value at the record's begin), and no state.
+    speed_recorded : whether the airspeed is an input, too, with the lift that carries the weight;
+        then only the trim moment is a parameter.
     """
 
     attitude_recorded: bool = False
@@ -87,9 +87,9 @@ class Phugoid:
             ),
             short_name="phugoid",
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
-            plausible={"trim_moment": BELIEVED["trim_moment"]}
+            plausible={"trim_moment": PLAUSIBLE["trim_moment"]}
             if self.speed_recorded
-            else {"attitude": (-STEEPEST_FLIGHT_PATH, STEEPEST_FLIGHT_PATH), **BELIEVED},
+            else {"attitude": (-STEEPEST_FLIGHT_PATH, STEEPEST_FLIGHT_PATH), **PLAUSIBLE},
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
             never_beside=("speed-variation",),
             per_record=not self.speed_recorded,
@@ -151,8 +151,9 @@ class Phugoid:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe flight paths up and down, each with its slope; level flight already exchanges
-        energy.
+        """Probe flight paths up and down, with the slope by the attitude.
+
+        The attitude zero is a probe, too, since level flight also exchanges speed and height.
         """
         start = {item.name: item.value for item in self.parameters}
         if self.speed_recorded:
@@ -162,14 +163,18 @@ class Phugoid:
 
 @dataclass(frozen=True)
 class SpeedVariation:
-    """V(t) = V + ``rate`` (t - begin), V the declared airspeed, ``rate`` in m/s2, ``begin`` the
-    time at which V holds, s.
+    """Steady change of the airspeed: V(t) = V + ``rate`` (t - begin).
 
-    Pressure and non-dimensional rates follow, and with ``weight`` the lift that carries the weight
-    (`sim.effects.loads`): surfaces and attitude stay where they trimmed the aircraft at V. Without,
-    it is trimmed anew at every speed, by what no channel shows, and only the perturbations change.
-    On the low-order equivalent system the derivatives scale as those of an aircraft at constant
-    coefficients: L_alpha, L_delta, M_q with V, M_alpha and M_delta with V^2.
+    V is the declared airspeed and ``rate`` is in m/s2. Dynamic pressure and non-dimensional rates
+    follow the airspeed. On the low-order equivalent system the derivatives scale as those of an
+    aircraft with constant coefficients: L_alpha, L_delta, M_q with V, M_alpha and M_delta with V^2.
+
+    Attributes
+    ----------
+    begin : time at which the airspeed is V, s.
+    weight : whether the lift that carries the weight follows the airspeed (`sim.effects.loads`),
+        with surfaces and attitude as trimmed at V. Otherwise the aircraft is trimmed at every
+        speed, without a trace in the record.
     """
 
     begin: float = 0.0

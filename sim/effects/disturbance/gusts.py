@@ -15,21 +15,21 @@ from sim.effects.loads import PLAUSIBLE, calm_air, gust_parameters, gust_probes,
 
 @dataclass(frozen=True)
 class GustDiscrete:
-    """The aircraft crosses one gust w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
+    """A single vertical gust: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
 
-    ``peak`` in m/s, positive upward; ``start`` and ``duration`` in s. Outside the gust w = 0. w/V
-    adds to the angle of attack in the loads and in the vane's reading, not to the state; V is the
-    declared airspeed.
+    ``peak`` is in m/s, positive upward; ``start`` and ``duration`` are in s. Outside the gust w =
+    0. w/V adds to the angle of attack in the loads and in the vane's reading, and not to the state;
+    V is the declared airspeed. On lateral equations the gust comes from the right, and adds to
+    sideslip.
 
     Attributes
     ----------
-    lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its
-        length is V duration/2).
-    fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the
-        gust, or over its rise, less what would change the peak: gusts that begin with a kink, rise
-        faster than they fall, or are flat on top.
-    speed : the constant that is the declared airspeed. On lateral equations the air comes from the
-        right, and sideslip takes the place of alpha.
+    lasting : whether w keeps its peak after the first half (MIL-F-8785C, 3.7.1.3; the length of
+        that gust is V duration/2).
+    fine : add the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), where x runs from 0 to
+        1 over the gust or its rise, minus their contribution at the peak: for gusts that begin with
+        a kink, rise faster than they fall, or are flat on top.
+    speed : name of the constant that is the declared airspeed.
     """
 
     lasting: bool = False
@@ -99,16 +99,14 @@ DISCRETE_VARIANTS: tuple[Traceable, ...] = tuple(
 
 @dataclass(frozen=True)
 class GustHorizontal:
-    """The aircraft crosses one gust from ahead, w(t) = (peak/2) (1 - cos(2 pi (t -
-    start)/duration)).
+    """A single gust from ahead: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
 
-    ``peak`` in m/s, positive from ahead; ``start`` and ``duration`` in s. w adds to the airspeed in
-    the loads and in the reading of the pitot tube, not to the state.
+    ``peak`` is in m/s, positive from ahead; ``start`` and ``duration`` are in s. w adds to the
+    airspeed in the loads and in the reading of the pitot tube, and not to the state.
 
     Attributes
     ----------
-    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its peak;
-        a freer course.
+    lasting, fine : as of `GustDiscrete`.
     """
 
     lasting: bool = False
@@ -164,8 +162,8 @@ ROOT3 = math.sqrt(3.0)
 
 @dataclass(frozen=True)
 class GustTurbulence:
-    """Vertical gusts of standard deviation ``sigma`` (m/s) and scale ``length`` (m), Dryden's form
-    (MIL-F-8785C, 3.7.1.2).
+    """Vertical turbulence of Dryden's form (MIL-F-8785C, 3.7.1.2), with the standard deviation
+    ``sigma`` (m/s) and the scale length ``length`` (m).
 
     One-sided spectrum over the spatial frequency W: sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L
     W)^2)^2, whose integral is sigma^2. White noise of unit density through sigma sqrt(T) (1 +
@@ -177,7 +175,7 @@ class GustTurbulence:
 
     Attributes
     ----------
-    speed : the constant that is the declared airspeed.
+    speed : name of the constant that is the declared airspeed.
     """
 
     speed: str = "airspeed"
@@ -230,12 +228,12 @@ class GustTurbulence:
         return -rate * s.gust_1, rate * (s.gust_1 - s.gust_2)
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]:
-        """Spectral density of the noise on each state's rate, (m/s)^2/s."""
+        """Return the spectral density of the noise on each state's rate, (m/s)^2/s."""
         density = p.sigma * p.sigma * getattr(vehicle, self.speed) / p.length
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe three scale lengths; a record shows at least some of them."""
+        """Probe scale lengths of which a record contains several."""
         far = max(50.0, context.airspeed * context.duration / 6.0)
         return tuple(
             Probe({"sigma": 1.0, "length": length})

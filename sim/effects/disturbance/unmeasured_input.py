@@ -26,21 +26,20 @@ DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 
 @dataclass(frozen=True)
 class UnmeasuredInput(SizedOnPorts):
-    """A pulse of lift and moment from ``start`` on for ``duration``, both s; a step where it lasts
-    to the record's end.
+    """An unmeasured load: a pulse of lift and moment from ``start`` on for ``duration``, s.
 
-    ``lift`` and ``moment`` are free: coefficients on the rigid aircraft, 1/s of alpha_dot and 1/s2
-    on the low-order equivalent system. The edges rise over ``width`` s, centred on their times.
+    ``lift`` and ``moment`` are coefficients on the rigid aircraft, and 1/s of alpha_dot and 1/s2 on
+    the low-order equivalent system. The edges last ``width`` s, centred on their times.
 
     Attributes
     ----------
-    lasting : a step without ``duration``.
-    width : of the edges, s.
-    units, sizes : of lift and moment.
+    lasting : whether the load is a step, without a ``duration``.
+    width : duration of an edge, s.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
-    label : of the name, where it is one port of several.
-    sized : whether it is known what is large there; else any size is believed.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    label : suffix of the effect's name, if it loads one of several ports.
+    sized : whether a large load of the port is known; otherwise any size is plausible.
     """
 
     lasting: bool = False
@@ -173,12 +172,11 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 @dataclass(frozen=True)
 class ModelDiscrepancy(SizedOnPorts):
-    """Each load port has a first-order Gauss-Markov process.
+    """Model discrepancy: a first-order Gauss-Markov process is added to each load port.
 
-    Its standard deviation is the parameter named like the port, its correlation time ``time``.
-
-    It is the model discrepancy of Kennedy and O'Hagan, applied to the forces and moments, where the
-    model of an aircraft has its errors.
+    Its standard deviation is the parameter with the name of the port, and its correlation time is
+    ``time``. This is the model discrepancy of Kennedy and O'Hagan, applied to forces and moments,
+    where the model of an aircraft has its errors.
     """
 
     units: tuple[str, ...] = ("1", "1")
@@ -220,7 +218,7 @@ class ModelDiscrepancy(SizedOnPorts):
         return tuple(-getattr(s, f"discrepancy_{port}") / p.time for port in self.ports)
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]:
-        """Spectral density of the noise on each state's rate."""
+        """Return the spectral density of the noise on each state's rate."""
         return tuple(2.0 * getattr(p, port) ** 2 / p.time for port in self.ports)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -228,11 +226,11 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """Return a discrepancy of each load that an unmeasured input can act on; None if there is none.
+    """Return a discrepancy of all loads on which an unmeasured input can act; None without any.
 
     Parameters
     ----------
-    effects : those that apply to a vehicle's equations.
+    effects : effects that can act on a vehicle.
     """
     loads = [each for each in effects if isinstance(each, UnmeasuredInput) and not each.lasting]
     if not loads:

@@ -75,19 +75,19 @@ SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 @dataclass(frozen=True)
 class DragMach:
-    """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]``
-    with f = 0 at ``low``.
+    """Drag that depends on the Mach number M: log drag += f(M).
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which
-    spreads the transonic range, where drag changes most. beta is then the ballistic coefficient at
-    the lowest Mach number, below which f is linear. The speed of sound is that of the standard
-    atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K). An error
-    of a few per cent stretches f along M and changes no fit.
+    f is a natural cubic spline over ``[low, high]`` with f = 0 at ``low``, so that beta is the
+    ballistic coefficient at the lowest Mach number; f is linear below it. f = sum of ``shape1`` ...
+    times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which spreads the transonic
+    range, where drag changes most. The speed of sound is that of the standard atmosphere, a =
+    sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K). An error of it by a few
+    per cent stretches f along M, without an effect on the fit.
 
     Attributes
     ----------
-    low, high : Mach numbers flown.
-    fine : ten shapes instead of five, the first five the same.
+    low, high : range of the Mach number in the record.
+    fine : use ten shapes instead of five; the first five are the same.
     """
 
     low: float = 0.5
@@ -112,8 +112,8 @@ class DragMach:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # Regularises shapes at high altitude, where there is hardly any air: one sigma changes the
-        # drag threefold.
+        # The prior regularises shapes at high altitude, where there is hardly any air. A sigma of
+        # one changes the drag by a factor of e.
         shapes = enumerate(shape_names(self.fine, flat=False))
         return tuple(
             Parameter(name, 0.2 / (1.0 + i), "1", prior_std=LOG_DRAG_STD / (1.0 + i))
@@ -149,8 +149,9 @@ class DragMach:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragMach:
-        """Return the effect over the Mach numbers of the record; a fall is slowest where it is
-        lowest.
+        """Return the effect over the Mach numbers of the record.
+
+        The lowest Mach number is at the lowest altitude, where a fall is slowest.
         """
         recorded_range, heights = (
             context.flown_range("velocity"),
@@ -181,6 +182,7 @@ def _speed_of_sound(altitude: Any) -> Any:
 
 
 def _stretched(mach: Any) -> Any:
+    """Return a function of the Mach number that spreads the transonic range."""
     return asinh((mach - DRAG_RISE_MACH) / DRAG_RISE_HALF_WIDTH)
 
 

@@ -25,30 +25,30 @@ from sim.maths import combine, natural_shapes, shape_names, sqrt
 
 @dataclass(frozen=True)
 class ControlNonlinearity:
-    """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low,
-    high]`` with f(0) = f'(0) = 0.
+    """Nonlinear control effectiveness: a deflection d acts as d + f(d).
 
-    moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by
-    the control. f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root
-    mean square deflection that its shape adds over the range, in the control's unit. ``lift_share``
-    is one where lift and moment come from one force on the surface, zero where the moment alone is
+    f is a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0. moment += moment_by
+    f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by the control. f =
+    sum of ``shape1`` ... times orthonormal shapes (`sim.maths`); each parameter is the root mean
+    square deflection that its shape adds over the range, in the unit of the control. ``lift_share``
+    is one if lift and moment come from one force on the surface, and zero if only the moment is
     nonlinear; it has no effect while f is zero.
 
     Attributes
     ----------
-    low, high : the range used.
-    fine : nine shapes instead of four, the first four the same.
-    control, unit, size : the signal, its unit, and a usual size.
-    moment_by, lift_by : names of the derivatives.
-    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
-    by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An
-        input of a few levels leaves f and the derivative to trade off; with a fixed factor beside f
-        that stays a straight line, which a Gaussian can describe.
-    ports : that moment and lift add to.
-    further : ports beside them, each with its derivative by the control.
-    label : of the name, where there are several controls.
-    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
-        deflections are totals, and f counts from the ``middle`` of the range.
+    low, high : range of the deflections in the record.
+    fine : use nine shapes instead of four; the first four are the same.
+    control, unit, size : signal of the control, its unit, and a usual size.
+    moment_by, lift_by : names of its derivatives.
+    share_free : whether ``lift_share`` is estimated; it is not for a control with hardly any lift.
+    by : fixed factors of f in place of the derivatives moment_by and lift_by; if empty, these. With
+        an input of a few levels, f and the derivative compensate each other. A fixed factor makes
+        this a linear relation, which a Gaussian can describe.
+    ports : ports of the moment and of the lift.
+    further : further ports, each with its derivative by the control.
+    label : suffix of the effect's name, where the vehicle has several controls.
+    speed : name of the constant that is the declared airspeed. With a ``reference_airspeed``
+        deflections are totals, and f counts from ``middle``, the middle of the range.
     """
 
     low: float = -0.1
@@ -107,7 +107,7 @@ class ControlNonlinearity:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # Regularises shapes outside the inputs' range: none adds more than the deflection itself.
+        # The prior regularises shapes outside the range: none adds more than the deflection itself.
         widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         shapes = tuple(
             Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i))
@@ -188,7 +188,7 @@ def _lateral(c: LateralControl) -> ControlNonlinearity:
     )
 
 
-# Plainer forms are in control_unevenness.py and control_weakening.py, under the same name.
+# Forms with one parameter, `ControlUnevenness` and `ControlWeakening`, have the same name.
 CURVE_VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(
@@ -206,17 +206,17 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-# width of the kink, relative to the largest deflection, so that there is a slope everywhere
+# Width of the rounded kink, relative to the largest deflection; without it there were no slope.
 KINK_WIDTH_SHARE = 0.001
 
 
 @dataclass(frozen=True)
 class ControlUnevenness(NonlinearControl):
-    """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
-    the positive side, 1 - unevenness to the other.
+    """Uneven control effectiveness: a deflection d acts as d + ``unevenness`` |d|.
 
-    The vehicle's derivatives are then the means of both sides. |d| is computed as sqrt(d^2 + w^2) -
-    w, ``width`` w of the rounded kink in the control's unit.
+    The slope is 1 + unevenness on the positive side and 1 - unevenness on the other, so that the
+    vehicle's derivatives are the means of both sides. |d| is computed as sqrt(d^2 + w^2) - w, where
+    w is ``width``, that of the rounded kink, in the unit of the control.
     """
 
     width: float = 0.00005
@@ -259,11 +259,11 @@ UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, 
 
 @dataclass(frozen=True)
 class ControlWeakening(NonlinearControl):
-    """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
-    deflection used, in the control's unit.
+    """Control effectiveness that falls with deflection: d acts as d - ``loss`` d (d/D)^2.
 
-    At D the surface has lost the share ``loss`` of its effect; a negative loss is a gain. The
-    vehicle's derivatives are those at zero.
+    D is ``widest``, the largest deflection in the record, in the unit of the control. At D the
+    surface has lost the share ``loss`` of its effect; a negative loss is a gain. The vehicle's
+    derivatives are those at zero.
     """
 
     widest: float = 0.1

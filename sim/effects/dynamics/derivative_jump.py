@@ -29,19 +29,18 @@ LARGEST_CHANGE_SHARE = 10.0  # largest plausible change, as a share of the decla
 
 @dataclass(frozen=True)
 class ParameterJump:
-    """From ``time`` (s) on the parameters of a group are larger by given amounts, each in its own
-    unit; any of them may stay as it is.
+    """Jump of parameters: from ``time`` (s) on each parameter of a group is larger by an amount.
 
-    Rates and readings use the changed parameters. The edge rises over ``width`` s, centred on
-    ``time``.
+    The amounts are parameters in the units of the changed ones; some may be zero. Rates and
+    readings use the changed parameters. The edge lasts ``width`` s, centred on ``time``.
 
     Attributes
     ----------
-    changing : name and unit of each parameter.
-    label : of the name, where there are several groups.
-    sizes : usual changes, in their units; unknown before a record's model gives the declared
-        values, and any size is believed then.
-    width : of the edge, s.
+    changing : name and unit of each parameter of the group.
+    label : suffix of the effect's name, where there are several groups.
+    sizes : usual changes, in these units. They follow from the declared values; if these are not
+        known, sizes are empty and any change is plausible.
+    width : duration of an edge, s.
     """
 
     changing: tuple[tuple[str, str], ...]
@@ -106,8 +105,8 @@ class ParameterJump:
         return {name: share * getattr(p, name) for name in self.group}
 
     def fitted_to(self, context: SearchContext) -> ParameterJump:
-        """Return the effect with an edge of one sub-step of the record, and changes of usual size
-        for the declared values.
+        """Return the effect with an edge of one sub-step of the record, and usual changes for the
+        declared values.
         """
         declared = [abs(context.values.get(name, 0.0)) for name in self.group]
         sizes = tuple(USUAL_CHANGE_SHARE * value for value in declared) if all(declared) else ()
@@ -119,10 +118,10 @@ class ParameterJump:
 
 
 def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
-    """Return a step of the parameters that act through each port.
+    """Return a jump of the parameters that act through each port.
 
-    Where ports are coefficients, a group holds the derivatives of one coefficient, since each rate
-    depends on several ports. A step of a constant term is `unmeasured-input`.
+    If ports are coefficients, a group has the derivatives of one coefficient, because each rate
+    depends on several ports. A jump of a constant term is `unmeasured-input`.
     """
     groups: dict[str, list[str]] = {}
     if equations.terms:
@@ -140,7 +139,7 @@ def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
 
 
 def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
-    """Coefficient and parameter of each term that contains a signal."""
+    """Return coefficient and parameter of each term that contains a signal."""
     signals = [name.removeprefix(AS_TERM) for name in equations.formed_names]
     terms = [(axis, parse_term(text, signals)) for axis, text in equations.terms]
     named = [(axis, f"{axis}_{term.label}") for axis, term in terms if term.signals]
@@ -166,8 +165,13 @@ ALL_AXES = (
 
 @dataclass(frozen=True)
 class Change:
-    """A derivative that may change: name, unit, the signal it multiplies, usual and largest
-    size.
+    """A derivative that may change.
+
+    Attributes
+    ----------
+    derivative, unit : name and unit.
+    signal : signal that it multiplies.
+    size, largest : usual change, and largest plausible change.
     """
 
     derivative: str
@@ -193,8 +197,8 @@ _LATERAL_SIGNALS = {"beta": "beta_air", "p": "p_hat", "r": "r_hat", "da": "ailer
 
 
 def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
-    """All derivatives of one lateral coefficient; those by the rates are several times larger."""
-    rates = {"p": 5.0, "r": 5.0}
+    """Return the changes of all derivatives of a lateral coefficient."""
+    rates = {"p": 5.0, "r": 5.0}  # derivatives by rates are several times larger
     return tuple(
         Change(
             f"{axis}_{by}", "1/rad", signal, size * rates.get(by, 1.0), largest * rates.get(by, 1.0)
@@ -205,19 +209,20 @@ def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
 
 @dataclass(frozen=True)
 class DerivativeJump:
-    """From ``time`` on some derivatives are larger by given amounts: moment += sum of changes times
-    their signals, lift likewise.
+    """Jump of derivatives: from ``time`` (s) on some are larger by given amounts.
 
-    ``time`` in s; the changes carry the names and units of the derivatives. Any of them may stay
-    zero. The edge rises over ``width`` s, centred on ``time``. Changes act on perturbations about
-    the same trim; a moment that jumps, too, is `unmeasured-input`.
+    The moment gains the sum of changes times their signals, and so does the lift. The amounts have
+    the names and units of the derivatives; some may be zero. The edge lasts ``width`` s, centred on
+    ``time``. Changes act on perturbations about the same trim; a jump of the moment itself is
+    `unmeasured-input`.
 
     Attributes
     ----------
-    moment, lift : derivatives that may change.
-    width : of the edge, s.
-    ports : that these add to.
-    label : of the name, where an aircraft has several groups of derivatives: yaw, roll, side force.
+    moment, lift : derivatives of the moment and of the lift that may change.
+    width : duration of an edge, s.
+    ports : ports of the moment and of the lift.
+    label : suffix of the effect's name, where an aircraft has several groups of derivatives: yaw,
+        roll, side force.
     """
 
     moment: tuple[Change, ...] = RIGID_MOMENT
@@ -318,21 +323,22 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     one.
     """
     parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
-    listed = (
+    applicable = (
         each
         for each in DERIVATIVE_VARIANTS
         if parameter_names.issuperset(constants_needed(each))
         and ports.issuperset(ports_needed(each))
     )
-    return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()
+    is_covered = any(applicable)
+    return jumps_of(equations) if isinstance(equations, OwnEquations) and not is_covered else ()
 
 
 @dataclass(frozen=True)
 class DragJump:
-    """From ``time`` (s) on the drag is ``factor`` times as large; beta is the ballistic coefficient
-    before.
+    """Jump of the drag: from ``time`` (s) on it is ``factor`` times as large.
 
-    log drag += ln(1 + (factor - 1) e), e an edge that rises over ``width`` s, centred on ``time``.
+    beta is the ballistic coefficient before. log drag += ln(1 + (factor - 1) e), where the edge e
+    rises from 0 to 1 over ``width`` s, centred on ``time``.
     """
 
     width: float = SLOW_WIDTH

@@ -1,5 +1,5 @@
-"""An elastic mode that the declared model lacks: an oscillator driven by control and angle of
-attack.
+"""An elastic mode that the declared model lacks: an oscillator that control and angle of attack
+drive.
 """
 
 from __future__ import annotations
@@ -21,53 +21,52 @@ from sim.declaration.proposal import (
 from sim.errors import ModelError
 
 STARTING_DAMPING = 0.03  # start of a search: structures have 0.01 to 0.05
-# ratio of successive trial frequencies: a mode with that damping responds between two
+# Ratio of successive trial frequencies, so close that a mode of this damping responds to one.
 FREQUENCY_RATIO = 1.09
 LOWEST_FREQUENCY = 4.0  # rad/s, lowest frequency of a structure
 HIGHEST_FREQUENCY = 250.0  # rad/s, highest frequency resolved by usual sub-steps
 
 
-# Derivatives of the moment by angle and control: a mode of the same structure has about their
-# ratio; and the largest plausible deviation from it.
+# Control -> derivatives of the moment by angle and control. Angle and control drive a mode in about
+# their ratio.
 TURNED_BY = {
     "elevator": ("Cm_alpha", "Cm_de"),
     "delta": ("M_alpha", "M_delta"),
     "rudder": ("Cn_beta", "Cn_dr"),
 }
-BEYOND = 3.0
-
-# eta = control + angle_gain alpha.
+BEYOND = 3.0  # prior standard deviation of ``angle_gain`` over that ratio
 
 
 @dataclass(frozen=True)
 class ElasticMode:
-    """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and
-    its loads and readings.
+    """An elastic mode: eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain
+    alpha - eta).
 
-    The gain of the control is one by convention: eta is the deflection of the control that bends
-    the structure as much when held. Then ``lift`` and ``moment`` times eta add to the loads, and
-    the gyro reads q + ``gyro`` eta_dot, the local rate of bending. On the rigid aircraft eta is in
-    rad and the loads are coefficients; on the low-order equivalent eta is in the stick's unit and
-    driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha includes the gust.
+    The gain of the control is one by convention, so that eta is the steady deflection of the
+    control that bends the structure as much. ``lift`` and ``moment`` times eta add to the loads,
+    and the gyro reads q + ``gyro`` eta_dot, with the local rate of bending. On the rigid aircraft
+    eta is in rad and the loads are coefficients. On the low-order equivalent system eta is in the
+    unit of the stick and driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha
+    includes the gust.
 
     Attributes
     ----------
-    angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about
-        as it turns the aircraft: where a record does not tell it, no moment of the aircraft is to
-        be lost in it.
-    number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
-    fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away
-        from the node: ``lift_rate`` and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q
-        in the forcing, nz + ``accelerometer`` eta_ddot.
-    control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of
-        lift, moment, gyro.
+    number : number of the mode: 1 is ``elastic-mode``, 2 is ``elastic-mode#2``.
+    fine : the refined form. It also has loads by the rate of bending, forcing by the pitch rate,
+        and an accelerometer away from the node: ``lift_rate`` and ``moment_rate`` times
+        eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
+    control, angle : signal that drives the mode, and its unit.
+    loads, sizes : units of lift and moment; starting values of lift, moment and gyro.
     needs_constants : constants that the equations must have.
-    fastest : rad/s, that the records resolve.
-    ports : that it loads, and the names of these parameters.
-    read_as : the angle that drives it, the rate that its gyro adds to, the accelerometer's channel.
-    total : whether control and angle are totals; ``trim``, what they force in steady flight, is
-        then free and taken off, since a record begins without bending, and starts from ``middle``,
-        that of the deflections used.
+    fastest : highest frequency that the records resolve, rad/s.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    read_as : angle that drives the mode, rate that its gyro reads, channel of the accelerometer.
+    total : whether control and angle are totals. Then ``trim``, their forcing in steady flight, is
+        a free parameter that is subtracted, since a record begins without bending.
+    middle : starting value of ``trim``, the middle of the deflections in the record.
+    angle_std : prior standard deviation of ``angle_gain``. The flow bends a structure about as it
+        turns the aircraft. Without this prior, a record that does not determine ``angle_gain``
+        could attribute a moment of the aircraft to it.
     """
 
     number: int = 1
@@ -209,8 +208,8 @@ class ElasticMode:
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """Return the mode with frequencies that the records resolve, driven by the angle of attack
-        at most a little more than the aircraft turns.
+        """Return the mode with frequencies that the records resolve, and a prior of ``angle_gain``
+        from the derivatives of the aircraft.
 
         Deflections that are totals count from the middle of their range.
         """

@@ -162,13 +162,13 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-# a1 (alpha - alpha_star) below which the separated share is set to zero, as it is below rounding
+# a1 (alpha - alpha_star) below which the separated share, then less than rounding, is set to zero.
 ATTACHED_FLOW_EXPONENT = -20.0
-# smallest attached share of the chord: its root has no slope at zero; lift is then within 2 per
-# cent of fully separated flow
+# Smallest attached share of the chord, since its root has no slope at zero. The lift is then within
+# 2 per cent of that of fully separated flow.
 LEAST_ATTACHED = 1e-4
-NO_STALL_BELOW = 0.15  # rad from zero lift, chosen: below eight degrees no stall is searched
-UNREACHED_ALPHA = 6.0  # rad, where alpha_star is beyond any flight
+NO_STALL_BELOW = 0.15  # rad from zero lift (8 deg, chosen); no stall is searched below
+UNREACHED_ALPHA = 6.0  # rad, value of alpha_star that no flight reaches
 SHARES = (0.7, 0.85, 1.0)  # trial values, relative to the largest angle flown
 TIMES = (0.1, 0.5)  # s, time constants that are probed
 STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
@@ -177,25 +177,25 @@ MOMENTS = (0.0, -0.1)  # moment coefficients by separation that are probed
 
 @dataclass(frozen=True)
 class FlowSeparation:
-    """tau1 X_dot + X = X0(alpha - tau2 alpha_dot), X0 = (1 - tanh(a1 (alpha - alpha_star)))/2; the
-    state is 1 - X, none at a record's begin.
+    """Flow separation near stall: tau1 X_dot + X = X0(alpha - tau2 alpha_dot), X0 = (1 - tanh(a1
+    (alpha - alpha_star)))/2.
 
     X, from 0 to 1, is the point on the chord up to which the flow is attached (Goman and Khrabrov,
-    Journal of Aircraft 31(5), 1994). In Kirchhoff's flow the wing has ((1 + sqrt X)/2)^2 of its
-    attached lift; of the moment the field's form is proportional to 1 - X, and so that of the drag:
-    CL += (((1 + sqrt X)/2)^2 - 1) CL_wing, Cm += ``moment`` (1 - X), CD += ``drag`` (1 - X)
-    (Fischenberg, AIAA 95-3438, 1995; Singh and Jategaonkar, Journal of Aircraft 33(2), 1996;
-    Jategaonkar, Flight Vehicle System Identification, ch. 12). ``tau1``, ``tau2`` in s, ``a1`` in
-    1/rad, ``alpha_star`` in rad as the model counts alpha, the gust included.
+    Journal of Aircraft 31(5), 1994). The state is 1 - X, which is zero at the begin of a record. In
+    Kirchhoff's flow the wing has ((1 + sqrt X)/2)^2 of its attached lift. Changes of moment and
+    drag are usually taken as proportional to 1 - X: CL += (((1 + sqrt X)/2)^2 - 1) CL_wing, Cm +=
+    ``moment`` (1 - X), CD += ``drag`` (1 - X) (Fischenberg, AIAA 95-3438, 1995; Singh and
+    Jategaonkar, Journal of Aircraft 33(2), 1996; Jategaonkar, Flight Vehicle System Identification,
+    ch. 12). ``tau1`` and ``tau2`` are in s, ``a1`` in 1/rad, ``alpha_star`` in rad; alpha is that
+    of the model, the gust included.
 
-    CL_wing is the declared lift without that of pitch rate and elevator. Of equations about a trim
-    it is the lift that carries the weight in level flight and CL_alpha alpha; of totals CL_0 + CL_V
-    V/V0 + CL_alpha alpha.
+    CL_wing is the declared lift without that of pitch rate and elevator. In equations about a trim
+    it is the lift that carries the weight in level flight plus CL_alpha alpha; in equations of
+    totals it is CL_0 + CL_V V/V0 + CL_alpha alpha.
 
     Attributes
     ----------
-    total : whether the equations count totals.
-    ports : that it loads; the names of ``moment`` and ``drag`` among the parameters.
+    total : whether the signals of the equations are totals.
     """
 
     total: bool = False
@@ -284,8 +284,7 @@ class FlowSeparation:
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         beyond = p.a1 * (s.alpha_air - p.tau2 * s.alpha_dot - p.alpha_star)
-        # (1 + tanh z)/2 is this logistic function, whose exponential stays within range between the
-        # two limits.
+        # (1 + tanh z)/2 as a logistic function; within the limits its exponential cannot overflow.
         share = 1.0 / (
             1.0 + exp(-2.0 * clip(beyond, ATTACHED_FLOW_EXPONENT, -ATTACHED_FLOW_EXPONENT))
         )
@@ -294,9 +293,7 @@ class FlowSeparation:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe whole changes over a grid about the largest angle; none if no wing would stall
-        there.
-        """
+        """Probe a grid of values about the largest angle; nothing if no wing would stall there."""
         recorded_range = context.flown_range("alpha")
         if (
             recorded_range is None
@@ -328,8 +325,8 @@ class FlowSeparation:
         )
 
     def _from_zero_lift(self, values: Mapping[str, float]) -> float:
-        """Angle (rad) from zero lift to the reference of alpha; very large if unknown, so that it
-        forbids nothing.
+        """Return the angle from zero lift to the zero of alpha, rad; if it is unknown, an angle for
+        which a stall is searched.
         """
         if not set(self.needs_constants) <= set(values) or values["CL_alpha"] <= 0.0:
             return NO_STALL_BELOW
@@ -344,7 +341,7 @@ class FlowSeparation:
 
 
 def _weight_lift(mass: Any, wing_area: Any, airspeed: Any, density: Any) -> Any:
-    """Lift coefficient of level flight."""
+    """Return the lift coefficient of level flight."""
     return 2.0 * mass * G0 / (density * airspeed * airspeed * wing_area)
 
 

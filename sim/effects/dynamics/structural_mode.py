@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Station
 from sim.errors import ModelError
 
-_OWN = 10  # parameters of a mode before its couplings to modes
+_OWN = 10  # number of parameters before the couplings to modes
 
 
 @dataclass(frozen=True)
@@ -24,19 +24,19 @@ class StructuralMode:
 
     CL += CL_eta eta + CL_etadot etadot c/(2V), Cm likewise, and
     eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q
-    c/(2V) + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], alpha with
-    the gust in it.
+    c/(2V) + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], where alpha
+    includes the gust.
+
+    Full names of parameters have the number of the mode: ``omega1`` (rad/s), ``zeta1``,
+    ``generalized_mass1`` (kg m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. By default the
+    frequency, the damping, and the couplings with the rigid motion are estimated; others are held,
+    ``Ceta1_de`` because it sets the scale of eta.
 
     Attributes
     ----------
-    number : of this mode, from 1.
-    modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds
-        nothing.
-
-    Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg
-    m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency,
-    damping and the couplings to and from the rigid motion, but ``Ceta1_de``, which sets the scale
-    of eta; the rest is held.
+    number : number of this mode, from 1.
+    modes : numbers of the modes to which it is coupled, itself included. A mode that the model
+        lacks adds nothing.
     """
 
     number: int = 1
@@ -90,8 +90,8 @@ class StructuralMode:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Starting values: a low bending mode of a large aircraft; couplings among modes start at
-        zero.
+        """Parameters, with starting values of a low bending mode of a large aircraft; couplings
+        between modes start at zero.
         """
         own = (
             Parameter("omega", 12.0, "rad/s", bounds=(0.5, 300.0)),
@@ -115,7 +115,9 @@ class StructuralMode:
         return own + tuple(item for pair in couplings for item in pair)
 
     def rename(self, local: str) -> str:
-        """Full name of a parameter: ``CL_eta`` is ``CL_eta1``, ``Ceta_eta2`` is ``Ceta1_eta2``."""
+        """Return the full name of a parameter: ``CL_eta`` is ``CL_eta1``, ``Ceta_eta2`` is
+        ``Ceta1_eta2``.
+        """
         return (
             local.replace("Ceta_", f"Ceta{self.number}_")
             if local.startswith("Ceta_")
@@ -134,7 +136,7 @@ class StructuralMode:
         eta, etadot = getattr(s, f"eta{self.number}"), getattr(s, f"etadot{self.number}")
         half_chord_time = vehicle.chord / (2.0 * s.V)
         force = p.Ceta_alpha * s.alpha_air + p.Ceta_q * s.q_hat + p.Ceta_de * s.elevator
-        couplings = p[_OWN:]  # by position, a third of the cost by name
+        couplings = p[_OWN:]  # access by position takes a third of the time of access by name
         for (eta_j, etadot_j), by_eta, by_etadot in zip(
             _signals(self.modes), couplings[::2], couplings[1::2], strict=True
         ):

@@ -2,9 +2,9 @@
 airspeed; and a term that an aerodynamic coefficient of the declared aircraft lacks.
 
 P. C. Young calls the former a state-dependent parameter (Recursive Estimation and Time-Series
-Analysis, 2nd ed., chapter 11). Instances are made from the declaration: each parameter that
-multiplies a signal (``factors``), over each state, control and recorded airspeed. Those that are
-what a named curve bends bear its name (``other_names``) and are not made.
+Analysis, 2nd ed., chapter 11). Instances are made from the declaration: for each parameter that
+multiplies a signal (``factors``), over each state, control and recorded airspeed. An instance that
+equals an effect with a name of its own is not made; ``other_names`` has its name.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from sim.effects.instances import BEYOND_PRODUCTS, controls
 from sim.effects.loads import MULTIPLIED, LoadCurve
 from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
-# numbers of shapes: a slope and a bend; five intervals, like the named curves; ten intervals
+# Numbers of shapes: slope and curvature; all of five intervals, as in named curves; of ten.
 FORMS = (2, 5, 10)
-AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed, less its mean
+AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed minus its mean
 AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
 # In a fall, altitude and speed change together: a ballistic coefficient over altitude is the air's
@@ -77,26 +77,27 @@ _USUAL_DIMENSIONAL = {
 
 @dataclass(frozen=True)
 class Varies:
-    """``parameter`` += f(signal), f a natural cubic spline over ``[low, high]`` that is zero at the
-    anchor.
+    """A parameter that depends on a signal: ``parameter`` += f(signal).
 
-    The anchor is zero where the range holds it, else the middle of the range. The parameter as
-    declared is that at the anchor. f = ``shape1`` times a straight line + ``shape2`` times nearly a
-    parabola; freer forms have the other shapes of a spline of five intervals, as the named curves,
-    and of ten (`sim.maths`). They are orthonormal: each size is the root mean square that its shape
-    adds over the range, in the parameter's unit. Outside the range f is linear.
+    f is a natural cubic spline over ``[low, high]`` that is zero at an anchor, where the parameter
+    has its declared value: at zero if the range contains it, else at the middle of the range. f =
+    ``shape1`` times a straight line + ``shape2`` times nearly a parabola. Refined forms have all
+    shapes of a spline of five intervals, as named curves have, and of ten (`sim.maths`). Shapes are
+    orthonormal: each parameter of f is the root mean square that its shape adds over the range, in
+    the unit of the varying parameter. Outside the range f is linear.
 
     Attributes
     ----------
-    parameter, counted_in : of the equations, and its unit.
-    over : the signal on the bus.
-    called : its name, where that differs.
-    gust : the port that adds to it.
+    parameter, counted_in : name and unit of the varying parameter.
+    over : name of the signal on the bus.
+    called : name of the signal for users, if another one.
+    gust : port that adds to the signal; empty without one.
     state : whether the signal is a state.
-    size : a usual change; ``guessed`` where nothing is known of it, as in a user's own model.
-    alike : the instance with the same product of two signals.
-    low, high : the range flown, in the signal's unit.
-    count : of shapes, one of ``FORMS``.
+    size : a usual change.
+    guessed : whether nothing is known of ``size``, as in a user's model.
+    alike : name of the instance with the same product of two signals.
+    low, high : range of the signal in the records.
+    count : number of shapes, one of ``FORMS``.
     """
 
     parameter: str = "Cm_q"
@@ -154,8 +155,7 @@ class Varies:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # Regularises shapes outside the records' range; a refined form starts next to the base
-        # form.
+        # The prior regularises shapes outside the range. A refined form starts near the base form.
         starts = [
             self.size / (1.0 + i) * (1.0 if i < FORMS[0] else 1e-3) for i in range(self.count)
         ]
@@ -192,8 +192,9 @@ class Varies:
         return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
 
     def fitted_to(self, context: SearchContext) -> Varies:
-        """Return the effect over the range of the records; a parameter larger than usual may change
-        by more, and a default size gives way to the parameter's own.
+        """Return the effect over the range of the records.
+
+        The usual change is at least the declared value; a guessed one is replaced by it.
         """
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
@@ -217,7 +218,7 @@ class Varies:
 
 
 def name_of(parameter: str, signal: str) -> str:
-    """``varies:Cm_q(alpha)``."""
+    """Return the name of an instance, ``varies:Cm_q(alpha)``."""
     return f"varies:{parameter}({signal})"
 
 
@@ -254,7 +255,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
 
 
 def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
-    """Return the derivatives that a named effect makes nonlinear, each with the signal."""
+    """Return the pairs of derivative and signal that a named effect makes nonlinear."""
     if isinstance(curve, LoadCurve):
         return ((curve.needs_constants[0], curve.flown),)
     return (
@@ -265,6 +266,7 @@ def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
 
 
 def _every(equations: Equations) -> Iterator[Varies]:
+    """Yield an instance for each parameter that multiplies a signal, over each signal."""
     factors = equations.factors if isinstance(equations, Multiplying) else {}
     own, ports = isinstance(equations, OwnEquations), {port.name for port in equations.ports}
     recorded = [
@@ -304,8 +306,9 @@ def _every(equations: Equations) -> Iterator[Varies]:
 
 
 def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
-    """Name of the instance with the same product of two signals: of ``Cl_p(beta)`` it is
-    ``Cl_beta(p)``; empty if there is none.
+    """Return the name of the instance with the same product of two signals; empty without one.
+
+    For ``Cl_p(beta)`` it is ``Cl_beta(p)``.
     """
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
@@ -314,6 +317,7 @@ def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> st
 
 
 def _usual(parameter: str) -> float:
+    """Return a usual change of a parameter, in its unit."""
     axis, _, by = parameter.partition("_")
     return _USUAL_DIMENSIONAL.get(parameter) or _USUAL.get(axis, 1.0) * _BY_RATE.get(by, 1.0)
 
@@ -321,25 +325,24 @@ def _usual(parameter: str) -> float:
 CURVE_VARIANTS: tuple[Varies, ...] = (Varies(),)
 
 
-# Largest coefficients and signals in maneuvers: a term may plausibly reach a tenth of its
-# coefficient.
+# Large coefficients and signals in maneuvers. The usual size of a term is SHARE of its coefficient.
 REACHED = {"CX": 0.1, "CY": 0.2, "CZ": 1.0, "CD": 0.1, "CL": 1.0, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 FLOWN = {"alpha": 0.1, "beta": 0.1, "mach": 0.1, "p": 0.03, "q": 0.01, "r": 0.01}
-DEFLECTED = 0.1
+DEFLECTED = 0.1  # large deflection
 SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class MissingTerm:
-    """One more term of an aerodynamic coefficient: coefficient += size term.
+    """A term that an aerodynamic coefficient lacks: coefficient += size term.
 
-    ``size`` of either sign, per radian, rates non-dimensional.
+    ``size`` is per radian and of either sign; rates are non-dimensional.
 
     Attributes
     ----------
     axis : the coefficient, a port of the equations.
-    term : its text (`sim.aerodynamics`).
-    surfaces : names of further signals that stand in terms.
+    term : text of the term (`sim.aerodynamics`).
+    surfaces : names of further signals in terms.
     """
 
     axis: str

@@ -1,7 +1,7 @@
-"""Catch-all terms (guards): loads of no effect in the library; a search that needs one has found an
-unknown cause.
+"""Catch-all terms (guards): loads that no effect of the library has.
 
-They compete like effects; if one is the likeliest, nothing is claimed. A file has ``GUARDS``, whose
-names begin with ``guard:`` and whose traits say ``guard=True``; ``made_for(equations)`` beside them
-makes those of a user's own model from its declaration. No file imports another effect.
+They compete like effects; if one is the most probable, nothing is claimed, since the cause is
+unknown. A file has ``GUARDS``, whose names begin with ``guard:`` and whose traits have
+``guard=True``. ``made_for(equations)`` of a file makes those of a user's model from its
+declaration. No file imports another effect.
 """

@@ -1,5 +1,5 @@
-"""Catch-all terms for loads that no constant derivatives give: amplitude-dependent damping,
-drifting derivatives and drag, elevator drag, and loads with hysteresis.
+"""Catch-all terms: damping that depends on amplitude, drifting derivatives and drag, elevator drag,
+and loads with hysteresis.
 """
 
 from __future__ import annotations
@@ -23,16 +23,15 @@ _NO_CAUSE = (
 
 @dataclass(frozen=True)
 class DampingCurve(SizedOnPorts):
-    """Damping that depends on its own size: lift += ``lift`` r |r|, moment += ``moment`` r |r|,
-    with r the signal ``rate`` of the equations.
+    """Damping that depends on amplitude: lift += ``lift`` r |r|, moment += ``moment`` r |r|.
 
     Attributes
     ----------
-    rate : the signal.
-    units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters.
-    label : of the name, where there are several rates.
+    rate : the signal r of the equations.
+    units, sizes : units and usual sizes of the loads, by port.
+    needs_constants : constants that the equations must have.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    label : suffix of the effect's name, where there are several rates.
     """
 
     rate: str
@@ -80,17 +79,17 @@ class DampingCurve(SizedOnPorts):
 @dataclass(frozen=True)
 class DriftingDerivatives:
     """Derivatives that drift: moment += (t - begin) (``stability`` alpha + ``control`` d), lift +=
-    (t - begin) ``slope`` alpha; d is the control signal.
+    (t - begin) ``slope`` alpha.
 
     Attributes
     ----------
-    begin : the time at which the declared derivatives hold, s.
-    control_signal : d.
-    units, sizes : of stability, control and slope.
+    control_signal : the signal d of the control.
+    units, sizes : units and usual sizes of stability, control and slope.
     needs_constants : constants that the equations must have.
-    ports : of lift and moment or their like.
-    angle : the signal of alpha or its like.
-    label : of the name, where there are several groups of derivatives.
+    begin : time at which the declared derivatives hold, s.
+    ports : ports of lift and moment, or of side force and yawing or rolling moment.
+    angle : signal of alpha or beta.
+    label : suffix of the effect's name, where there are several groups of derivatives.
     """
 
     control_signal: str
@@ -188,11 +187,11 @@ CHANGING_LOADS: tuple[Traceable, ...] = (
 
 @dataclass(frozen=True)
 class ControlDrag:
-    """drag += ``drag`` elevator, the deflection as a total: CD_de, per radian.
+    """Elevator drag: drag += ``drag`` elevator, a total deflection; ``drag`` is CD_de, 1/rad.
 
-    An axial accelerometer above or below the centre of gravity reads the pitch acceleration, which
-    responds to the elevator at once, as nx does to elevator drag: without this term, drag would be
-    reported as a sensor position.
+    Both elevator drag and an axial accelerometer above or below the centre of gravity, which reads
+    the pitch acceleration, make nx respond to the elevator at once. Without this term, elevator
+    drag would be reported as a sensor position.
     """
 
     name: ClassVar[str] = "guard:control-drag"
@@ -218,7 +217,7 @@ class ControlDrag:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("drag",)),)
 
 
@@ -227,8 +226,9 @@ CONTROL_DRAG: tuple[Traceable, ...] = (ControlDrag(),)
 
 @dataclass(frozen=True)
 class DragDrift:
-    """log drag += ``rate`` (t - begin), ``rate`` in 1/s, ``begin`` the time at which beta holds,
-    s.
+    """Drifting drag: log drag += ``rate`` (t - begin), with ``rate`` in 1/s.
+
+    ``begin`` is the time at which beta holds, s.
     """
 
     begin: float = 0.0
@@ -257,35 +257,36 @@ class DragDrift:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragDrift:
-        """Return the same with the declared beta at that record's begin."""
+        """Return the effect with the declared beta at the begin of the record."""
         return replace(self, begin=context.begin)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("rate",)),)
 
 
 DRAG_DRIFT: tuple[Traceable, ...] = (DragDrift(),)
 
 
-WIDTHS = (0.005, 0.02, 0.06)  # rad, trial values: from friction to a whole maneuver
+WIDTHS = (0.005, 0.02, 0.06)  # rad, trial values, from friction to the size of a maneuver
 
 
 @dataclass(frozen=True)
 class Hysteresis(SizedOnPorts):
-    """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment``
-    memory.
+    """Loads with hysteresis: lift += ``lift`` memory, moment += ``moment`` memory.
 
-    Dahl's law of friction and of rate-independent hysteresis: the memory tends to the sign of the
-    ``rate``, rad/s, over a rotation of ``width``, rad, and is constant at rest. A narrow width
-    represents friction; a wide one late reattachment of the flow, or a sliding load.
+    The memory follows memory_dot = (rate - |rate| memory)/``width``.
+
+    This is Dahl's law of friction and of rate-independent hysteresis: the memory tends to the sign
+    of the ``rate``, rad/s, over a rotation of ``width``, rad, and is constant at rest. A narrow
+    width represents friction; a wide one late reattachment of the flow, or a sliding load.
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
-    rate : the signal of the motion that is remembered.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    rate : signal of the rate.
     """
 
     units: tuple[str, str]
@@ -324,7 +325,7 @@ class Hysteresis(SizedOnPorts):
         return ((rate - absolute(rate) * s.memory) / p.width,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slopes by both loads at some widths."""
+        """Probe the loads at some widths."""
         return tuple(Probe({"width": width, **self.absent}, self.ports) for width in WIDTHS)
 
 

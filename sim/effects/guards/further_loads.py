@@ -34,21 +34,21 @@ class LaggedLoads(SizedOnPorts):
     """Loads that lag an angle: late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late),
     moment += ``moment`` (angle - late).
 
-    That is the first-order model of unsteady aerodynamics: loads overshoot or build up with the
-    time constant ``lag``, s. For a short lag it equals a derivative by alpha_dot, which the
-    declared derivatives contain already.
+    This is the first-order model of unsteady aerodynamics: loads overshoot or build up with the
+    time constant ``lag``, s. With a short lag it equals a derivative by alpha_dot, whose effect the
+    declared derivatives include.
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters.
-    angle : the signal that is followed late.
-    aliases : effects that look like it.
-    total : whether the signal is one; it then counts from ``middle``, that of the values flown, so
-        that the loads do not begin with a jump.
-    flown, counted_in : the state behind the signal and its unit.
-    of : of the name, where there are guards for several states.
+    ports : load ports that the effect adds to; its size parameters have their names.
+    angle : signal that the loads lag.
+    aliases : effects that a record may not distinguish from this one.
+    total : whether the signal is a total. It then counts from ``middle``, the middle of its range,
+        so that the loads do not begin with a jump.
+    flown, counted_in : state behind the signal, and its unit.
+    of : suffix of the effect's name, where there are such terms for several states.
     """
 
     units: tuple[str, ...]
@@ -147,8 +147,8 @@ LAGGED_LOADS: tuple[Traceable, ...] = (
 
 
 def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return one for each state of a user model, on the ports where an estimated parameter
-    multiplies it.
+    """Return lagged loads for each state of a user model, on the ports where an estimated parameter
+    multiplies the state.
     """
     if not isinstance(equations, OwnEquations):
         return ()
@@ -186,18 +186,18 @@ MOST_COUPLED_PORTS = 2
 @dataclass(frozen=True)
 class PeriodicLoads:
     """Loads at one frequency: lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment
-    likewise, with w the ``frequency`` in rad/s.
+    likewise, where w is the ``frequency`` in rad/s.
 
     Causes are a rotor, a limit cycle of the control system or a periodic input that was not
-    recorded: forcing that does not depend on the state. Of a falling body the logarithm of the
-    drag swings, as where the body oscillates about its axis.
+    recorded: forcing that does not depend on the state. For a falling body the logarithm of the
+    drag oscillates, as if the body oscillates about its axis.
 
     Attributes
     ----------
-    units, sizes : of lift and moment.
+    units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    ports : that it loads; they name the parameters.
-    label : of the name, where there are several.
+    ports : load ports that the effect adds to; its parameters are named after them.
+    label : suffix of the effect's name, where there are several such effects.
     """
 
     units: tuple[str, ...]
@@ -284,8 +284,9 @@ PERIODIC_LOADS: tuple[Traceable, ...] = (
 
 
 def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return one on the ports of a user's own model whose rates an estimated parameter is part of;
-    one each where there are more than two.
+    """Return periodic loads on the ports of a user's model on which an estimated parameter acts.
+
+    Up to ``MOST_COUPLED_PORTS`` ports have one term together; more ports have a term each.
     """
     if not isinstance(equations, OwnEquations):
         return ()
@@ -306,16 +307,16 @@ def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 @dataclass(frozen=True)
 class ProductLoads(SizedOnPorts):
-    """lift += ``lift`` a b, moment += ``moment`` a b, a and b two signals of the equations.
+    """Loads by a product of two signals a and b: lift += ``lift`` a b, moment += ``moment`` a b.
 
     Attributes
     ----------
-    label : after ``guard:``.
+    label : name of the term after ``guard:``.
     first, second : the signals, which may be the same.
-    units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for.
+    units, sizes : units and usual sizes of the loads, by port.
+    needs_constants : constants that the equations must have.
     aliases : effects that contain it.
-    ports : that it loads, lift and moment or their like, and the names of these parameters.
+    ports : load ports that the effect adds to; its size parameters have their names.
     """
 
     label: str
@@ -360,7 +361,7 @@ class ProductLoads(SizedOnPorts):
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slopes by both where there is none."""
+        """Probe the slopes by all sizes at absence."""
         return (Probe(self.absent, self.ports),)
 
 
@@ -422,11 +423,11 @@ PRODUCT_LOADS: tuple[Traceable, ...] = (
 
 
 def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the products of two states or controls of a user's own model, on the ports where no
-    estimated parameter multiplies either.
+    """Return products of two states or controls of a user's model, on the ports where no estimated
+    parameter multiplies either signal.
 
-    Where one does, the product is that parameter growing with the other signal, which ``varies``
-    says by name.
+    If one does, the product is that parameter growing with the other signal, which the effect
+    ``varies`` covers.
     """
     if not isinstance(equations, OwnEquations) or equations.terms:
         return ()

@@ -13,13 +13,15 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 
 @dataclass(frozen=True)
 class VaneNearControl:
-    """A flow angle reads v + ``gain`` d, d the control as it acts, ``gain`` in rad per unit of it.
+    """A flow angle v is read as v + ``gain`` d, where d is the deflection of a control.
 
-    A canard, a flap, or a surface near the vane turns the flow there.
+    A canard, a flap, or a surface near the vane turns the flow there. ``gain`` is in rad per unit
+    of the control.
 
     Attributes
     ----------
-    channel : the flow angle. control : the signal d.
+    channel : name of the flow angle.
+    control : signal of the control.
     needs_constants : constants that the equations must have.
     """
 
@@ -48,7 +50,7 @@ class VaneNearControl:
         return Traits(guard=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Return the slope where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("gain",)),)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -1,5 +1,5 @@
-"""An actuator between the recorded input and the vehicle: of first or of second order, with a limit
-of its rate or of its travel.
+"""Actuators between the recorded input and the vehicle: of first or of second order, with a limit
+of rate or of travel.
 """
 
 from __future__ import annotations
@@ -42,19 +42,18 @@ from sim.maths import (
     where,
 )
 
-LONGEST_LAG = 5.0  # s, longest lag (of an engine or valve, not a surface)
+LONGEST_LAG = 5.0  # s, longest lag of an engine or valve, which has no surface
 # s, usual lag of engines: longer for turbofans near idle, shorter for propellers
 USUAL_OF_ENGINES = 1.0
 
 
 @dataclass(frozen=True)
 class ActuatorLag(OfInput):
-    """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the
-    start.
+    """First-order lag: the surface y follows the recorded command u, y_dot = (u - y)/time_constant.
 
-    ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much
-    shorter than the step. With ``own_name`` the lag belongs to the vehicle's model, and that is the
-    full name of its parameter, shared with other inputs' lags.
+    At the start y = u. ``time_constant`` is in s, not negative; at zero y = u. The state form is
+    stiff for a lag much shorter than the step. With ``own_name`` the lag belongs to the vehicle's
+    model: ``own_name`` is the full name of its parameter, which lags of other inputs may share.
     """
 
     signal: str = "elevator"
@@ -104,7 +103,7 @@ class ActuatorLag(OfInput):
         return bool(self.own_name)
 
     def rename(self, local: str) -> str:
-        """Full name of a parameter."""
+        """Return the full name of a parameter, whose name in the effect is ``local``."""
         return self.own_name or f"{self.name}.{local}"
 
     @property
@@ -115,7 +114,8 @@ class ActuatorLag(OfInput):
         return [Probe({"time_constant": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells.
+        """Return the mean of the exact response over each cell, for an input that is constant
+        within cells.
 
         With E = exp(-h/T): y(h) = u + (y0 - u) E, and its mean is u - (u - y0) (T/h) (1 - E).
         """
@@ -137,24 +137,24 @@ def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
     return u - (u - y[:-1]) * (lag / h * reached)
 
 
-UNLIMITED = 1e9
-MOST_DAMPED = 3.0  # largest damping: its poles then differ 34-fold, which is a lag for any record
+UNLIMITED = 1e9  # rad/s, frequency at which the actuator is absent
+MOST_DAMPED = 3.0  # largest damping: the poles then differ 34-fold, and any record shows only a lag
 SERVO_DAMPING = 0.7  # damping of a well-made servo
-# rad/s, trial values a factor of three apart, within reach of a fit; the lag is 1.4 over these
+# Trial values, rad/s, so close that a fit reaches all frequencies from one of them.
 FREQUENCIES = (45.0, 15.0)
 SERIES_ANGLE = 1e-3  # largest squared angle for which four terms of a series are exact to rounding
 
 
 @dataclass(frozen=True)
 class ActuatorSecondOrder(OfInput):
-    """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping
-    frequency d_dot, settled at the start.
+    """Second-order actuator: the surface d follows the recorded command u, d_ddot = frequency^2 (u
+    - d) - 2 damping frequency d_dot.
 
-    ``frequency`` in rad/s; at ``UNLIMITED`` it is taken as absent and d = u. ``damping`` without
-    unit, positive. With much damping it is a lag of 2 damping/frequency, with a high frequency a
-    delay of as long: either is simpler and preferred if it fits as well. It is not offered for the
-    low-order equivalent system, whose own lag and delay represent everything between stick and
-    surface.
+    At the start d = u. ``frequency`` is in rad/s; at ``UNLIMITED`` the effect is absent and d = u.
+    ``damping`` is positive, without unit. With much damping the effect is a lag of 2
+    damping/frequency, and with a high frequency a delay of this length; these are simpler and
+    preferred if they fit as well. It is not offered for the low-order equivalent system, whose own
+    lag and delay represent all parts between stick and surface.
     """
 
     signal: str = "elevator"
@@ -212,13 +212,15 @@ class ActuatorSecondOrder(OfInput):
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Well damped, at frequencies that the sampling shows."""
+        """Probe well-damped actuators, at frequencies that the sampling resolves."""
         fastest = 3.0 / context.interval
         shown = [frequency for frequency in FREQUENCIES if frequency < fastest] or [FREQUENCIES[-1]]
         return [Probe({"frequency": frequency, "damping": SERVO_DAMPING}) for frequency in shown]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells."""
+        """Return the mean of the exact response over each cell, for an input that is constant
+        within cells.
+        """
         h = np.diff(edges)
         return each_column(
             lambda row, frequency, damping: _followed(h, row, frequency, damping),
@@ -239,8 +241,11 @@ class ActuatorSecondOrder(OfInput):
 
 
 def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """Cell means of d ``(n,)``. The equation itself gives d's integral over a cell of length h: u h
-    - (d_dot + 2 damping frequency d) / frequency^2, its bracket taken between the cell's ends."""
+    """Return the means ``(n,)`` of the surface d over cells of lengths ``h (n,)``, s.
+
+    The integral of d over a cell follows from the differential equation: u h - [d_dot + 2 damping
+    frequency d] / frequency^2, where the bracket is the difference between the ends of the cell.
+    """
     if frequency.real >= UNLIMITED:
         return u
     from scipy.linalg.lapack import dtbtrs, ztbtrs
@@ -248,8 +253,8 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     sizes, place = np.unique(h, return_inverse=True)
     (a, b), (c, e) = _transition(sizes, frequency, damping)[:, :, place]
     n, complex_ = len(u), np.iscomplexobj(a) or np.iscomplexobj(u)
-    # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a
-    # triangular band of width three.
+    # The unknowns are d and d_dot at one edge after the other. Each pair depends on the pair before
+    # it, so that the matrix is a triangular band of width three.
     band = np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float)
     right = np.zeros(2 * n + 2, dtype=complex if complex_ else float)
     band[0] = 1.0
@@ -262,16 +267,15 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
 
 
 def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """Return the matrices ``(2, 2, n)`` from distance to the command and its rate at a cell's begin
-    to those at its end, exact for any damping.
+    """Return the transition matrices ``(2, 2, n)`` over cells of lengths ``h``, exact for any
+    damping.
 
-    With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and
-    sinh(r)/r.
+    The state is the distance from the command and its rate. With r^2 = (damping^2 - 1) frequency^2
+    h^2 the elements contain exp(-damping frequency h) times cosh r and sinh(r)/r.
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
     near = np.abs(square) < SERIES_ANGLE
-    # Both are even in r; by a series where the root, which has no slope at zero, would spoil the
-    # derivative.
+    # Both are even in r. Near zero, where the root has no derivative, a series is used.
     r = sqrt(np.where(near, SERIES_ANGLE, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
@@ -297,7 +301,7 @@ DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder()
 
 
 def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(
         equations,
         lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
@@ -305,24 +309,24 @@ def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
     )
 
 
-UNLIMITED_RATE = 1e9
-# trial rates in input peaks per second: from hardly noticeable to always limiting
+UNLIMITED_RATE = 1e9  # rate at which the limit is absent
+# Trial rates in input peaks per second: from hardly noticeable to always limiting.
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
 HALF_AND_TWICE = (
     "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
     "than small ones"
 )
-_LONG = 16  # fewest cells with the surface behind on one side that are computed together
+_LONG = 16  # cells during which the surface lags on one side, after which many are computed at once
 
 
 @dataclass(frozen=True)
 class ActuatorRateLimit(SizedOnInput):
-    """The surface runs towards the held command with ``rate`` at most, in unit of the input per
-    second, and stops there.
+    """Rate limit: the surface moves towards the command at most at ``rate``, in unit of the input
+    per second.
 
-    At ``UNLIMITED_RATE`` it is taken as absent. It starts at the first recorded value. The rate is
-    no smooth function of the surface's position, so there is no state form; a filter can use it
-    with a fixed rate only.
+    At ``UNLIMITED_RATE`` the effect is absent. The surface starts at the first recorded value. Its
+    speed is no smooth function of its position, so that the effect has no state form; a filter can
+    use it with a fixed rate only.
     """
 
     typical: float = 0.3
@@ -351,8 +355,8 @@ class ActuatorRateLimit(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Plausible from a thirtieth to ten times the typical value: for an elevator from half a
-        degree to some 170 degrees a second.
+        """Traits; a rate is plausible from a thirtieth to ten times the typical value, for an
+        elevator from half a degree to some 170 degrees a second.
         """
         return Traits(
             sentences=("the actuator moves no faster than {rate}",),
@@ -372,11 +376,11 @@ class ActuatorRateLimit(SizedOnInput):
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the mean of the exact response over each cell, for an input that is constant
-        within cells; loops only while the surface is behind.
+        within cells.
 
-        While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a
-        cell of length h; its mean is d - rate h/2, or d^2/(2 rate h) where the surface arrives
-        within the cell.
+        While the command is constant, the distance from it falls from d to max(d - rate h, 0) over
+        a cell of length h. Its mean is d - rate h/2, or d^2/(2 rate h) if the surface arrives
+        within the cell. The loop only runs while the surface lags.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda u, rate: _limited(edges, u, rate), u, p.rate)
@@ -392,20 +396,21 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
     left = maximum(
         np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0
     )
-    way = rate * np.diff(edges)
-    mean = np.where(left.real >= way.real, left - 0.5 * way, left * left / (2.0 * way))
+    travel = rate * np.diff(edges)
+    mean = np.where(left.real >= travel.real, left - 0.5 * travel, left * left / (2.0 * travel))
     return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
 
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return the distance of the surface from each command as it is given; ``ways`` are the most it
-    moves before the next.
+    """Return the distance of the surface from each command at the time of the command.
+
+    ``ways`` are the largest travels before the next command.
     """
-    # After arrival the distance is the change of the command: the loop only runs while the surface
-    # is behind.
+    # After the surface has arrived, the distance is the change of the command. So the loop only
+    # runs while the surface lags.
     distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
     reach, done, last = ways.real, 0, len(commands) - 1
-    # a list of all values would take longer than the loop
+    # Single items are taken, because a list of all values would take longer than the loop.
     target, most, most_real = commands.item, ways.item, reach.item
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
@@ -428,8 +433,9 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _lagging_run(
     commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
 ) -> np.ndarray:
-    """Return the distances after a cell, all at once, of a surface that is behind on one side, as
-    far as it arrives or is overtaken: one at least.
+    """Return the distances after cells from ``start`` on, of a surface that lags on one side.
+
+    They end with the cell in which the surface arrives; there is one at least.
     """
     length, last = 2 * _LONG, len(commands) - 1
     while True:
@@ -443,15 +449,15 @@ def _lagging_run(
         length *= 4
 
 
-UNLIMITED_TRAVEL = 1e9
+UNLIMITED_TRAVEL = 1e9  # limit at which the effect is absent
 
 
 @dataclass(frozen=True)
 class ActuatorSaturation(SizedOnInput):
-    """The vehicle's input is max(-limit, min(u, limit)): the same limit on both sides of trim.
+    """Travel limit: the vehicle's input is max(-limit, min(u, limit)), on both sides of trim.
 
-    ``limit`` in the unit of the input; at ``UNLIMITED_TRAVEL`` it is taken as absent. Without
-    memory: the state form has no states.
+    ``limit`` is in the unit of the input; at ``UNLIMITED_TRAVEL`` the effect is absent. The effect
+    has no memory, so that its state form has no states.
     """
 
     typical: float = 0.05
@@ -481,8 +487,8 @@ class ActuatorSaturation(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Plausible from a tenth to ten times the typical value: for an elevator from a third of a
-        degree to half a right angle.
+        """Traits; a limit is plausible from a tenth to ten times the typical value, for an elevator
+        from 0.3 to 30 degrees.
         """
         return Traits(
             sentences=("the actuator stops at +-{limit}",),
@@ -499,7 +505,7 @@ class ActuatorSaturation(SizedOnInput):
         ]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells."""
+        """Return the input behind the effect; exact for an input that is constant within cells."""
         return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
@@ -518,7 +524,7 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 
 
 def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 

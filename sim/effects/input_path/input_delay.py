@@ -21,14 +21,14 @@ from sim.maths import each_column
 
 @dataclass(frozen=True)
 class InputDelay(OfInput):
-    """Delay of the input: u_vehicle(t) = u(t - delay), with u the recorded input.
+    """Delay of the input: u_vehicle(t) = u(t - delay), where u is the recorded input.
 
-    ``delay`` in s, not negative. Before the begin of the record the first value holds. A delay has
-    no state-space form of finite order, so filters need a fixed one. It commutes with all effects
-    that do not depend on time, and acts last on the input path: a cell with part of a step would
-    otherwise make dead band and rate limit non-smooth in the delay. With ``own_name`` the delay
-    belongs to the vehicle's model (the low-order equivalent system, a multirotor); its full name is
-    ``delay``, shared with the delays of other inputs.
+    ``delay`` is in s, not negative. Before the begin of the record the first value holds. A delay
+    has no state form of finite order, so that filters need a fixed delay. It commutes with effects
+    that do not depend on time, and acts last on the input path: dead band and rate limit would not
+    be smooth in the delay of a step within a cell. With ``own_name`` the delay belongs to the
+    vehicle's model (the low-order equivalent system, a multirotor): the full name of its parameter
+    is ``delay``, which delays of other inputs share.
     """
 
     signal: str = "elevator"
@@ -70,15 +70,16 @@ class InputDelay(OfInput):
         return self.own_name
 
     def rename(self, local: str) -> str:
-        """Full name of a parameter."""
+        """Return the full name of a parameter, whose name in the effect is ``local``."""
         return local if self.own_name else f"{self.name}.{local}"
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Return the mean of the shifted input over each cell; at no delay the derivative is the
-        one towards longer delays, as the bound asks.
+        """Return the mean of the shifted input over each cell.
+
+        At a delay of zero, its bound, the derivative is that towards longer delays.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
@@ -86,13 +87,13 @@ class InputDelay(OfInput):
 
 @dataclass(frozen=True)
 class RecordedInputDelay(OfInput):
-    """Delay of the recorded input: u_vehicle(t) = u(t + delay), with u the recorded input.
+    """The input is recorded late: u_vehicle(t) = u(t + delay), where u is the recorded input.
 
-    ``delay`` in s, not negative: an input delay of opposite sign. The record does not show the
-    input of its last ``delay`` seconds; its last value is used there, and outputs of these samples
-    are wrong if the input still moves, the load factor most. The effect needs future inputs, so no
-    filter can use it. It is not offered for the low-order equivalent system, where it equals a
-    smaller ``delay`` of the model.
+    ``delay`` is in s, not negative; it is an input delay of opposite sign. The input of the last
+    ``delay`` seconds is not in the record. The last value is used there, so that outputs of these
+    samples, the load factor most, are wrong if the input still moves. The effect needs future
+    inputs, so that no filter can use it. It is not offered for the low-order equivalent system,
+    where it equals a smaller ``delay`` of the model.
     """
 
     signal: str = "elevator"
@@ -146,7 +147,7 @@ VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(
         equations,
         lambda signal, label: InputDelay(signal.name, label=label),

@@ -28,12 +28,12 @@ from sim.maths import clip, each_column
 
 @dataclass(frozen=True)
 class InputBacklash(SizedOnInput):
-    """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that
-    distance.
+    """Backlash: the vehicle's input y follows the recorded input u at a distance of ``half_width``.
 
-    ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in
-    the middle of its play. Backlash is no differential equation, so there is no state form; a
-    filter can use it with a fixed width only.
+    It does not move while |u - y| < half_width. ``half_width`` is in the unit of the input, not
+    negative. y starts at the first recorded value, in the middle of the play. Backlash is no
+    differential equation, so that it has no state form; a filter can use it with a fixed width
+    only.
     """
 
     typical: float = 0.005
@@ -79,19 +79,19 @@ class InputBacklash(SizedOnInput):
         return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells; the loop runs over the turns of the
-        input only.
+        """Return the input behind the effect; exact for an input that is constant within cells.
+
+        The loop runs over the turns of the input only.
         """
         return each_column(played, u, p.half_width)
 
 
 @dataclass(frozen=True)
 class InputDeadband(SizedOnInput):
-    """The vehicle's input is sign(u) max(|u| - half_width, 0): zero in the band, without a step at
-    its edges.
+    """Dead band: the vehicle's input is sign(u) max(|u| - half_width, 0).
 
-    ``half_width`` in the unit of the input, not negative. Without memory: the state form has no
-    states.
+    It is zero in the band, without a step at its edges. ``half_width`` is in the unit of the input,
+    not negative. The effect has no memory, so that its state form has no states.
     """
 
     typical: float = 0.01
@@ -133,7 +133,7 @@ class InputDeadband(SizedOnInput):
         return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells."""
+        """Return the input behind the effect; exact for an input that is constant within cells."""
         return each_column(lambda row, width: row - clip(row, -width, width), u, p.half_width)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
@@ -152,5 +152,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return both for each input that has none yet."""
+    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
     return for_inputs(equations, sized(InputBacklash, 0.05), sized(InputDeadband, 0.1))

@@ -1,4 +1,4 @@
-"""Rows that a recorder lost while the time column counts on: all states jump between two rows."""
+"""Rows that a recorder lost without a gap in the time column: all states jump between two rows."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from sim.effects.loads import USUAL_SUB_STEP
 from sim.maths import absolute, maximum, once_for_alike
 
 _USUAL_JUMP = {"rad": 0.05, "rad/s": 0.1, "m/s": 10.0, "m": 300.0, "1": 0.1}
-MOST_STATES = 13  # of a rigid body in three dimensions: quaternion, position, speed, rates
+MOST_STATES = 13  # states of a rigid body in three dimensions: quaternion, position, speed, rates
 
 
 @dataclass(frozen=True)
 class LostRows:
-    """At ``start`` (s) each state changes at once, as over the time of the lost rows.
+    """At ``start`` (s) each state jumps by its change over the time of the lost rows.
 
-    What the states are after the gap depends on inputs that were not recorded: the change of each
-    state is a parameter of its name, in its unit. Equations without inputs need one parameter,
-    the time ``lost`` (s), since their motion during the gap is known.
+    The states after the gap depend on inputs that were not recorded. So the jump of each state is a
+    parameter, with the name and unit of the state. Equations without inputs have a known motion
+    during the gap, and need only the time ``lost`` (s).
 
     Attributes
     ----------
     moved : states of the equations, with their units.
-    sizes : usual changes, in these units; half the range of a state where a record shows it.
-    free : True where equations without inputs move through the gap.
-    width : s, half the time that the change takes, which is one sampling interval. Where a fit
-        makes one sub-step in an interval (100 Hz and more), the sizes are only known to a third.
+    sizes : usual jumps, in these units; half the range of a state that the record shows.
+    free : True for equations without inputs.
+    width : half the duration of a jump, s; a jump lasts one sampling interval. If a fit makes one
+        sub-step in an interval (100 Hz and more), jumps are known to a third only.
     """
 
     moved: tuple[tuple[str, str], ...]
@@ -64,8 +64,8 @@ class LostRows:
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        """On a short period the load of lift and moment: shorter than two samples, it moves alpha
-        and q at once.
+        """For a short period a load of lift and moment: one that is shorter than two samples moves
+        alpha and q at once.
         """
         return ("unmeasured-input",) if self.states_read[:2] == ("alpha", "q") else ()
 
@@ -75,7 +75,7 @@ class LostRows:
 
     @property
     def sized(self) -> tuple[str, ...]:
-        """Parameters that are zero where no rows are lost."""
+        """Parameters that are zero if no rows are lost."""
         return ("lost",) if self.free else self.states_read
 
     @property
@@ -94,8 +94,8 @@ class LostRows:
         return MappingProxyType(dict.fromkeys(self.sized, 0.0))
 
     def added_rates(self, s: Any, rates: Sequence[Any], p: Any) -> Mapping[str, Any]:
-        """Return what is added to the rate of each state: the jump times a triangle of area one in
-        time, which sub-steps of ``width`` integrate exactly.
+        """Return the rate to add to each state: its jump times a triangular pulse of unit area,
+        which sub-steps of ``width`` integrate exactly.
         """
         rise = once_for_alike(
             lambda start: maximum(1.0 - absolute((s.time - start) / self.width), 0.0) / self.width,
@@ -109,8 +109,8 @@ class LostRows:
         return {name: rise * getattr(p, name) for name in self.states_read}
 
     def fitted_to(self, context: SearchContext) -> LostRows:
-        """Return the effect with a change within one sampling interval, and jumps of half the range
-        of each state that the record shows.
+        """Return the effect with jumps within one sampling interval; the usual jump is half the
+        range of each state that the record shows.
         """
         sizes = []
         for name, size in zip(self.states_read, self.sizes, strict=True):
@@ -136,9 +136,7 @@ VARIANTS: tuple[LostRows, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[LostRows, ...]:
-    """Return the effect on all states of equations; none where they are more than any record
-    tells.
-    """
+    """Return the effect on all states of equations; none for more than ``MOST_STATES`` states."""
     if len(equations.states) > MOST_STATES:
         return ()
     return (_lost_rows(equations.states, free=not equations.inputs),)

@@ -193,11 +193,14 @@ class SensorCurve(OfChannel):
             ),
             separating=dict.fromkeys(("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHERS),
             plausible={
-                name: range_ for name, range_ in self._believed().items() if name in self.bends
+                name: limits
+                for name, limits in self._plausible_ranges().items()
+                if name in self.bends
             },
         )
 
-    def _believed(self) -> Mapping[str, tuple[float, float]]:
+    def _plausible_ranges(self) -> Mapping[str, tuple[float, float]]:
+        """Return the plausible range of each parameter, see the class."""
         up, down = max(self.high, 1e-6), min(self.low, -1e-6)
         reach = max(up, -down)
         return {
@@ -243,7 +246,7 @@ _LONGITUDINAL_CURVES = (
 
 
 def _square_or_cube(curves: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
-    """Each curve twice: with the square alone and with the cube alone."""
+    """Return each curve twice: with the square only, and with the cube only."""
     return tuple(replace(each, bends=(name,)) for each in curves for name in BOTH)
 
 
@@ -320,9 +323,9 @@ class SensorDrift(OfChannel):
         )
 
     @property
-    def most(self) -> float:
-        """The largest plausible slope, unit/s; smaller for an altitude, where a wrong model of the
-        fall would ask for any.
+    def largest_slope(self) -> float:
+        """Largest plausible slope, unit/s; smaller for an altitude, because a drift would otherwise
+        stand for any error of the model of a fall.
         """
         return (8.0 if self.channel == "altitude" else 20.0) * self.typical
 
@@ -337,7 +340,7 @@ class SensorDrift(OfChannel):
             separating=dict.fromkeys(
                 ("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT
             ),
-            plausible={"slope": (-self.most, self.most)} if self.sized else {},
+            plausible={"slope": (-self.largest_slope, self.largest_slope)} if self.sized else {},
             per_record=True,
         )
 

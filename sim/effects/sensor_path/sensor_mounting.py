@@ -1,5 +1,5 @@
-"""Mounting of a sensor: an accelerometer or a flow vane away from the centre of gravity; a rate
-gyro that senses the load factor, or that is turned towards another axis.
+"""Mounting of sensors: an accelerometer or a flow vane away from the centre of gravity; a rate gyro
+that senses the load factor, or that is turned towards another axis.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ MEASURE_IT = (
     "are mounted, or check under which effect the force by the control surface{ (CL_de, L_delta, "
     "CY_dr, CY_da)} is plausible: it differs most"
 )
-# accelerometers with a vane in the same plane, which has the same effect on the kinematics
-_VANES = ("nz", "ny")
+# Accelerometers that have a vane in their plane, with the same effect on the kinematics.
+_WITH_VANE = ("nz", "ny")
 _TURNING = {"q": "pitch", "r": "yaw"}
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 ACCELEROMETER_IN_PITCH = (
@@ -55,17 +55,18 @@ _EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx":
 
 @dataclass(frozen=True)
 class AccelerometerOffset(OfChannel):
-    """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
+    """The accelerometer is ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
     q_dot.
 
-    ``arm`` in m, either sign, positive ahead. q_dot is that of the equations of motion at the same
-    time, with what elastic modes, gusts and other effects add to it; with a held input it jumps as
-    the input does. A lateral one reads ny + (arm/g0) r_dot, an axial one nx + (arm/g0) q_dot where
-    it sits ``arm`` below the centre of gravity.
+    ``arm`` is in m, positive ahead. q_dot includes the contributions of elastic modes, gusts and
+    other effects; if a held input jumps, so does q_dot. A lateral accelerometer reads ny + (arm/g0)
+    r_dot. An axial one reads nx + (arm/g0) q_dot, where ``arm`` is its distance below the centre of
+    gravity.
 
     Attributes
     ----------
-    channel, rate : what it reads, and the rate whose derivative it feels.
+    channel : name of the output.
+    rate : angular rate whose derivative the accelerometer senses.
     """
 
     channel: str = "nz"
@@ -89,7 +90,7 @@ class AccelerometerOffset(OfChannel):
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        return ("vane-offset",) if self.channel in _VANES else ()
+        return ("vane-offset",) if self.channel in _WITH_VANE else ()
 
     @property
     def traits(self) -> Traits:
@@ -141,17 +142,16 @@ VANE_IN_YAW = (
 
 @dataclass(frozen=True)
 class VaneOffset:
-    """The vane sits ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
+    """The vane is ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
 
-    ``arm`` in m, not negative; it adds to an arm that the vehicle's equations already have. V is
-    the airspeed at the time. A vane of sideslip reads beta + (arm/V) r.
+    ``arm`` is in m, not negative; it adds to an arm in the vehicle's equations. V is the airspeed.
+    A vane of sideslip reads beta + (arm/V) r.
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane.
-    sign : of the rate's share.
-    speed : the constant that is the declared airspeed, for equations without an airspeed of the
-        time.
+    channel, rate : name of the output, and angular rate in the plane of the vane.
+    sign : sign of the contribution of the rate.
+    speed : name of the constant that is the airspeed, for equations without a varying airspeed.
     """
 
     channel: str = "alpha"
@@ -229,10 +229,10 @@ JUMPS = (
 
 @dataclass(frozen=True)
 class SensorCoupling:
-    """The gyro reads q + gain nz, nz the true load factor at the centre of gravity.
+    """The gyro reads q + gain nz, where nz is the true load factor at the centre of gravity.
 
-    ``gain`` in rad/s per g, either sign. The constant part of nz goes into the bias of q. It acts
-    ahead of all other sensor effects.
+    ``gain`` is in rad/s per g, of either sign. The constant part of nz becomes part of the bias of
+    q. The effect acts before all other sensor effects.
     """
 
     name: ClassVar[str] = "sensor-coupling:q"
@@ -270,12 +270,13 @@ class TurnedGyro(OfChannel):
     """A roll or yaw gyro that is turned towards the other axis: it reads r + share p, or p + share
     r.
 
-    ``share`` without unit, the sine of the angle, of either sign. It acts ahead of all other sensor
-    effects.
+    ``share`` is the sine of the angle, of either sign, without unit. The effect acts before all
+    other sensor effects.
 
     Attributes
     ----------
-    channel, other : the rate that is recorded, and that it feels as well.
+    channel : the recorded rate.
+    other : the rate that the gyro senses in addition.
     """
 
     channel: str

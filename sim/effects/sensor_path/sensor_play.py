@@ -29,15 +29,15 @@ VANES = ("alpha", "beta")
 
 @dataclass(frozen=True)
 class SensorBacklash(OfChannel):
-    """The recorded angle y stays where it is until |v - y| > half_width, then follows the true one
-    v at that distance.
+    """Backlash: the recorded angle y follows the true angle v at a distance of ``half_width``.
 
-    ``half_width`` in rad, not negative. It starts at the first true value, in the middle of its
-    play.
+    It does not move while |v - y| < half_width. ``half_width`` is in rad, not negative. The record
+    starts at the true value, in the middle of the play.
 
     Attributes
     ----------
-    channel : the output it acts on.
+    channel, unit : name and unit of the output.
+    typical : starting half width.
     """
 
     channel: str
@@ -86,7 +86,7 @@ class SensorBacklash(OfChannel):
         return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Exact for a channel that is linear in time within sub-steps."""
+        """Return the recorded channel; exact for one that is linear in time within sub-steps."""
         begin, end = np.asarray(begin), np.asarray(end)
         depth = max(begin.ndim, end.ndim) - 1
         begin, end = trailing(begin, depth), trailing(end, depth)
@@ -102,15 +102,15 @@ SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # trial widths, as shares of the largest 
 
 @dataclass(frozen=True)
 class SensorDeadband(OfChannel):
-    """The recorded rate is sign(v) max(|v| - half_width, 0), v the true one, before the bias is
-    added.
+    """Dead band: the recorded rate is sign(v) max(|v| - half_width, 0) plus the bias, where v is
+    the true rate.
 
-    ``half_width`` in the unit of the channel, not negative.
+    ``half_width`` is in the unit of the channel, not negative.
 
     Attributes
     ----------
-    channel, unit : the output it acts on.
-    typical : the starting half width.
+    channel, unit : name and unit of the output.
+    typical : starting half width.
     """
 
     channel: str

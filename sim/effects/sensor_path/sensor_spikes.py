@@ -28,20 +28,21 @@ EXPLANATION = (
 
 @dataclass(frozen=True)
 class Bursts:
-    """Times of spikes: ``count`` moments, one in each equal part of the record, with random signs,
-    drawn from ``seed``.
+    """Random times and signs of ``count`` spikes, one in each of as many equal parts of the record.
+
+    They are drawn from ``seed``.
     """
 
     count: int = 6
     seed: int = 0
 
     def errors(self, begin: Any, end: Any, p: Any) -> Any:
-        """Return the mean error over each interval ``[begin, end]``, s from the record's start,
-        ``(n,)``: ``(n, ...)`` with the batch axes of ``p``.
+        """Return the mean error over each interval, ``(n, ...)`` with the batch axes of ``p``.
 
-        A spike begins at a multiple of ``p.width`` and lasts as long; at a moment (an interval of
-        no length) it is read within half a width about its beginning, so that rounding of sample
-        times does not matter. The record lasts ``p.duration``.
+        ``begin`` and ``end`` are ``(n,)``, s from the record's start. A spike begins at a multiple
+        of ``p.width`` and lasts for ``p.width``. At an instant (an interval of no length) a spike
+        is read within half a width about its begin, so that rounding of sample times does not
+        matter. ``p.duration`` is that of the record.
         """
         rng = np.random.default_rng(self.seed)
         places = (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count
@@ -64,7 +65,7 @@ class Bursts:
 
 
 class _Spikes:
-    """Base of spikes of a channel and of a recorded input; ``wrong`` is which of them."""
+    """Base of spikes of an output channel or a recorded input, whose name is ``wrong``."""
 
     unit: str
     typical: float
@@ -109,18 +110,18 @@ class _Spikes:
 
 @dataclass(frozen=True)
 class SensorSpikes(_Spikes):
-    """``bursts.count`` moments at which the recorded output is off by ``size``, up or down; no
-    later stage changes them.
+    """The recorded output has spikes of plus or minus ``size`` at the times of ``bursts``.
 
-    ``size`` in the unit of the channel; ``duration`` of the record and ``width`` of a spike, s, are
-    held: with a width of one sampling interval each spike is one sample. For simulation: a search
-    finds and masks such samples by rule, it fits no size.
+    They act after all other sensor effects. ``size`` is in the unit of the channel. ``duration`` of
+    the record and ``width`` of a spike, s, are held; with a width of one sampling interval each
+    spike is one sample. The effect is for simulation: a search finds and masks such samples by a
+    rule and fits no size.
 
     Attributes
     ----------
-    channel, unit : the output it acts on.
-    typical : the starting size.
-    bursts : when.
+    channel, unit : name and unit of the output.
+    typical : starting size.
+    bursts : times and signs of the spikes.
     """
 
     channel: str
@@ -135,28 +136,27 @@ class SensorSpikes(_Spikes):
         return self.channel
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Adds the spikes to the values at the edges of the sub-steps."""
+        """Return the values at the edges of the sub-steps with the spikes."""
         begin, end = np.asarray(begin), np.asarray(end)
-        at = np.concatenate([[0.0], np.cumsum(steps)])
-        wrong = self.bursts.errors(at, at, p)
-        depth = max(wrong.ndim, begin.ndim) - 1
-        wrong = trailing(wrong, depth)
-        return trailing(begin, depth) + wrong, trailing(end, depth) + wrong[1:]
+        edges = np.concatenate([[0.0], np.cumsum(steps)])
+        error = self.bursts.errors(edges, edges, p)
+        depth = max(error.ndim, begin.ndim) - 1
+        error = trailing(error, depth)
+        return trailing(begin, depth) + error, trailing(end, depth) + error[1:]
 
 
 @dataclass(frozen=True)
 class InputSpikes(_Spikes):
-    """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while
-    the vehicle's input is correct.
+    """The recorded input has spikes of plus or minus ``size``; the input of the vehicle has none.
 
-    Parameters as those of SensorSpikes. A simulation starts from the record: the spikes are
-    subtracted before any other effect on the input.
+    The parameters are those of SensorSpikes. A simulation starts from the recorded input, from
+    which the spikes are subtracted before any other effect on the input.
 
     Attributes
     ----------
-    signal, unit : the input it acts on.
-    typical : the starting size.
-    bursts : when.
+    signal, unit : name and unit of the input.
+    typical : starting size.
+    bursts : times and signs of the spikes.
     """
 
     signal: str = "elevator"
@@ -171,13 +171,14 @@ class InputSpikes(_Spikes):
         return self.signal
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Takes the spikes off the mean over each cell, in proportion to the part of the cell that
-        lies in one.
+        """Return the means over cells without the spikes.
+
+        A cell that lies in a spike in part loses that part of it.
         """
-        u, since = np.asarray(u), np.asarray(edges) - edges[0]
-        wrong = self.bursts.errors(since[:-1], since[1:], p)
-        depth = max(wrong.ndim, u.ndim) - 1
-        return trailing(u, depth) - trailing(wrong, depth)
+        u, elapsed = np.asarray(u), np.asarray(edges) - edges[0]
+        error = self.bursts.errors(elapsed[:-1], elapsed[1:], p)
+        depth = max(error.ndim, u.ndim) - 1
+        return trailing(u, depth) - trailing(error, depth)
 
 
 VARIANTS: tuple[Traceable, ...] = (
@@ -191,7 +192,7 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return one for each output that ``VARIANTS`` lacks."""
+    """Return spikes for each output and input that ``VARIANTS`` lacks."""
     return (
         *(
             SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit))

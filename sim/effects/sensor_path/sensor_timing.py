@@ -26,10 +26,10 @@ _DELAY_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class SensorDelay(OfChannel):
-    """The recorded channel is delayed: y(t) -> y(t - delay).
+    """The recorded channel is delayed: it is y(t - delay) instead of y(t).
 
-    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
-    form of finite order.
+    ``delay`` is in s, not negative. Before the record's start the first value holds. The effect has
+    no state form of finite order.
     """
 
     channel: str
@@ -73,16 +73,16 @@ class SensorDelay(OfChannel):
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Values at the earlier times, see ``sim.effects.loads``: continuous in the delay."""
+        """Return the values at the earlier times, continuous in the delay (`sim.effects.loads`)."""
         return each_run_earlier(steps, begin, end, _delayed_edges, p.delay)
 
     def memory(self, p: Any) -> tuple[Any, float]:
-        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        """Return time constant and direct share, see `sim.declaration.effect.SensorMemory`."""
         return 0.5 * p.delay, -1.0
 
 
 def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
-    """Return the time at which each edge was true."""
+    """Return the time whose value is shown at each edge."""
     return edges - delay
 
 
@@ -93,13 +93,12 @@ _LAG_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class SensorLag(OfChannel):
-    """The recorded channel y follows the true one v as y_dot = (v - y)/time_constant, settled at
-    the start.
+    """The recorded channel y follows the true one v with a lag: y_dot = (v - y)/time_constant.
 
-    ``time_constant`` in s, not negative; at zero y = v. Even a short lag removes jumps: where the
-    channel jumps at a sample (nz, when a held input switches), the reading is that before the jump,
-    so that the limit at zero differs by the jump. The state form is stiff for a lag much shorter
-    than the step.
+    At the start y = v. ``time_constant`` is in s, not negative; at zero y = v. Even a short lag
+    removes jumps: if the channel jumps at a sample (nz, when a held input switches), the reading is
+    that before the jump, so that the limit for short lags differs from a lag of zero by the jump.
+    The state form is stiff for a lag much shorter than the step.
     """
 
     channel: str
@@ -154,8 +153,8 @@ class SensorLag(OfChannel):
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step
-        and may jump between.
+        """Return the exact response to a channel that is linear from ``begin`` to ``end`` of each
+        sub-step and may jump between sub-steps.
 
         With E = exp(-h/T): y(h) = v1 - (v1 - v0) (T/h) (1 - E) + (y0 - v0) E.
         """
@@ -177,7 +176,7 @@ class SensorLag(OfChannel):
         return np.where(acts, y, jumping), y[1:]
 
     def memory(self, p: Any) -> tuple[Any, float]:
-        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        """Return time constant and direct share, see `sim.declaration.effect.SensorMemory`."""
         return p.time_constant, 0.0
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
@@ -210,24 +209,24 @@ CLOSER = (
 
 @dataclass(frozen=True)
 class SensorHold(OfChannel):
-    """The recorded channel shows its value at the last update; updates come ``phase + k period``
-    seconds after the record's start.
+    """The recorded channel is held between updates, which come ``phase + k period`` seconds after
+    the record's start.
 
-    y(t) -> y(time of the last update). ``period`` in s, not negative; one not above the sampling
-    ``interval`` changes nothing. ``phase`` in s. The noise of the recorder comes after. Each record
-    has its own period and phase.
+    ``period`` is in s, not negative; a period up to the sampling ``interval`` changes nothing.
+    ``phase`` is in s. The noise of the recorder is added after the hold. Each record has its own
+    period and phase.
 
-    Approximation: a sample shows the last update up to half an ``interval`` after itself. This is
-    exact if updates coincide with samples. Period and phase may then change a little without any
-    change of a sample's update, so that slopes and sigmas exist: d y/d period = -k y_dot at the
-    update. If the sensor has its own clock, samples just before an update show it early, by half an
-    interval at most; the phase partly compensates this. A search tries periods of whole samples,
-    and the period found in the residual.
+    Approximation: a sample also shows an update that comes up to half an ``interval`` later. This
+    is exact if updates coincide with samples. Then a small change of period or phase does not
+    change which update a sample shows, so that slopes and sigmas exist: d y/d period = -k y_dot at
+    the update. If the sensor has its own clock, samples just before an update show it early, by
+    half an interval at most; the phase partly compensates this. A search tries periods of whole
+    samples, and the period found in the residual.
 
     Attributes
     ----------
-    channel : the output it acts on.
-    interval : of the record's samples, s.
+    channel : name of the output.
+    interval : sampling interval of the record, s.
     """
 
     channel: str
@@ -248,8 +247,10 @@ class SensorHold(OfChannel):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters: the update of each sample gives the phase to half an interval;
-        otherwise it equals a delay of the channel.
+        """Return the parameters.
+
+        The prior of the phase has the width of a sampling interval, which the updates determine; a
+        wider one would stand for a delay of the channel.
         """
         return (
             Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
@@ -274,8 +275,9 @@ class SensorHold(OfChannel):
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe periods of whole samples and that of the residual, at every phase; a fit cannot
-        move an update from sample to sample.
+        """Probe periods of whole samples and the period found in the residual, at every phase.
+
+        A fit cannot move an update from one sample to another.
         """
         interval = context.interval
         periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST_DELAY]
@@ -294,8 +296,9 @@ class SensorHold(OfChannel):
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Return the values at the last updates, before which the first value holds; the channel
-        itself where the period is no longer than a sample's.
+        """Return the values at the last updates; before the first one, the first value.
+
+        A period up to the sampling interval gives the channel itself.
         """
         held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
         depth = held[0].ndim - 1
@@ -304,7 +307,7 @@ class SensorHold(OfChannel):
         return tuple(np.where(acts, new, old) for new, old in zip(held, rows, strict=True))  # type: ignore[return-value]
 
     def memory(self, p: Any) -> tuple[Any, float]:
-        """Of random motion: late by half a period in the mean."""
+        """Return time constant and direct share of a delay by half a period, the mean delay."""
         return 0.25 * p.period, -1.0
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
@@ -321,19 +324,18 @@ HOLD_VARIANTS: tuple[Traceable, ...] = tuple(
 
 
 def sampling_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return one for each output that ``VARIANTS`` lacks."""
+    """Return a hold for each output that ``VARIANTS`` lacks."""
     return tuple(SensorHold(signal.name) for signal in further_outputs(equations))
 
 
 @dataclass(frozen=True)
 class TimeBase:
-    """Recorded time = ``factor`` x true time, for all channels: the rates of all states are
-    1/factor of the true ones.
+    """The clock of the record is wrong: recorded time = ``factor`` times true time.
 
-    ``factor`` without unit, positive; 1 where the clock is right, above it where it runs fast.
-    Times of events, and those of delays and lags on the input and sensor paths, stay in the
-    record's time. Written for equations with a given airspeed: a fall on another time is one under
-    another gravity.
+    The rates of all states are then 1/factor of the true ones. ``factor`` is positive, without
+    unit; it is 1 for a right clock and above 1 for a fast one. Times of events, delays and lags are
+    in the record's time. The effect is for equations with a given airspeed: of a falling body a
+    wrong clock equals another gravity.
     """
 
     name: ClassVar[str] = "time-base"

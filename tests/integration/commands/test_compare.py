@@ -214,7 +214,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, flightid: CommandLin
         (one, tmp_path / "torn"): "not JSON",
         (one, one): "it is named twice",
         (one, f"{one}:nothing"): "no method 'nothing'",
-        (one,): "nothing beside it",
+        (one,): "a single study cannot be compared",
     }
     for arguments, what in told.items():
         assert what in flightid.refused("compare", *arguments, "--out", tmp_path / "out")

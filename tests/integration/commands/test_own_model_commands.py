@@ -287,8 +287,8 @@ def test_what_a_doublet_does_not_show_is_told(flightid: CommandLine, tmp_path: P
     )
     assert "no conversion for gain (parsnips)" in printed
     for part in (
-        "L_da           not told from gain\n",
-        "gain           not told from L_da\n",
+        "L_da           not distinguishable from gain\n",
+        "gain           not distinguishable from L_da\n",
         "idle           moves no output\n",
     ):
         assert part in printed

@@ -7,8 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.kept import NAME, SCHEMA, KeptFile, effect_content, effect_of, read_kept
-from scenarios.prediction import vehicle_of_study
+from scenarios.kept import (
+    NAME,
+    SCHEMA,
+    KeptFile,
+    effect_content,
+    effect_of,
+    read_kept,
+    vehicle_of_study,
+)
 from sim.effects.disturbance.gusts import GustDiscrete
 from sim.errors import DeclarationError
 

@@ -39,7 +39,7 @@ def test_the_groups_of_a_command_reach_the_shell() -> None:
 
 
 def test_a_folder_and_no_figures(tmp_path: Path) -> None:
-    with Output(out=tmp_path, no_figures=True).of() as told:
+    with Output(out=tmp_path, no_figures=True).writing() as told:
         assert told.out == tmp_path and told.figures == ()
 
 

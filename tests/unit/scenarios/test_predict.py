@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ident.statistics.residuals import error_figures
-from scenarios.tolerances import Simulation
 from sim.record import Channel, Record
 
 Z = np.sin(np.linspace(0.0, 20.0, 400)) + 0.3
@@ -26,4 +25,4 @@ def test_the_fit_is_one_less_the_error_over_the_spread(
 ) -> None:
     record = Record(np.arange(400) * 0.05, (), (Channel.of("q", "rad/s", Z),))
     figures = error_figures([predicted[None]], [record], [np.ones((1, 400), dtype=bool)], ["q"])
-    assert Simulation(predicted[None], figures).fit_percent("q") == pytest.approx(percent, abs=1e-9)
+    assert figures.fit_percent("q") == pytest.approx(percent, abs=1e-9)

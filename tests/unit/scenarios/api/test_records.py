@@ -133,6 +133,13 @@ def test_columns_of_two_levels_are_channels_with_units(tmp_path: Path) -> None:
         )
 
 
+def test_elements_of_an_array_keep_their_names() -> None:
+    columns = {"time": TIME, **{f"rate[{i}]": ALPHA + i for i in range(3)}}
+    record = fid.read_record(columns)
+    assert record.names == ("rate[0]", "rate[1]", "rate[2]")
+    np.testing.assert_array_equal(record["rate[1]"], ALPHA + 1)
+
+
 def test_a_channel_in_the_index_of_a_dataframe_is_read(tmp_path: Path) -> None:
     frame = pandas.DataFrame({"time": TIME, "alpha": ALPHA, "q": ALPHA})
     assert fid.read_record(frame.set_index("q")).names == ("q", "alpha")

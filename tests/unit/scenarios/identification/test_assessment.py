@@ -179,7 +179,7 @@ def test_records_held_out_are_simulated_with_what_was_found() -> None:
     fitted, _, held, worse = found.fits
     z, y = held.record["p"].values, held.simulated[held.outputs.index("p")]
     assert held.figures is not None and worse.figures is not None and fitted.figures is not None
-    assert held.fit_percent("p") == pytest.approx(
+    assert held.figures.fit_percent("p") == pytest.approx(
         100.0 * (1.0 - np.sqrt(np.mean((z - y) ** 2)) / np.std(z))
     )
     assert held.figures.r2["p"] == pytest.approx(1.0 - np.mean((z - y) ** 2) / np.var(z))

@@ -71,10 +71,8 @@ def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
         if row.name in case.true
     }
     assert set(off) == set(case.true) and max(map(abs, off.values())) < 4.0, off
-    assert (
-        found.fits[0].figures is not None
-        and min(found.fits[0].fit_percent(name) for name in found.fits[0].figures.rmse) > 50.0
-    )
+    figures = found.fits[0].figures
+    assert figures is not None and min(map(figures.fit_percent, figures.rmse)) > 50.0
 
 
 def test_filter_error_serves_a_model_without_inputs() -> None:

@@ -86,10 +86,10 @@ def test_runs_that_break_down_are_counted_by_what_ended_them() -> None:
     whole = run_study(work, TaskRequest(7, 1))
     columns = {name: column.copy() for name, column in whole.columns.items()}
     columns["outcome"][[1, 4]] = "diverged"
-    columns["outcome"][2], columns["error"][2] = None, "ended after 3 s, the time that it was given"
+    columns["outcome"][2], columns["error"][2] = None, "ended after 3 s, the time limit"
     found = campaign_of(work, RowTable(columns, 7, whole.times), 1)
     assert (
-        found.failures == {"diverged": 2, "ended after 3 s, the time that it was given": 1}
+        found.failures == {"diverged": 2, "ended after 3 s, the time limit": 1}
         and found.broken == 3
     )
     assert found.values.shape == (6, 4) and found.kept.tolist() == [

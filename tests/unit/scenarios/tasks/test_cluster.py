@@ -72,12 +72,14 @@ def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Clus
         run_study(work, _there(cluster)),
         run_study(work, dataclasses.replace(ASKED, jobs=2)),
     )
-    assert same(table, here) and re.match("2 processes died over it", table.columns["error"][21])
+    assert same(table, here) and re.match(
+        "2 processes died while they ran it", table.columns["error"][21]
+    )
     late = run_study(Toy(stuck=(13,)), dataclasses.replace(_there(cluster), count=20, longest=0.7))
     assert [bool(error) for error in late.columns["error"]] == [
         number // 4 == 3 for number in range(20)
     ]
-    assert late.columns["error"][12] == "ended after 0.7 s, the time that it was given"
+    assert late.columns["error"][12] == "ended after 0.7 s, the time limit"
 
 
 @pytest.mark.long
@@ -115,7 +117,7 @@ def test_other_versions_there_are_refused(
     monkeypatch.setattr("scenarios.tasks.cluster.versions", lambda: {**here, "scipy": "0.1"})
     with pytest.raises(
         FlightidError,
-        match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; have the same on every worker",
+        match=r"the worker on \S+ has scipy [\d.]+, and here is 0.1; install on every worker",
     ) as told:
         run_study(Toy(), dataclasses.replace(_there(cluster), folder=tmp_path / "study" / "runs"))
     assert "\n" not in str(told.value) and not list(tmp_path.iterdir())

@@ -28,8 +28,8 @@ from sim.truth.flight import (
     INTEGRATION_TOLERANCE,
     SMOOTH,
     Truth,
-    by_tolerance,
     fly,
+    motion_to_tolerance,
     sample_times,
 )
 from sim.truth.measurement import Measurement
@@ -210,12 +210,12 @@ def bent(law: Callable[[list[Any]], list[Any]]) -> Any:
 )
 def test_motion_that_ends_is_left_to_who_says_when(law: Callable[[list[Any]], list[Any]]) -> None:
     system = bent(law)
-    assert by_tolerance(system, system.parameters.values().tolist(), (STEPS,), TIME) is None
+    assert motion_to_tolerance(system, system.parameters.values().tolist(), (STEPS,), TIME) is None
 
 
 def test_weak_curvature_is_not_taken_for_a_line() -> None:
     system = bent(lambda x: [x[1], -x[0] + 1e-6 * cos(x[0])])
-    found = by_tolerance(system, system.parameters.values().tolist(), (STEPS,), TIME)
+    found = motion_to_tolerance(system, system.parameters.values().tolist(), (STEPS,), TIME)
     assert found is not None
     assert found.method == SMOOTH
 

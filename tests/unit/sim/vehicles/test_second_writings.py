@@ -208,7 +208,7 @@ def documented_figures() -> dict[float, tuple[str, ...]]:
     text = inspect.getdoc(flexibility) or ""
     rows = [
         line.replace("AC1", "").replace("AC2", "").split()
-        for line in text.split("rigid serves\n")[1].splitlines()
+        for line in text.split("rigid is adequate\n")[1].splitlines()
     ]
     return {float(row[0]): tuple(row[2:7]) for row in rows if len(row) > 7 and row[0][0].isdigit()}
 
