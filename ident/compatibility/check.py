@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import FaultSearch, confusable_loss, search
+from ident.compatibility.fault_sets import FaultSearch, largest_chance_loss, search
 from ident.compatibility.fitting import KinematicFit, fit
-from ident.compatibility.instruments import instruments_of, shortened, weigher
+from ident.compatibility.instruments import instruments_of, projected_whitener, reduced_whitener
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
@@ -21,7 +21,7 @@ from ident.compatibility.signals import (
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.six_degrees.kinematics import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -30,10 +30,10 @@ from ident.compatibility.trials import (
     Reconstruction,
     SensorEstimate,
     bias_estimates,
-    clocks,
     estimate_of,
     reference_sentence,
-    tried,
+    time_references,
+    try_faults,
     with_more_faults,
 )
 from ident.compatibility.unobservable import unobservable_sentences
@@ -41,7 +41,7 @@ from sim.errors import RecordError
 from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
 # channels that the relation of a channel needs
-_NEEDS = {
+_NEEDED_CHANNELS = {
     "alpha": ("q", "nz"),
     "theta": ("q",),
     "airspeed": ("ax", "theta", "alpha", "nz"),
@@ -83,8 +83,8 @@ def compatibility(
     try:
         return _compatibility(records, settings, each=each, six=six)
     finally:
-        weigher.cache_clear()  # frees the records of this check
-        shortened.cache_clear()
+        projected_whitener.cache_clear()  # frees the records of this check
+        reduced_whitener.cache_clear()
 
 
 def _compatibility(
@@ -93,11 +93,11 @@ def _compatibility(
     """Return the result of `compatibility`."""
     for record in records:
         _refuse_unusable(record)
-    if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
+    if misled := bank_angle_warnings(records, settings.airspeed, settings.gravity):
         return _nothing_observable(records, misled)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
-    records = [_longitudinal(record) for record in records]
+    records = [_without_lateral_controls(record) for record in records]
     channels = tuple(
         name
         for name in measured_channels(records[0])
@@ -116,7 +116,7 @@ def _compatibility(
                 f"{NO_AIRSPEED}, without which the relation of alpha, q and nz cannot be used"
             )
     related = relations(usable)
-    notes += [LEVEL] if related else []
+    notes += [WINGS_LEVEL_NOTE] if related else []
     if not related:
         return _without_relations(records, channels, notes)
     signals = [
@@ -151,13 +151,13 @@ def _compatibility(
             "fault: something acts that the kinematics do not know, a gust on vane and load most "
             "likely, so that no further fault is named"
         )
-    if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
+    if reference := reference_sentence(search_result.fit.faults, time_references(signals)):
         notes.append(reference)
-    standing = {finding.name for finding in joint.findings if finding.stands}
-    chance = confusable_loss(settings.false_alarm, len(joint.estimates))
+    supported = {finding.name for finding in joint.findings if finding.supported}
+    chance = largest_chance_loss(settings.false_alarm, len(joint.estimates))
     unobservable = (
         *_channels_without_relation(channels, related),
-        *unobservable_sentences(base, search_result.fit.noise, used, chance, standing),
+        *unobservable_sentences(base, search_result.fit.noise, used, chance, supported),
     )
     return Compatibility(
         channels,
@@ -234,7 +234,7 @@ def _result_of_record(
         else:
             start = with_more_faults(base, context, sizes)
         faults = [trial.fault for trial in joint.trials if trial.fit.faults[:-1] == context]
-        trial_by_fault |= {trial.fault: trial for trial in tried(start, faults)}
+        trial_by_fault |= {trial.fault: trial for trial in try_faults(start, faults)}
     trials = [trial_by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
     drifts = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
@@ -289,7 +289,7 @@ def _channels_without_relation(
     sentences = []
     for name in channels:
         if name not in in_relation and not (name == "airspeed" and "alpha" in related):
-            missing = [needed for needed in _NEEDS[name] if needed not in channels]
+            missing = [needed for needed in _NEEDED_CHANNELS[name] if needed not in channels]
             reason = "its relation needs an airspeed"
             if missing:
                 reason = f"its relation needs {' and '.join(missing)} too"
@@ -299,7 +299,7 @@ def _channels_without_relation(
     return tuple(sentences)
 
 
-def _longitudinal(record: Record) -> Record:
+def _without_lateral_controls(record: Record) -> Record:
     """Return the record without the controls of lateral motion."""
     inputs = tuple(control for control in record.inputs if control.name not in LATERAL_CONTROLS)
     return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
@@ -329,7 +329,7 @@ def _refuse_unusable(record: Record) -> None:
 _RATES = ("p", "r")
 
 
-def misled_by_bank(
+def bank_angle_warnings(
     records: Sequence[Record], airspeed: float | None, gravity: float
 ) -> tuple[str, ...]:
     """Return a sentence on each record without a bank angle in which the wings were not level, so

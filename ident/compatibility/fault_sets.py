@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
-from ident.compatibility.instruments import instrumented, weigher
+from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,
@@ -20,11 +20,11 @@ from ident.compatibility.trials import (
     FaultQuantity,
     FaultTrial,
     SensorFinding,
-    clocks,
-    leaves_a_reference,
-    one_step,
-    replicates,
-    tried,
+    leaves_time_reference,
+    linearised_fits,
+    records_agree,
+    time_references,
+    try_faults,
 )
 
 # ---- Sets of sensor faults fitted jointly
@@ -46,7 +46,7 @@ class FaultSet:
     determined : every sigma is smaller than a plausible size of its fault.
     early : the last fault is a negative delay of the load.
     given : number of leading faults of the fit that were prescribed.
-    surprise : loss of log likelihood by the priors of the sizes.
+    prior_loss : loss of log likelihood by the priors of the sizes.
     """
 
     fit: KinematicFit
@@ -55,7 +55,7 @@ class FaultSet:
     determined: bool = True
     early: bool = False
     given: int = 0
-    surprise: float = 0.0
+    prior_loss: float = 0.0
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
@@ -63,7 +63,7 @@ class FaultSet:
         return self.fit.faults[self.given :]
 
 
-def charge_of(false_alarm: float, count: int) -> float:
+def penalty_per_fault(false_alarm: float, count: int) -> float:
     """Return the log likelihood that a fault must gain: ln of the number of candidates minus ln of
     the probability of a false alarm.
 
@@ -85,7 +85,7 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
     estimates = list(zip(faults, sizes, variances.tolist(), strict=True))
     determined = all(0.0 < variance < fault.plausible**2 for fault, _, variance in estimates)
     possible = all(_possible_size(fault, size) for fault, size, _ in estimates)
-    surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in estimates))
+    prior_loss = float(sum(fault.prior_loss(size, variance) for fault, size, variance in estimates))
     return FaultSet(
         kinematic_fit,
         float(np.mean(widening)),
@@ -93,7 +93,7 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
         determined,
         early,
         given,
-        surprise,
+        prior_loss,
     )
 
 
@@ -110,22 +110,22 @@ def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
     if not instrumented(fits[0].signals):
         return np.array([candidate.cost for candidate in fits])
     noise = min(fits, key=lambda candidate: candidate.cost).noise
-    whiteners = [weigher(s, noise) for s in fits[0].signals]
+    whiteners = [projected_whitener(s, noise) for s in fits[0].signals]
     return np.array([least_misfit(candidate, whiteners) for candidate in fits])
 
 
-def grow(
+def grow_sets(
     base: KinematicFit,
     singles: Sequence[KinematicFit],
     faults: Sequence[SensorFault],
-    charge: float,
+    penalty: float,
     most: int,
 ) -> list[FaultSet]:
     """Return sets of 0, 1, ... ``most`` faults by forward selection with a beam: several sets of
     each size.
 
     The sets of one fault are the best of ``singles``. The selection ends where the best set with
-    one more fault does not gain ``charge``. Without recorded controls, sets with an early load are
+    one more fault does not gain ``penalty``. Without recorded controls, sets with an early load are
     included and marked.
     """
     given = len(base.faults)
@@ -140,7 +140,7 @@ def grow(
         sets += largest_sets
         best = largest_sets[0]
         smaller_misfit, best_misfit = misfits([best_smaller, best.fit]).tolist()
-        if count == most or smaller_misfit - best_misfit < charge * best.widening:
+        if count == most or smaller_misfit - best_misfit < penalty * best.widening:
             break
         best_smaller = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
@@ -151,8 +151,8 @@ def grow(
     return sets
 
 
-def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """Return the set with the greatest log likelihood minus ``charge`` for each fault. A set with
+def best_set_of(sets: Sequence[FaultSet], penalty: float) -> FaultSet:
+    """Return the set with the greatest log likelihood minus ``penalty`` for each fault. A set with
     an early load must be better than a tie.
     """
     misfit = misfits([candidate.fit for candidate in sets])
@@ -160,16 +160,18 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     # An early load has nearly the same likelihood as equal delays of alpha and q.
     score = [
         value / widening
-        + charge * len(candidate.faults)
+        + penalty * len(candidate.faults)
         + TIE_LOG_LIKELIHOOD * candidate.early
-        + candidate.surprise
+        + candidate.prior_loss
         for candidate, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
 
 
-def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
-    """Return the set without the faults whose removal loses less than ``charge``."""
+def without_superfluous_faults(
+    base: KinematicFit, chosen_set: FaultSet, penalty: float
+) -> FaultSet:
+    """Return the set without the faults whose removal loses less than ``penalty``."""
     while len(chosen_set.faults) > 1:
         smaller = [
             fit(base.signals, [kept for kept in chosen_set.fit.faults if kept is not removed], base)
@@ -178,7 +180,7 @@ def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float)
         misfit = misfits([chosen_set.fit, *smaller])
         losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
-        if losses[least] >= charge:
+        if losses[least] >= penalty:
             break
         chosen_set = fault_set(smaller[least], chosen_set.given)
     return chosen_set
@@ -206,15 +208,15 @@ def _extended(
     """Return fits of a set with one more fault, for the faults with the largest first-order gains.
     Sets that are already ``fitted`` are left out.
     """
-    timed = clocks(kinematic_fit.signals)
+    timed = time_references(kinematic_fit.signals)
     candidates = [
         fault
         for fault in faults
         if fault not in kinematic_fit.faults
-        and leaves_a_reference((*kinematic_fit.faults, fault), timed)
+        and leaves_time_reference((*kinematic_fit.faults, fault), timed)
     ]
     first_order = sorted(
-        zip(candidates, one_step(kinematic_fit, candidates), strict=True),
+        zip(candidates, linearised_fits(kinematic_fit, candidates), strict=True),
         key=lambda pair: pair[1].cost,
     )
     promising = [
@@ -288,7 +290,7 @@ def _sound(trial: FaultTrial) -> bool:
     return trial.determined and (trial.size > 0 or not trial.fault.one_sided)
 
 
-def confusable_loss(false_alarm: float, count: int) -> float:
+def largest_chance_loss(false_alarm: float, count: int) -> float:
     """Return the loss of log likelihood that the true one of ``count`` faults exceeds against
     another one with a probability of at most ``false_alarm``.
 
@@ -307,7 +309,7 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
     """
     scores = np.array(
         [
-            -loss - float(fault.surprise(size.value - fault.offset, size.std**2))
+            -loss - float(fault.prior_loss(size.value - fault.offset, size.std**2))
             for fault, size, loss in among
         ]
     )
@@ -316,7 +318,7 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
     return dict(zip(names, (weights / np.sum(weights)).tolist(), strict=True))
 
 
-def slots_of(
+def slots_with_trials(
     base: KinematicFit,
     chosen_set: FaultSet,
     faults: Sequence[SensorFault],
@@ -336,14 +338,14 @@ def slots_of(
         ]
         if not better:
             break
-        gains = [slot.losses[_place(slot, chosen_set.faults[i])] for i, slot in better]
+        gains = [slot.losses[_trial_index(slot, chosen_set.faults[i])] for i, slot in better]
         i, slot = better[int(np.argmax(gains))]
         exchanged = list(chosen_set.fit.faults)
         exchanged[chosen_set.given + i] = slot.trials[0].fault
         changed = fault_set(fit(base.signals, exchanged, slot.trials[0].fit), chosen_set.given)
         before, after = misfits([chosen_set.fit, changed.fit]).tolist()
-        before += chosen_set.widening * chosen_set.surprise
-        after += chosen_set.widening * changed.surprise
+        before += chosen_set.widening * chosen_set.prior_loss
+        after += chosen_set.widening * changed.prior_loss
         if not changed.sound or after > before + TIE_LOG_LIKELIHOOD:
             break
         chosen_set = changed
@@ -352,12 +354,12 @@ def slots_of(
     ]
 
 
-def _place(slot: Slot, fault: SensorFault) -> int:
+def _trial_index(slot: Slot, fault: SensorFault) -> int:
     """Return the place of a fault among the trials of a position."""
     return [trial.fault for trial in slot.trials].index(fault)
 
 
-def same_lateness(first: SensorFault, second: SensorFault) -> bool:
+def delay_same_channel(first: SensorFault, second: SensorFault) -> bool:
     """Return whether both faults delay the same channel: by a delay, a lag or an arm."""
     return (
         first.channel == second.channel
@@ -366,7 +368,7 @@ def same_lateness(first: SensorFault, second: SensorFault) -> bool:
     )
 
 
-def same_trace(first: SensorFault, second: SensorFault) -> bool:
+def equivalent_to_arm(first: SensorFault, second: SensorFault) -> bool:
     """Return whether one of two faults is the arm of an accelerometer, and the other one has its
     effect at one airspeed: a delay or lag of the rate of the plane like an arm ahead, an arm, delay
     or lag of the vane like one behind.
@@ -394,22 +396,22 @@ def _slot(
         candidate
         for candidate in faults
         if candidate not in other_faults
-        and leaves_a_reference((*other_faults, candidate), clocks(base.signals))
+        and leaves_time_reference((*other_faults, candidate), time_references(base.signals))
     ]
     if other_faults == list(base.faults):
         others, trials = base, [trial for trial in singles if trial.fault in candidates]
     else:
         others = fit(base.signals, other_faults, base)
-        trials = tried(others, candidates)
+        trials = try_faults(others, candidates)
     misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
     trial_misfits, with_priors = [], []
     for trial, value in zip(trials, misfit[2:].tolist(), strict=True):
         # the fit of the set is that of the accepted fault
         own_misfit = misfit[1] if trial.fault is fault else value
         own_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
-        surprise = float(trial.fault.surprise(trial.size, trial.variance))
+        prior_loss = float(trial.fault.prior_loss(trial.size, trial.variance))
         trial_misfits.append(own_misfit)
-        with_priors.append(own_misfit + chosen_set.widening * surprise)
+        with_priors.append(own_misfit + chosen_set.widening * prior_loss)
     order = sorted(range(len(trials)), key=lambda i: (not _sound(trials[i]), with_priors[i]))
     gains = (misfit[0] - np.array(trial_misfits)) / chosen_set.widening
     ordered = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
@@ -418,7 +420,7 @@ def _slot(
 
 def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
     """Return the position with the trial of a fault first, where there is one."""
-    first = _place(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
+    first = _trial_index(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
     order = [first, *(i for i in range(len(slot.trials)) if i != first)]
     trials = tuple(slot.trials[i] for i in order)
     return Slot(slot.others, trials, slot.losses[order] - slot.losses[first])
@@ -457,49 +459,51 @@ def search(
     """Return the set of faults that the records require, each with the faults that it may be
     confused with.
 
-    Forward selection keeps several sets of each size. Each fault must gain `charge_of` under
+    Forward selection keeps several sets of each size. Each fault must gain `penalty_per_fault` under
     coloured residuals in addition to the others, and single records must agree on it. ``bases`` are
     the base fits of each record alone.
     """
-    charge = charge_of(settings.false_alarm, len(faults))
-    chance = confusable_loss(settings.false_alarm, len(faults))
-    singles = tried(base, faults)
+    penalty = penalty_per_fault(settings.false_alarm, len(faults))
+    chance = largest_chance_loss(settings.false_alarm, len(faults))
+    singles = try_faults(base, faults)
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
         candidates = [fault for fault in faults if fault not in refused]
-        best, early = _selected(
+        best, early = _select_set(
             base,
             [t.fit for t in singles if t.fault not in refused],
             candidates,
-            charge,
+            penalty,
             settings.most,
         )
-        best, slots = slots_of(base, best, candidates, singles)
+        best, slots = slots_with_trials(base, best, candidates, singles)
         failing = [
-            slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])
+            slot.trials[0]
+            for slot in slots
+            if not records_agree(bases, slot.others, slot.trials[0])
         ]
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
     groups = [_group(slot, bases, chance) for slot in slots]
-    return _searched(faults, groups, slots, singles, refused, best.fit, early)
+    return _search_result(faults, groups, slots, singles, refused, best.fit, early)
 
 
-def _selected(
+def _select_set(
     base: KinematicFit,
     singles: Sequence[KinematicFit],
     faults: Sequence[SensorFault],
-    charge: float,
+    penalty: float,
     most: int,
 ) -> tuple[FaultSet, float | None]:
     """Return the best set without superfluous faults, and the time (s) by which a load would be
     early, where the best set has this.
     """
-    best = chosen(grow(base, singles, faults, charge, most), charge)
+    best = best_set_of(grow_sets(base, singles, faults, penalty, most), penalty)
     early = float(best.fit.sizes[-1]) if best.early else None
     if best.early:
         best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
-    return without_superfluous(base, best, charge), early
+    return without_superfluous_faults(base, best, penalty), early
 
 
 def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
@@ -507,10 +511,10 @@ def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[Fau
     single records agree.
     """
     best, *rivals = slot.within(chance)
-    return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
+    return [best, *(t for t in rivals if records_agree(bases, slot.others, t))]
 
 
-def _searched(
+def _search_result(
     faults: Sequence[SensorFault],
     groups: Sequence[Sequence[FaultTrial]],
     slots: Sequence[Slot],
@@ -520,20 +524,20 @@ def _searched(
     early: float | None,
 ) -> FaultSearch:
     """Return the result of a search from its last set, whose positions are ``slots``."""
-    losses, in_place, replaced = _in_place(slots)
+    losses, in_place, replaced = _replacements(slots)
     # A fault that is in two groups is reported once: where it is best, else in the first group.
     grouped = {t.fault: t for group in reversed(groups) for t in group} | {
         group[0].fault: group[0] for group in groups
     }
-    accepted, timed = current.faults, clocks(current.signals)
+    accepted, timed = current.faults, time_references(current.signals)
     further = [
         fault
         for fault in faults
         if fault not in grouped
-        and leaves_a_reference((*accepted, fault), timed)
-        and not any(same_lateness(fault, other) for other in accepted)
+        and leaves_time_reference((*accepted, fault), timed)
+        and not any(delay_same_channel(fault, other) for other in accepted)
     ]
-    added = {t.fault: t for t in (tried(current, further) if accepted else singles)}
+    added = {t.fault: t for t in (try_faults(current, further) if accepted else singles)}
     alone = {t.fault: t for t in singles}
     trials = {fault: {**alone, **in_place, **added, **grouped}[fault] for fault in faults}
     findings = []
@@ -543,7 +547,7 @@ def _searched(
         for t in group:
             if grouped[t.fault] is t:
                 others = tuple(name for name in names if name != t.fault.name)
-                finding = _finding(t, others, losses.get(t.fault, 0.0), stands=True)
+                finding = _finding(t, others, losses.get(t.fault, 0.0), supported=True)
                 leader = "" if t is group[0] else names[0]
                 findings.append(replace(finding, probabilities=shares, instead_of=leader))
     not_accepted = sorted(
@@ -551,14 +555,14 @@ def _searched(
     )
     for t in not_accepted:
         found = _finding(
-            t, (), losses.get(t.fault), stands=False, replicates=t.fault not in refused
+            t, (), losses.get(t.fault), supported=False, replicates=t.fault not in refused
         )
         beside = t.fault in added or t.fault not in replaced
         findings.append(found if beside else replace(found, instead_of=replaced[t.fault].name))
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
-def _in_place(
+def _replacements(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial], dict[SensorFault, SensorFault]]:
     """Return for each fault its least loss of log likelihood in place of an accepted one, the trial
@@ -580,7 +584,7 @@ def _finding(
     group: tuple[str, ...],
     loss: float | None,
     *,
-    stands: bool,
+    supported: bool,
     replicates: bool = True,
 ) -> SensorFinding:
     fault = trial.fault
@@ -591,7 +595,7 @@ def _finding(
         trial.quantity.std,
         fault.unit,
         trial.gain,
-        stands,
+        supported,
         group,
         fault.name,
         replicates,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.instruments import Weigher, part_of_controls, weigher
+from ident.compatibility.instruments import ColumnMap, instrument_projection, projected_whitener
 from ident.compatibility.kinematics import (
     SensorFault,
     Unknown,
@@ -21,8 +21,8 @@ from ident.compatibility.signals import (
     KinematicSignals,
     NoiseEvidence,
     RelationNoise,
-    first_noise,
-    settled_noise,
+    estimated_noise,
+    noise_from_roughness,
     walk_gains,
     whitener,
 )
@@ -92,7 +92,7 @@ def fit(
     else:
         own = [np.array(values) for values in begin.own]
     sizes = starting_sizes(faults, begin) if first is None else first.astype(float)
-    first_levels = first_noise(signals)
+    first_levels = noise_from_roughness(signals)
     noise = begin.noise if begin is not None else first_levels
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
     linear = [
@@ -103,7 +103,7 @@ def fit(
     )
     cost = 0.0
     for turn in range(passes):
-        whiteners = [weigher(s, noise) for s in signals]
+        whiteners = [projected_whitener(s, noise) for s in signals]
         own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
         before = noise.logs
         residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True))
@@ -111,7 +111,7 @@ def fit(
             np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0)
             for s, (_, slope), o in zip(signals, linear, own, strict=True)
         )
-        noise, cost = settled_noise(
+        noise, cost = estimated_noise(
             NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), first_levels),
             noise,
             _FIRST_NOISE_PASSES if begin is None and turn == 0 else _NOISE_PASSES,
@@ -158,7 +158,7 @@ class KinematicDescent:
 
 
 def descend(
-    search: KinematicDescent, start: DescentPoint, whiteners: Sequence[Weigher]
+    search: KinematicDescent, start: DescentPoint, whiteners: Sequence[ColumnMap]
 ) -> DescentPoint:
     """Return the least-squares point under the noise of the ``whiteners`` of the records."""
     (own, sizes, linear), signals, priors = start, search.signals, search.priors
@@ -205,7 +205,7 @@ def misfit(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
 ) -> float:
     """Return half the sum of squares of whitened residuals and priors; infinite on divergence."""
     total = 0.0
@@ -231,20 +231,20 @@ def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]
     ):
         e = whitener(s, kinematic_fit.noise)(residual[:, :, None])[:, :, 0]
         columns = np.where(s.valid[:, :, None], jacobian, 0.0)
-        pairs.append((e, weigher(s, kinematic_fit.noise)(columns)))
+        pairs.append((e, projected_whitener(s, kinematic_fit.noise)(columns)))
     return pairs
 
 
 def least_misfit(
     kinematic_fit: KinematicFit,
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
     """Return the least misfit under another noise, to first order about a fit.
 
     Parameters
     ----------
-    whiteners : `ident.compatibility.instruments.weigher` of that noise, one for each record.
+    whiteners : `ident.compatibility.instruments.projected_whitener` of that noise, one for each record.
     priors : ``(n,)`` of each record, one over the prior variances of its unknowns; None takes those
         of the longitudinal kinematics.
     """
@@ -286,7 +286,7 @@ def normal_equations(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, in the order
     of `positions`.
@@ -369,7 +369,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     largest = np.array([fault.largest for fault in kinematic_fit.faults])
     total = len(prior) - len(sizes)
     linear = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
-    projections = [part_of_controls(s) for s in kinematic_fit.signals]
+    projections = [instrument_projection(s) for s in kinematic_fit.signals]
     for turn in range(MOST_PASSES):
         if turn:
             linear = [

@@ -24,7 +24,7 @@ _INTERVAL_BOUNDS = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 
 _SAMPLES_PER_INSTRUMENT = 6  # fewest samples for each instrument
 _ROUNDING_EIGENVALUE_SHARE = 1e-9  # smallest eigenvalue above rounding, relative to the largest
 
-Weigher = Callable[[np.ndarray], np.ndarray]
+ColumnMap = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
@@ -60,7 +60,7 @@ def instrumented(signals: Sequence[KinematicSignals]) -> bool:
 
 # many faults are tried under one noise: the cache holds the records of a check and a few noises
 @lru_cache(maxsize=24)
-def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
+def projected_whitener(s: KinematicSignals, noise: RelationNoise) -> ColumnMap:
     """Return the function that whitens columns ``(m, N, c)``, zero where a sample is missing, to
     unit variance. With instruments it also projects the columns onto these.
     """
@@ -74,9 +74,11 @@ def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
 
 
 @lru_cache(maxsize=24)
-def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
+def reduced_whitener(
+    s: KinematicSignals, noise: RelationNoise
+) -> Callable[[np.ndarray], np.ndarray]:
     """Return the function that maps columns ``(m, N, c)`` to fewer rows ``(K, c)``. Their scalar
-    products equal those of the columns after `weigher`.
+    products equal those of the columns after `projected_whitener`.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -85,7 +87,7 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
     return lambda columns: basis.T @ white.of_differences(differences(columns))
 
 
-def part_of_controls(s: KinematicSignals) -> Weigher:
+def instrument_projection(s: KinematicSignals) -> ColumnMap:
     """Return the function that projects columns ``(m, N, c)`` onto the instruments; without
     instruments it leaves them as they are.
     """
@@ -95,7 +97,7 @@ def part_of_controls(s: KinematicSignals) -> Weigher:
     return _projection(_orthonormal(wide.reshape(-1, wide.shape[2])))
 
 
-def _projection(basis: np.ndarray) -> Weigher:
+def _projection(basis: np.ndarray) -> ColumnMap:
     """Return the projection of columns ``(m, N, c)`` onto an orthonormal ``basis (m N, r)``."""
 
     def project(columns: np.ndarray) -> np.ndarray:

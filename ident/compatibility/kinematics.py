@@ -118,7 +118,7 @@ class SensorFault:
             return max(5.0, 3.0 * self.chord)
         return max(1.0, 0.25 * self.chord)
 
-    def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
+    def prior_loss(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
         """Return the loss of log likelihood by the prior, with its standard deviation ``spread``,
         for an estimated size with its variance.
         """
@@ -211,7 +211,7 @@ _FIXED_POINT_SWEEPS = 5
 _SHORTEST_LAG = 1e-4  # s: a shorter lag acts to first order only
 
 
-def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
+def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
     """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
     ``value`` gives the sizes of the faults. It also gives ``("start", STATE)``, ``("turn", "1")`` =
@@ -222,50 +222,50 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
     speed = s.speed
     if "airspeed" in s.channels:
         speed = (speed - value("airspeed", BIAS)) / (1.0 + value("airspeed", SCALE))
-    over_speed = 1.0 / middle(speed)
+    inverse_speed = 1.0 / midpoints(speed)
     inputs = {
-        name: increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels
+        name: true_increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels
     }
     if "nz" in inputs and np.any(value("nz", ARM)):
         # An accelerometer ahead also measures the pitch acceleration: nz + (arm/g0) q_dot.
-        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(samples(s, "q", value))
+        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(true_samples(s, "q", value))
     states: dict[str, np.ndarray] = {}
     if "theta" in s.outputs or "theta" in s.channels:
-        states["theta"] = value("start", "theta") + summed(inputs["q"])
+        states["theta"] = value("start", "theta") + cumulative(inputs["q"])
     if "alpha" in s.outputs:
-        load = G0 * over_speed * inputs["nz"]
+        load = G0 * inverse_speed * inputs["nz"]
         if s.jumps.size:
-            load = load + value("jump", "nz") * G0 * over_speed * h * 0.5 * np.diff(s.jumps)
+            load = load + value("jump", "nz") * G0 * inverse_speed * h * 0.5 * np.diff(s.jumps)
         if "theta" in s.channels:
-            alpha = _with_theta(s, value, inputs, over_speed, load, states["theta"], h)
+            alpha = _alpha_with_theta(s, value, inputs, inverse_speed, load, states["theta"], h)
         else:
-            turn = summed(load)
+            turn = cumulative(load)
             gravity = (
                 s.gravity
-                * over_speed
+                * inverse_speed
                 * h
-                * middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
+                * midpoints(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
             )
-            alpha = value("start", "alpha") + summed(inputs["q"] - load + gravity)
+            alpha = value("start", "alpha") + cumulative(inputs["q"] - load + gravity)
         states["alpha"] = alpha
     if "airspeed" in s.outputs:
         a, climb = states["alpha"], states["theta"] - states["alpha"]
         change = (
-            middle(np.cos(a)) * inputs["ax"]
-            - G0 * middle(np.sin(a)) * inputs["nz"]
-            - s.gravity * h * middle(np.sin(climb))
+            midpoints(np.cos(a)) * inputs["ax"]
+            - G0 * midpoints(np.sin(a)) * inputs["nz"]
+            - s.gravity * h * midpoints(np.sin(climb))
         )
-        states["airspeed"] = value("start", "airspeed") + summed(change)
-    readings = [_read(s, name, states[name], value, speed) for name in s.outputs]
+        states["airspeed"] = value("start", "airspeed") + cumulative(change)
+    readings = [_reading_of_state(s, name, states[name], value, speed) for name in s.outputs]
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
 
-def _with_theta(
+def _alpha_with_theta(
     s: KinematicSignals,
     value: Values,
     inputs: dict[str, np.ndarray],
-    over_speed: np.ndarray,
+    inverse_speed: np.ndarray,
     load: np.ndarray,
     theta: np.ndarray,
     h: np.ndarray,
@@ -273,21 +273,21 @@ def _with_theta(
     """Return alpha ``(P, N)`` where theta is recorded, by fixed-point sweeps."""
     alpha = s.channels["alpha"][None]
     for _ in range(_FIXED_POINT_SWEEPS):
-        gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
+        gravity = s.gravity * inverse_speed * h * midpoints(np.cos(theta - alpha))
         if "ax" in inputs:
             change = (
                 inputs["q"]
-                - load * middle(np.cos(alpha))
-                - over_speed * inputs["ax"] * middle(np.sin(alpha))
+                - load * midpoints(np.cos(alpha))
+                - inverse_speed * inputs["ax"] * midpoints(np.sin(alpha))
                 + gravity
             )
         else:
             change = inputs["q"] - load + gravity
-        alpha = value("start", "alpha") + summed(change)
+        alpha = value("start", "alpha") + cumulative(change)
     return alpha
 
 
-def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
+def true_increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
     """Return the integral ``(P, N - 1)`` of the true signal over each interval, from its faulty
     reading, which is taken as cubic between samples.
     """
@@ -303,11 +303,11 @@ def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> 
         change = change + lag * np.diff(
             _shifted(t, x, _slopes(x, t), delay) if np.any(delay) else x[None]
         )
-    error = value(name, BIAS) + value(name, DRIFT) * (middle(t) - t[0])
+    error = value(name, BIAS) + value(name, DRIFT) * (midpoints(t) - t[0])
     return np.asarray((change - error * h) / (1.0 + value(name, SCALE)))
 
 
-def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
+def true_samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     """Return the true signal ``(P, N)`` at the samples, from its faulty reading."""
     signal, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -320,19 +320,19 @@ def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     )
 
 
-def _read(
+def _reading_of_state(
     s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
 ) -> np.ndarray:
     """Return the reading ``(P, N)`` of the sensor of a state: the arm acts first, with the true
-    pitch rate, then the faults of `shown`.
+    pitch rate, then the faults of `sensor_reading`.
     """
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
-        state = state - arm / speed * samples(s, "q", value)
-    return shown(s, name, state, value)
+        state = state - arm / speed * true_samples(s, "q", value)
+    return sensor_reading(s, name, state, value)
 
 
-def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
+def sensor_reading(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
     """Return the reading ``(P, N)`` of a sensor of the true signal ``y (P, N)``: lag, delay, scale,
     bias and drift act in this order.
     """
@@ -372,7 +372,7 @@ def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np
     """
     if y.ndim == 1:  # a single signal: most of its shifts are equal
         shifts, which = np.unique(by[:, 0], return_inverse=True)
-        rows = [_moved(t, y[None], dy[None], float(shift)) for shift in shifts]
+        rows = [_shifted_by_one_time(t, y[None], dy[None], float(shift)) for shift in shifts]
         return np.concatenate(rows)[which.reshape(-1)]
     count = max(len(y), len(by))
     y, dy = np.broadcast_to(y, (count, len(t))), np.broadcast_to(dy, (count, len(t)))
@@ -380,11 +380,11 @@ def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np
     shifted = np.empty((count, len(t)))
     for shift in np.unique(by):
         equal = by == shift
-        shifted[equal] = _moved(t, y[equal], dy[equal], float(shift))
+        shifted[equal] = _shifted_by_one_time(t, y[equal], dy[equal], float(shift))
     return shifted
 
 
-def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarray:
+def _shifted_by_one_time(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarray:
     """Return y(t + by) of rows ``y (P, N)`` as `_shifted` does, for one time ``by``, s."""
     at = t + by
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
@@ -398,12 +398,12 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
     return np.asarray((1.0 - w1) * y[:, k] + w1 * y[:, k + 1] + m0 * dy[:, k] + m1 * dy[:, k + 1])
 
 
-def middle(x: np.ndarray) -> np.ndarray:
+def midpoints(x: np.ndarray) -> np.ndarray:
     """Return the means of successive samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
-def summed(increments: np.ndarray) -> np.ndarray:
+def cumulative(increments: np.ndarray) -> np.ndarray:
     """Return the cumulative sum ``(P, N)``, with a first zero, of increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
     total = np.zeros((len(increments), increments.shape[1] + 1))
@@ -504,7 +504,7 @@ def evaluate(
         key = (fault.channel, fault.kind)
         table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
     none = np.zeros((1, 1))
-    return reconstructed(s, lambda channel, kind: table.get((channel, kind), none))
+    return reconstructed_outputs(s, lambda channel, kind: table.get((channel, kind), none))
 
 
 def difference_step(fault: SensorFault) -> float:

@@ -120,7 +120,7 @@ def signals_of(
     bridged, valid, spikes = {}, {}, {}
     for name in channels:
         values, mask = _channel(record, name)
-        wrong = isolated(record.time[mask], values[mask])
+        wrong = isolated_spikes(record.time[mask], values[mask])
         spikes[name] = int(np.count_nonzero(wrong))
         mask = mask.copy()
         mask[np.flatnonzero(mask)[wrong]] = False
@@ -174,7 +174,7 @@ def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
     return record[name].values, record[name].valid
 
 
-def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def isolated_spikes(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return which samples ``x (N,)`` at times ``t (N,)`` are spikes.
 
     A spike is a single sample far from the lines through its two neighbours on each side, and from
@@ -284,7 +284,7 @@ class RelationNoise:
         return RelationNoise(self.outputs, self.inputs, np.exp(logs[:m]), np.exp(logs[m:]))
 
 
-def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
+def inputs_with_estimated_noise(outputs: Sequence[str]) -> tuple[str, ...]:
     """Return the inputs whose noise can be estimated. Where alpha is the only output, the noise of
     q stands for that of nz too.
     """
@@ -302,10 +302,10 @@ def inputs_of(output: str) -> tuple[str, ...]:
     return _INPUTS[output]
 
 
-def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
+def noise_from_roughness(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
     """Return starting values of the noise from third differences, which suppress smooth motion."""
     outputs = all_signals[0].outputs
-    inputs = walking_inputs(outputs)
+    inputs = inputs_with_estimated_noise(outputs)
     rough = {
         name: float(np.mean([roughness(s.channels[name]) for s in all_signals]))
         for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
@@ -318,7 +318,7 @@ def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
     )
 
 
-def resolution(x: np.ndarray) -> float:
+def rounding_variance(x: np.ndarray) -> float:
     """Return the variance of the rounding of a column ``x (N,)``.
 
     A value rounded to steps of d has an error of variance d^2/12. No recorder is better than single
@@ -333,10 +333,13 @@ def resolution(x: np.ndarray) -> float:
     return max(step, single) ** 2 / 12.0
 
 
-def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
+def rounding_variances(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
     """Return the variance of rounding of each channel, in the record with the finest steps."""
     return np.array(
-        [max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names]
+        [
+            max(min(rounding_variance(s.channels[name]) for s in all_signals), 1e-20)
+            for name in names
+        ]
     )
 
 
@@ -346,7 +349,7 @@ def roughness(x: np.ndarray) -> float:
     # The median is robust against the few switches of a held input. 0.6745 is the median of the
     # size of a unit normal variable, and 20 the sum of the squares of the weights 1, 3, 3, 1.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
-    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), resolution(x), 1e-20)
+    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), rounding_variance(x), 1e-20)
 
 
 def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
@@ -446,14 +449,14 @@ class NoiseEvidence:
     sensitivities : ``(m, N, n)`` of each record, to its own unknowns. Their fit has removed a part
         of the noise.
     priors : ``(n,)`` of each record, information of the priors of these unknowns.
-    begun : noise about which the densities have a prior.
+    prior_noise : noise about which the densities have a prior.
     """
 
     signals: tuple[KinematicSignals, ...]
     residuals: tuple[np.ndarray, ...]
     sensitivities: tuple[np.ndarray, ...]
     priors: tuple[np.ndarray, ...]
-    begun: RelationNoise
+    prior_noise: RelationNoise
 
     @cached_property
     def differences(self) -> tuple[np.ndarray, ...]:
@@ -466,17 +469,17 @@ class NoiseEvidence:
         )
 
 
-def settled_noise(
+def estimated_noise(
     evidence: NoiseEvidence, noise: RelationNoise, passes: int
 ) -> tuple[RelationNoise, float]:
     """Return the noise of greatest restricted likelihood, and minus the log likelihood, after at
     most ``passes`` Newton steps on the logarithms of the variances.
 
     Second derivatives between two variances are neglected. No variance is below that of rounding
-    (`floors`).
+    (`rounding_variances`).
     """
     cost = noise_cost(evidence, noise)
-    least = np.log(floors(evidence.signals, (*noise.outputs, *noise.inputs)))
+    least = np.log(rounding_variances(evidence.signals, (*noise.outputs, *noise.inputs)))
     for _ in range(passes):
         logs, before = noise.logs, cost
         above, below = np.empty(len(logs)), np.empty(len(logs))
@@ -518,7 +521,7 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
             return float("inf")
         total += 0.5 * white.log_determinant + 0.5 * float(np.sum(e**2))
         total += 0.5 * float(determinant) if sign > 0 else 0.0
-    log_ratio = np.log(noise.density / evidence.begun.density)
+    log_ratio = np.log(noise.density / evidence.prior_noise.density)
     std = np.where(log_ratio < 0, _LOWER_LOG_STD, _UPPER_LOG_STD)
     return total + 0.5 * float(np.sum((log_ratio / std) ** 2))
 

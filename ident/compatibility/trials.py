@@ -21,7 +21,7 @@ from ident.compatibility.fitting import (
     smoother_sigmas,
     whitened,
 )
-from ident.compatibility.instruments import instrumented, weigher
+from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault, linearised, unknowns_of
 from ident.compatibility.signals import KinematicSignals
 from ident.statistics.intervals import bounded_inverse
@@ -99,7 +99,7 @@ class SensorFinding:
     ----------
     value, std : parameter of the effect and its standard deviation; that of a scale is a factor.
     gain : gain of log likelihood.
-    stands : whether the fault is accepted, or may be confused with an accepted one.
+    supported : whether the fault is accepted, or may be confused with an accepted one.
     group : names of the faults that it may be confused with.
     name : name of the effect.
     replicates : whether single records agree on it; True for one record.
@@ -116,7 +116,7 @@ class SensorFinding:
     std: float
     unit: str
     gain: float
-    stands: bool
+    supported: bool
     group: tuple[str, ...]
     name: str = ""
     replicates: bool = True
@@ -181,7 +181,7 @@ class Compatibility:
     joint : result of all records together, with common sensor faults.
     single : result of each record alone; empty where it was not requested.
     reconstructions : one for each record.
-    cannot_tell : sentences on faults that the records do not determine.
+    unobservable : sentences on faults that the records do not determine.
     notes : sentences on changes of the channels and on missing relations.
     """
 
@@ -190,7 +190,7 @@ class Compatibility:
     joint: CheckResult
     single: tuple[CheckResult, ...]
     reconstructions: tuple[Reconstruction, ...]
-    cannot_tell: tuple[str, ...]
+    unobservable: tuple[str, ...]
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -238,12 +238,12 @@ class FaultTrial:
         return FaultQuantity(self.size + self.fault.offset, math.sqrt(max(self.variance, 0.0)))
 
 
-def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
+def try_faults(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
     """Return the trial of each fault in addition to those of ``base``. It is linearised; a fault
     with a notable gain or size is fitted completely.
     """
     trials = []
-    for fault, linearised_fit in zip(faults, one_step(base, faults), strict=True):
+    for fault, linearised_fit in zip(faults, linearised_fits(base, faults), strict=True):
         trial = _trial(base, fault, linearised_fit)
         if trial.gain > LEAST_PROJECTED_GAIN or abs(trial.size) > 0.5 * fault.plausible:
             trial = _trial(base, fault, fit(base.signals, (*base.faults, fault), base))
@@ -260,7 +260,7 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
     # residual that the controls explain counts.
     before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
-        whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
+        whiteners = [projected_whitener(s, kinematic_fit.noise) for s in kinematic_fit.signals]
         before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
     gain = max(before - after, 0.0) / widening
     return FaultTrial(
@@ -343,7 +343,7 @@ def with_more_faults(
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
-def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
+def records_agree(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
     """Return whether the single records agree on a fault in addition to those of ``current``, and
     their weighted mean has the sign of the trial and is significant. ``bases`` are the base fits of
     each record.
@@ -353,7 +353,7 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
     if len(bases) < 2:
         return True
     alone = [
-        tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
+        try_faults(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
     sizes = np.array([t.size for t in alone if t.determined])
@@ -370,7 +370,7 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
     )
 
 
-def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
+def linearised_fits(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
     """Return for each fault the linearised fit with it in addition to those of ``base``, under the
     noise of ``base``.
     """
@@ -390,16 +390,16 @@ def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Kinemati
     total = sum(len(own) for own in base.own)
     gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
     added = [
-        weigher(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
+        projected_whitener(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
         for s, slope in zip(base.signals, slopes, strict=True)
     ]
     return [
-        _with_step(base, fault, j, white, at, slopes, added, information, gradient)
+        _linearised_fit(base, fault, j, white, at, slopes, added, information, gradient)
         for j, fault in enumerate(faults)
     ]
 
 
-def _with_step(
+def _linearised_fit(
     base: KinematicFit,
     fault: SensorFault,
     j: int,
@@ -410,7 +410,7 @@ def _with_step(
     information: np.ndarray,
     gradient: np.ndarray,
 ) -> KinematicFit:
-    """Return the linearised fit with fault ``j`` of `one_step`, from the normal equations without
+    """Return the linearised fit with fault ``j`` of `linearised_fits`, from the normal equations without
     it.
     """
     n = len(gradient)
@@ -454,7 +454,7 @@ def _with_step(
 _TIMED = ("alpha", "q", "nz", "theta")
 
 
-def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
+def time_references(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
     """Return the channels of which at least one must have no delay: a time reference.
 
     Without recorded controls the load is none of them. A gust changes it before the flight path, so
@@ -474,7 +474,7 @@ def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
     }
 
 
-def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
+def leaves_time_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
     """Return whether these faults leave one of the channels ``timed`` without a delay. Delays of
     all of them are not determined, only their differences.
     """

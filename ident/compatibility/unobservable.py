@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import weigher
+from ident.compatibility.instruments import projected_whitener
 from ident.compatibility.kinematics import (
     BIAS,
     DELAY,
@@ -35,7 +35,7 @@ def unobservable_sentences(
     noise: RelationNoise,
     channels: Sequence[str],
     chance: float,
-    standing: Collection[str] = (),
+    supported: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return sentences on faults that the records of a fit without faults do not determine.
 
@@ -43,11 +43,11 @@ def unobservable_sentences(
     (`SensorFault.plausible`). So is a combination of faults of one family (times, scales, biases
     and drifts). Two faults are confusable if the cosine of their projected signatures is large, and
     one of plausible size loses at most ``chance`` of log likelihood to the other one. Faults that
-    are ``standing``, by name, have been compared by these records and are left out.
+    are ``supported``, by name, have been compared by these records and are left out.
     """
     faults = faults_of(channels, drifts=True, biases=True)
     information = fault_information(base, noise, faults)
-    return unobservable_faults(information, faults, channels, chance, standing)
+    return unobservable_faults(information, faults, channels, chance, supported)
 
 
 def unobservable_faults(
@@ -55,10 +55,10 @@ def unobservable_faults(
     faults: Sequence[SensorFault],
     channels: Sequence[str],
     chance: float,
-    standing: Collection[str] = (),
+    supported: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return sentences on the ``faults`` and their combinations that ``information (k, k)``, in
-    units of plausible sizes, does not determine; ``chance``, ``standing`` as in
+    units of plausible sizes, does not determine; ``chance``, ``supported`` as in
     `unobservable_sentences`.
     """
     unobservable = np.diag(information) < 1.0
@@ -71,7 +71,7 @@ def unobservable_faults(
         ]
         if kinds:
             be = "is" if len(kinds) == 1 else "are"
-            sentences.append(f"{channel}: {_listed(kinds)} {be} not observable")
+            sentences.append(f"{channel}: {_joined(kinds)} {be} not observable")
     observable = np.flatnonzero(~unobservable)
     for family in FAMILIES:
         members = [i for i in observable.tolist() if faults[i].kind in family]
@@ -80,14 +80,14 @@ def unobservable_faults(
             values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
             sentences += [
                 _combination_sentence(row, family_faults)
-                for row in _simple_rows(vectors[:, values < 1.0].T, family_faults)
+                for row in _sparse_combinations(vectors[:, values < 1.0].T, family_faults)
             ]
-    compared = [i for i in observable.tolist() if faults[i].name not in standing]
+    compared = [i for i in observable.tolist() if faults[i].name not in supported]
     return (
         *dict.fromkeys(sentences),
         *(
-            f"{_listed([f.name for f in group])} cannot be told apart"
-            for group in _alike(information, faults, compared, chance)
+            f"{_joined([f.name for f in group])} cannot be told apart"
+            for group in _confusable_groups(information, faults, compared, chance)
         ),
     )
 
@@ -116,7 +116,7 @@ def fault_information(
                 columns[:, :, len(free) + j] = (
                     evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
                 )
-        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
+        white = projected_whitener(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
             -1, columns.shape[2]
         )
         whole = white.T @ white
@@ -127,7 +127,7 @@ def fault_information(
     return total
 
 
-def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
+def _sparse_combinations(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
     """Return combinations of few faults that span the same space as ``rows``: Gauss-Jordan, with
     drifts as the first pivots.
     """
@@ -148,7 +148,7 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
     return [row / np.abs(row).max() for row in rows]
 
 
-def _alike(
+def _confusable_groups(
     information: np.ndarray,
     faults: Sequence[SensorFault],
     observable: Sequence[int],
@@ -187,14 +187,14 @@ def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
     )
     same = all(part * members[0][1] > 0 for _, part in members)
     if lateness and same and len(channels) > 1:
-        return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
+        return f"a delay common to {_joined(channels)} is not observable, only relative delays are"
     if kinds == {SCALE} and same:
-        return f"a scale common to {_listed(channels)} is not observable, only ratios are"
+        return f"a scale common to {_joined(channels)} is not observable, only ratios are"
     names = sorted(fault.name for fault, _ in members)
     if len(names) == 1:
         return f"{names[0]} is not determined beside the others"
-    return f"{_listed(names)}: only combinations are observable"
+    return f"{_joined(names)}: only combinations are observable"
 
 
-def _listed(words: Sequence[str]) -> str:
+def _joined(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -10,9 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
+from ident.compatibility.fault_sets import (
+    delay_same_channel,
+    largest_chance_loss,
+    penalty_per_fault,
+    probabilities,
+)
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas
-from ident.compatibility.instruments import instruments_of, weigher
+from ident.compatibility.instruments import instruments_of, projected_whitener
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
 from ident.compatibility.six_degrees.fitting import (
@@ -26,13 +31,13 @@ from ident.compatibility.six_degrees.fitting import (
     sum_of_equations,
 )
 from ident.compatibility.six_degrees.kinematics import (
-    BEYOND,
-    LEVEL,
+    BEYOND_LONGITUDINAL,
+    WINGS_LEVEL_NOTE,
     faults_of,
-    ready,
-    recorded,
+    prepared_signals,
     relations,
     unknowns_of,
+    usable_channels,
 )
 from ident.compatibility.six_degrees.search import (
     SECANT_STEP,
@@ -69,7 +74,7 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
     unknowns, n = unknowns_of(s), len(own)
     prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
     slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
-    white = weigher(s, kinematic_fit.noise)(slopes)
+    white = projected_whitener(s, kinematic_fit.noise)(slopes)
     innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
     flat = white.reshape(-1, white.shape[2])
     inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
@@ -180,7 +185,7 @@ def faults_instead_of_bias(
             possible_sign = size > 0 or not fault.one_sided
             if notable and possible_sign and variance < fault.plausible**2:
                 losses.append((gain_with_bias - gain + loss_without, fault.name))
-    chance = confusable_loss(false_alarm, len(faults))
+    chance = largest_chance_loss(false_alarm, len(faults))
     return tuple(name for loss, name in sorted(losses) if loss <= chance)
 
 
@@ -202,22 +207,22 @@ def estimates_and_findings(
     search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
     """Return the estimates of every fault by both methods, and all findings, accepted first."""
-    linear, faults = search_result.lines, search_result.lines.faults
-    accepted = _accepted_and_loss(search_result)
+    linear, faults = search_result.linear, search_result.linear.faults
+    accepted_and_loss = _accepted_and_loss(search_result)
     output_error = sum_of_equations(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
     losses: dict[int, float | None] = {}
     for j in search_result.common:
-        context, losses[j] = _context(search_result, j, accepted)
+        context, losses[j] = _context(search_result, j, accepted_and_loss)
         estimates[j] = _estimate(linear.joint, output_error, faults, context, j)
     findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
-            if j not in named and accepted[j][0] == group[0][0]:
+            if j not in named and accepted_and_loss[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
-                finding = _finding(estimates[j], faults[j], others, loss, stands=True)
+                finding = _finding(estimates[j], faults[j], others, loss, supported=True)
                 leader = "" if j == group[0][0] else names[0]
                 findings.append(replace(finding, probabilities=shares, instead_of=leader))
                 named.add(j)
@@ -225,8 +230,8 @@ def estimates_and_findings(
         (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     for j in not_accepted:
-        finding = _finding(estimates[j], faults[j], (), losses[j], stands=False)
-        late = [i for i in search_result.standing if same_lateness(faults[i], faults[j])]
+        finding = _finding(estimates[j], faults[j], (), losses[j], supported=False)
+        late = [i for i in search_result.accepted if delay_same_channel(faults[i], faults[j])]
         finding = replace(finding, instead_of=faults[late[0]].name if late else "")
         findings.append(replace(finding, replicates=j not in search_result.refused))
     return tuple(estimates.values()), tuple(findings)
@@ -236,30 +241,30 @@ def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, f
     """Return for each fault that is accepted, or may be confused with an accepted one, the accepted
     fault and the loss of log likelihood against it.
     """
-    groups = list(zip(search_result.standing, search_result.groups, strict=True))
+    groups = list(zip(search_result.accepted, search_result.groups, strict=True))
     confusable = {j: (i, loss) for i, group in reversed(groups) for j, loss in group}
-    return confusable | {i: (i, 0.0) for i in search_result.standing}
+    return confusable | {i: (i, 0.0) for i in search_result.accepted}
 
 
 def _context(
-    search_result: SixDegreeSearch, j: int, accepted: dict[int, tuple[int, float]]
+    search_result: SixDegreeSearch, j: int, accepted_and_loss: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
     """Return the set in which fault ``j`` is tested, with ``j`` last. Where it replaces an accepted
     fault, return its loss of log likelihood too, else None.
     """
-    faults, standing = search_result.lines.faults, search_result.standing
-    if j in accepted:
-        replaced, loss = accepted[j]
-        return [*(k for k in standing if k != replaced and k != j), j], loss
-    same_delay = [i for i in standing if same_lateness(faults[i], faults[j])]
+    faults, accepted = search_result.linear.faults, search_result.accepted
+    if j in accepted_and_loss:
+        replaced, loss = accepted_and_loss[j]
+        return [*(k for k in accepted if k != replaced and k != j), j], loss
+    same_delay = [i for i in accepted if delay_same_channel(faults[i], faults[j])]
     if not same_delay:
-        return [*standing, j], None
+        return [*accepted, j], None
     i = same_delay[0]
-    members = [*(k for k in standing if k != i), j]
+    members = [*(k for k in accepted if k != i), j]
     if (i, j) in search_result.lateness:
         return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
     pair = fit_sets(
-        search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
+        search_result.linear.joint, faults, np.array([[*members[:-1], i], members]), early=False
     )
     return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
 
@@ -320,7 +325,7 @@ def _finding(
     group: tuple[str, ...],
     lost: float | None,
     *,
-    stands: bool,
+    supported: bool,
 ) -> SensorFinding:
     size = item.smoother
     return SensorFinding(
@@ -330,7 +335,7 @@ def _finding(
         size.std,
         fault.unit,
         item.gain,
-        stands,
+        supported,
         group,
         fault.name,
         True,
@@ -342,11 +347,17 @@ def estimates_of_record(search_result: SixDegreeSearch, r: int) -> tuple[SensorE
     """Return the estimates of all faults from record ``r`` alone, each in the same set as in the
     joint check.
     """
-    linear = search_result.lines
-    accepted = _accepted_and_loss(search_result)
+    linear = search_result.linear
+    accepted_and_loss = _accepted_and_loss(search_result)
     smoother, output_error = linear.smoother[r], search_result.output_error[r]
     return tuple(
-        _estimate(smoother, output_error, linear.faults, _context(search_result, j, accepted)[0], j)
+        _estimate(
+            smoother,
+            output_error,
+            linear.faults,
+            _context(search_result, j, accepted_and_loss)[0],
+            j,
+        )
         for j in search_result.common
     )
 
@@ -357,7 +368,7 @@ def drift_finding(
     """Return the finding of a drift in record ``r`` in addition to all accepted faults, or no
     finding. ``false_alarm`` is the probability of a false drift.
     """
-    linear, members = search_result.lines, search_result.standing
+    linear, members = search_result.linear, search_result.accepted
     faults = linear.faults
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # This selection takes the noise as white: a drift itself makes residuals coloured.
@@ -369,8 +380,8 @@ def drift_finding(
     )
     gains = np.where(sets.sound, sets.gain, 0.0)
     j = drifts[int(np.argmax(gains))]
-    charge = charge_of(false_alarm, len(drifts))
-    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < charge:
+    penalty = penalty_per_fault(false_alarm, len(drifts))
+    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < penalty:
         return ()
     record_fit = replace(linear.fit, signals=(linear.fit.signals[r],), own=(linear.fit.own[r],))
     with_drift = linearise_faults(
@@ -383,14 +394,14 @@ def drift_finding(
     )
     if (
         not item.determined
-        or item.gain < charge
+        or item.gain < penalty
         or abs(item.smoother.value) < faults[j].smallest_finding
     ):
         return ()
     rivals = confusable_faults(
-        with_drift, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts
+        with_drift, (*members, j), j, largest_chance_loss(false_alarm, len(drifts)), drifts
     )
-    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
+    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, supported=True),)
 
 
 def _gain_of(
@@ -415,7 +426,7 @@ STEADY_WIND = (
 
 def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
     """Return the channels of six-degree kinematics that all records have."""
-    first, *others = (recorded(record) for record in records)
+    first, *others = (usable_channels(record) for record in records)
     return tuple(name for name in first if all(name in names for names in others))
 
 
@@ -425,7 +436,7 @@ def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) 
     """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
-    return any(name in BEYOND for name in relations(channels, speed=known_speed))
+    return any(name in BEYOND_LONGITUDINAL for name in relations(channels, speed=known_speed))
 
 
 def check(
@@ -438,7 +449,7 @@ def check(
     known_speed = settings.airspeed is not None or "airspeed" in channels
     related = relations(channels, speed=known_speed)
     prepared = [
-        ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
+        prepared_signals(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
     ]
     signals = tuple(s for s, _ in prepared)
@@ -460,13 +471,13 @@ def check(
             f"{NO_AIRSPEED}, without which these relations cannot be used: {', '.join(lacking)}"
         )
     if "phi" not in channels:
-        notes.append(LEVEL)
+        notes.append(WINGS_LEVEL_NOTE)
     together = len(signals) > 1
     base = fit(signals)
     faults = faults_of(signals[0], settings.chord)
     search_result = search(signals, base, faults, settings)
     estimates, findings = estimates_and_findings(search_result)
-    final = search_result.lines.fit
+    final = search_result.linear.fit
     names = tuple(s.name for s in signals)
     biases = [bias_estimates(final, r) for r in range(len(signals))]
     noise = final.noise
@@ -497,7 +508,7 @@ def check(
             names,
             estimates,
             biases[0],
-            (*bias_findings(search_result.lines, 0, biases[0], settings.false_alarm), *findings),
+            (*bias_findings(search_result.linear, 0, biases[0], settings.false_alarm), *findings),
             levels,
         )
         single = (joint,)
@@ -525,7 +536,7 @@ def _single_record_results(
     return (
         *(
             bias
-            for bias in bias_findings(search_result.lines, r, biases, false_alarm)
+            for bias in bias_findings(search_result.linear, r, biases, false_alarm)
             if not drifts.intersection(bias.group)
         ),
         *drift,
@@ -542,7 +553,7 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
             "than any sensor fault: something acts that the kinematics do not know, a gust on vane "
             "and load most likely, so that no further fault is named"
         )
-    delayed = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
+    delayed = channels_with_delay([search_result.linear.faults[i] for i in search_result.accepted])
     on_time = [name for name in timed_channels(tuple(signals[0].channels)) if name not in delayed]
     if delayed & set(timed_channels(tuple(signals[0].channels))) and on_time:
         notes.append(
@@ -556,16 +567,16 @@ def _unobservable(
     search_result: SixDegreeSearch, s: KinematicSignals, false_alarm: float
 ) -> tuple[str, ...]:
     """Return sentences on faults that the records do not determine."""
-    faults = (*search_result.lines.faults, *search_result.lines.biases)
+    faults = (*search_result.linear.faults, *search_result.linear.biases)
     size = np.array([fault.plausible for fault in faults])
     mounts = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *mounts, "wind")
     return unobservable_faults(
-        search_result.lines.information_with_biases * np.outer(size, size),
+        search_result.linear.information_with_biases * np.outer(size, size),
         faults,
         [name for name in channels if _has_fault(name, faults)],
-        confusable_loss(false_alarm, len(search_result.common)),
-        {search_result.lines.faults[j].name for group in search_result.groups for j, _ in group},
+        largest_chance_loss(false_alarm, len(search_result.common)),
+        {search_result.linear.faults[j].name for group in search_result.groups for j, _ in group},
     )
 
 

@@ -22,15 +22,20 @@ from ident.compatibility.fitting import (
     residual_of,
     starting_sizes,
 )
-from ident.compatibility.instruments import instrumented, part_of_controls, shortened, weigher
+from ident.compatibility.instruments import (
+    instrument_projection,
+    instrumented,
+    projected_whitener,
+    reduced_whitener,
+)
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
 from ident.compatibility.signals import (
     KinematicSignals,
     RelationNoise,
     differences,
-    floors,
     inputs_of,
     roughness,
+    rounding_variances,
     walk_gains,
     whitener,
 )
@@ -53,7 +58,7 @@ _LEAST_WHITE_SHARE = 1e-3  # smallest white variance, relative to that from the 
 _MISSING_VARIANCE = 1e8  # variance of a missing sample, relative to a valid one
 
 
-def walk_inputs(s: KinematicSignals) -> tuple[str, ...]:
+def inputs_with_walk(s: KinematicSignals) -> tuple[str, ...]:
     """Return the channels whose noise causes a random walk in an output: the inputs of all
     relations, each once.
     """
@@ -64,9 +69,9 @@ def walk_inputs(s: KinematicSignals) -> tuple[str, ...]:
     )
 
 
-def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
+def noise_from_roughness(signals: Sequence[KinematicSignals]) -> RelationNoise:
     """Return starting values of the noise from the roughness of the channels."""
-    outputs, inputs = signals[0].outputs, walk_inputs(signals[0])
+    outputs, inputs = signals[0].outputs, inputs_with_walk(signals[0])
     rough = [
         float(np.mean([roughness(s.channels[name]) for s in signals]))
         for name in (*outputs, *inputs)
@@ -76,7 +81,7 @@ def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
     )
 
 
-def settled_noise(
+def estimated_noise(
     signals: Sequence[KinematicSignals],
     residuals: Sequence[np.ndarray],
     columns: Sequence[np.ndarray],
@@ -126,8 +131,8 @@ def settled_noise(
             density[np.flatnonzero(gains[i])] *= factor
     # A record cannot show less noise than the resolution of its columns.
     white, density = (
-        np.maximum(white, floors(signals, starting_noise.outputs)),
-        np.maximum(density, floors(signals, starting_noise.inputs)),
+        np.maximum(white, rounding_variances(signals, starting_noise.outputs)),
+        np.maximum(density, rounding_variances(signals, starting_noise.inputs)),
     )
     return RelationNoise(starting_noise.outputs, starting_noise.inputs, white, density)
 
@@ -247,10 +252,10 @@ def fit(
     else:
         own = [np.array(values) for values in begin.own]
     sizes = starting_sizes(faults, begin)
-    starting_noise = first_noise(signals)
+    starting_noise = noise_from_roughness(signals)
     noise = begin.noise if begin is not None else starting_noise
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
-    lines = [
+    linear = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
     ]
     search = KinematicDescent(
@@ -265,19 +270,19 @@ def fit(
         _NEGLIGIBLE_GAIN,
     )
     for _ in range(MOST_PASSES):
-        whiteners = [shortened(s, noise) for s in signals]
-        own, sizes, lines = descend(search, (own, sizes, lines), whiteners)
-        residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
+        whiteners = [reduced_whitener(s, noise) for s in signals]
+        own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
+        residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
         before, noise = (
             noise,
-            settled_noise(signals, residuals, [slope for _, slope in lines], starting_noise),
+            estimated_noise(signals, residuals, [slope for _, slope in linear], starting_noise),
         )
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_CHANGE):
             break
-    residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
-    whiteners = [shortened(s, noise) for s in signals]
-    cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
-    slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
+    residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
+    whiteners = [reduced_whitener(s, noise) for s in signals]
+    cost = misfit(signals, priors, own, [y for y, _ in linear], whiteners)
+    slopes, outputs = tuple(slope for _, slope in linear), tuple(y for y, _ in linear)
     return KinematicFit(
         tuple(signals),
         tuple(faults),
@@ -307,7 +312,7 @@ def negative_log_likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     if not instrumented(fits[0].signals):
         return costs
     likeliest = fits[int(np.argmin(costs))]
-    whiteners = [shortened(s, likeliest.noise) for s in likeliest.signals]
+    whiteners = [reduced_whitener(s, likeliest.noise) for s in likeliest.signals]
     priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in likeliest.signals]
     return np.array([least_misfit(candidate, whiteners, priors) for candidate in fits])
 
@@ -397,7 +402,9 @@ def linearise_faults(
         )
         delay_columns = np.where(s.valid[:, :, None], delay_slopes, 0.0)
         white, white_delays = np.split(
-            weigher(s, kinematic_fit.noise)(np.concatenate([columns, delay_columns], axis=2)),
+            projected_whitener(s, kinematic_fit.noise)(
+                np.concatenate([columns, delay_columns], axis=2)
+            ),
             [columns.shape[2]],
             axis=2,
         )
@@ -529,13 +536,13 @@ def gradient_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray
     return np.asarray(columns.T @ smooth)
 
 
-def output_error_equations(lines: FaultLinearisation, r: int) -> NormalEquations:
+def output_error_equations(linearisation: FaultLinearisation, r: int) -> NormalEquations:
     """Return the normal equations of record ``r`` by output error, which takes residuals as
     white.
     """
-    s, own = lines.fit.signals[r], lines.fit.own[r]
+    s, own = linearisation.fit.signals[r], linearisation.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
-    gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
+    gram, gradient, scatter = output_error_gram(s, linearisation.fit, r, linearisation.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _projection_matrix(gram, prior))
@@ -550,7 +557,7 @@ def output_error_gram(
     ``columns (m, N, c + 1)`` are the slopes and, last, the residual. The covariance has these
     weights and the noise of the smoother fit.
     """
-    project = part_of_controls(s)
+    project = instrument_projection(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
     weight = 1.0 / np.maximum((kinematic_fit.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
     slopes, residual = columns[:, :, :-1], columns[:, :, -1]

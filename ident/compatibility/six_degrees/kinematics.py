@@ -51,18 +51,18 @@ from ident.compatibility.kinematics import (
     SensorFault,
     Unknown,
     Values,
+    cumulative,
     difference_step,
-    increments,
-    middle,
-    samples,
-    shown,
-    summed,
+    midpoints,
+    sensor_reading,
+    true_increments,
+    true_samples,
 )
 from ident.compatibility.signals import (
     IGNORED_ENDS,
     LEAST_RECORD_ENDS,
     KinematicSignals,
-    isolated,
+    isolated_spikes,
 )
 from sim.errors import RecordError
 from sim.maths import G0
@@ -74,13 +74,13 @@ HEIGHTS = ("height", "altitude")
 AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
 _LONGITUDINAL = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx")
 CHANNELS = (*_LONGITUDINAL, "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
-BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
+BEYOND_LONGITUDINAL = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
 WRAPPED = ("phi", "psi")  # angles that may jump by a turn
 _INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
 _STEEPEST_PITCH = 1.4  # rad: at steeper pitch Euler angles are not usable
 
 
-def recorded(record: Record) -> tuple[str, ...]:
+def usable_channels(record: Record) -> tuple[str, ...]:
     """Return the channels of a record that the kinematics use, with one accelerometer for each axis
     and one height.
     """
@@ -123,7 +123,7 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
     }
 
 
-def ready(
+def prepared_signals(
     record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
 ) -> tuple[KinematicSignals, tuple[str, ...]]:
     """Return the signals of a record, and sentences on changes made to them.
@@ -146,7 +146,7 @@ def ready(
         values, mask = record[name].values.copy(), record[name].valid.copy()
         if name in WRAPPED:
             values[mask] = np.unwrap(values[mask])
-        wrong = isolated(record.time[mask], values[mask])
+        wrong = isolated_spikes(record.time[mask], values[mask])
         spikes[name] = int(np.count_nonzero(wrong))
         mask[np.flatnonzero(mask)[wrong]] = False
         if name == "theta" and np.any(np.abs(values[mask]) > _STEEPEST_PITCH):
@@ -190,13 +190,13 @@ def ready(
     ), tuple(notes)
 
 
-LEVEL = "no bank angle is recorded: the wings are taken as level"
+WINGS_LEVEL_NOTE = "no bank angle is recorded: the wings are taken as level"
 
 
 # ---- The kinematic relations of six degrees of freedom
 
 # factors on load factors that make them specific forces along the body axes, m/s2
-_TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
+_SPECIFIC_FORCE_PER_LOAD = {"nx": G0, "ny": G0, "nz": -G0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,19 +220,25 @@ class _CorrectedMotion:
     force_integrals: dict[str, np.ndarray]
 
 
-def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
+def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
     """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
     ``value`` gives the sizes of the faults. It also gives the initial states ``("start", STATE)``,
     the constants ``("level", "theta")`` and ``("level", "alpha")`` where these angles are not
     recorded, and the vertical wind ``("wind", "bias")``, m/s upward.
     """
-    rates = {name: samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
+    rates = {name: true_samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
     motion = _motion(s, value, rates)
     readings = []
     for name in s.outputs:
-        state = value("start", name) + summed(_CHANGES.get(name, _height)(s, motion, value))
-        readings.append(shown(s, name, _at_vane(s, name, state, value, rates, motion.speed), value))
+        state = value("start", name) + cumulative(
+            _OUTPUT_INCREMENTS.get(name, _height)(s, motion, value)
+        )
+        readings.append(
+            sensor_reading(
+                s, name, _flow_angle_at_vane(s, name, state, value, rates, motion.speed), value
+            )
+        )
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
@@ -241,26 +247,26 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     """Return the motion corrected for faults. ``rates`` are the true rates at the samples."""
     h, zero = s.steps, np.zeros((1, len(s.time)))
     if "airspeed" in s.channels:
-        speed = samples(s, "airspeed", value)
+        speed = true_samples(s, "airspeed", value)
     else:
         speed = s.speed[None] / (1.0 + value("airspeed", SCALE))
     angles = {}
     for name in ("phi", "theta", "alpha", "beta"):
         if name in s.channels:
-            angles[name] = _at_vane(
-                s, name, samples(s, name, value), value, rates, speed, back=True
+            angles[name] = _flow_angle_at_vane(
+                s, name, true_samples(s, name, value), value, rates, speed, to_cg=True
             )
         else:
             angles[name] = zero + value("level", name)
-    rate_integrals = {name: increments(s, name, value, h) for name in rates}
+    rate_integrals = {name: true_increments(s, name, value, h) for name in rates}
     if "p" not in rate_integrals and "phi" in s.channels:
         rate_integrals["p"] = np.diff(angles["phi"])
     force_integrals = {}
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
-            force_integrals[axis] = _TO_BODY.get(channel, 1.0) * increments(
+            force_integrals[axis] = _SPECIFIC_FORCE_PER_LOAD.get(channel, 1.0) * true_increments(
                 s, channel, value, h
-            ) - _lever(s, axis, channel, value, rates)
+            ) - _lever_arm_integral(s, axis, channel, value, rates)
     return _CorrectedMotion(
         angles["phi"],
         angles["theta"],
@@ -272,7 +278,7 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     )
 
 
-def _at_vane(
+def _flow_angle_at_vane(
     s: KinematicSignals,
     name: str,
     angle: np.ndarray,
@@ -280,10 +286,10 @@ def _at_vane(
     rates: dict[str, np.ndarray],
     speed: np.ndarray,
     *,
-    back: bool = False,
+    to_cg: bool = False,
 ) -> np.ndarray:
     """Return a flow angle ``(P, N)`` at its vane from that at the centre of gravity, or with
-    ``back`` the reverse. Other angles are returned unchanged.
+    ``to_cg`` the reverse. Other angles are returned unchanged.
     """
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
@@ -292,11 +298,11 @@ def _at_vane(
     }.get(name, ())
     for rate, arm in terms:
         if rate in rates and np.any(arm):
-            angle = angle + (-arm if back else arm) / speed * rates[rate]
+            angle = angle + (-arm if to_cg else arm) / speed * rates[rate]
     return angle
 
 
-def _lever(
+def _lever_arm_integral(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
     """Return the integral ``(P, N - 1)`` over each interval, m/s, of the specific force that an
@@ -309,7 +315,7 @@ def _lever(
     p, q, r = (rates.get(name, none) for name in ("p", "q", "r"))
 
     def integral(product: np.ndarray) -> np.ndarray:
-        return h * middle(product)
+        return h * midpoints(product)
 
     if axis == "x":
         force = (
@@ -336,7 +342,9 @@ def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarra
     q = m.rate_integrals["q"]
     if "r" not in m.rate_integrals or "phi" not in s.channels:
         return np.asarray(q)
-    return np.asarray(q * middle(np.cos(m.phi)) - m.rate_integrals["r"] * middle(np.sin(m.phi)))
+    return np.asarray(
+        q * midpoints(np.cos(m.phi)) - m.rate_integrals["r"] * midpoints(np.sin(m.phi))
+    )
 
 
 def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
@@ -344,25 +352,27 @@ def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "r" not in m.rate_integrals:
         return np.asarray(
             m.rate_integrals["p"]
-            + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+            + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
         )
     if "q" not in m.rate_integrals:
         return np.asarray(
-            m.rate_integrals["p"] + m.rate_integrals["r"] * middle(tan / np.cos(m.phi))
+            m.rate_integrals["p"] + m.rate_integrals["r"] * midpoints(tan / np.cos(m.phi))
         )
     return np.asarray(
         m.rate_integrals["p"]
-        + m.rate_integrals["q"] * middle(tan * np.sin(m.phi))
-        + m.rate_integrals["r"] * middle(tan * np.cos(m.phi))
+        + m.rate_integrals["q"] * midpoints(tan * np.sin(m.phi))
+        + m.rate_integrals["r"] * midpoints(tan * np.cos(m.phi))
     )
 
 
 def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "q" not in m.rate_integrals:
-        return np.asarray(m.rate_integrals["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
+        return np.asarray(
+            m.rate_integrals["r"] * midpoints(1.0 / (np.cos(m.phi) * np.cos(m.theta)))
+        )
     return np.asarray(
-        m.rate_integrals["q"] * middle(np.sin(m.phi) / np.cos(m.theta))
-        + m.rate_integrals["r"] * middle(np.cos(m.phi) / np.cos(m.theta))
+        m.rate_integrals["q"] * midpoints(np.sin(m.phi) / np.cos(m.theta))
+        + m.rate_integrals["r"] * midpoints(np.cos(m.phi) / np.cos(m.theta))
     )
 
 
@@ -382,8 +392,8 @@ def _forces(
         if axis in m.force_integrals:
             total = (
                 total
-                + m.force_integrals[axis] * middle(coefficient)
-                + s.gravity * s.steps * middle(weight[axis] * coefficient)
+                + m.force_integrals[axis] * midpoints(coefficient)
+                + s.gravity * s.steps * midpoints(weight[axis] * coefficient)
             )
     return total
 
@@ -401,7 +411,7 @@ def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarra
         slip = np.tan(m.beta)
         for rate, part in (("p", cos), ("r", sin)):
             if rate in m.rate_integrals:
-                change = change - m.rate_integrals[rate] * middle(slip * part)
+                change = change - m.rate_integrals[rate] * midpoints(slip * part)
     return np.asarray(change)
 
 
@@ -411,9 +421,9 @@ def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray
     change = _forces(
         s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over))
     )
-    change = change - m.rate_integrals["r"] * middle(cos)
+    change = change - m.rate_integrals["r"] * midpoints(cos)
     return np.asarray(
-        change + m.rate_integrals["p"] * middle(sin) if "p" in m.rate_integrals else change
+        change + m.rate_integrals["p"] * midpoints(sin) if "p" in m.rate_integrals else change
     )
 
 
@@ -431,11 +441,13 @@ def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarr
         - np.sin(m.beta) * np.sin(m.phi) * level
         - np.sin(m.alpha) * cos * np.cos(m.phi) * level
     )
-    return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
+    return np.asarray(s.steps * (midpoints(m.speed * rise) + value("wind", BIAS)))
 
 
 # function of each output that returns its increments over the intervals; others are heights
-_CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
+_OUTPUT_INCREMENTS: dict[
+    str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]
+] = {
     "theta": _theta,
     "phi": _phi,
     "psi": _psi,
@@ -548,7 +560,7 @@ def evaluate(
     """Return the outputs ``(m, P, N)`` for P sets of unknowns ``own (P, n)`` and ``sizes (P, k)``
     of the faults.
     """
-    result = reconstructed(s, values_of(unknowns, faults, own, sizes))
+    result = reconstructed_outputs(s, values_of(unknowns, faults, own, sizes))
     return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
 
 

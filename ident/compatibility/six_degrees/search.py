@@ -12,10 +12,10 @@ import numpy as np
 
 from ident.compatibility.fault_sets import (
     TIE_LOG_LIKELIHOOD,
-    charge_of,
-    confusable_loss,
-    same_lateness,
-    same_trace,
+    delay_same_channel,
+    equivalent_to_arm,
+    largest_chance_loss,
+    penalty_per_fault,
 )
 from ident.compatibility.fitting import KinematicFit
 from ident.compatibility.instruments import instrumented
@@ -116,7 +116,7 @@ def fit_sets(
     determined = (diagonal[members] > 0) & (white * widening < plausible**2)
     notable = (np.abs(sizes) > smallest) & (np.abs(sizes) < largest)
     possible_sign = (sizes > 0) | ~one_sided
-    allowed = (determined & notable).all(axis=1) & _leaves_a_time_reference(faults, members)
+    allowed = (determined & notable).all(axis=1) & _leaves_time_reference(faults, members)
     sound = allowed & possible_sign.all(axis=1)
     early_load = allowed & ~sound & (possible_sign | load_time).all(axis=1)
     gain = 0.5 * np.einsum("mi,mi->m", gradient, sizes)
@@ -127,21 +127,21 @@ def best_set(
     normal: NormalEquations,
     faults: Sequence[SensorFault],
     among: Sequence[int],
-    charge: float,
+    penalty: float,
     most: int,
     *,
     early: bool,
 ) -> tuple[FittedSets, int]:
     """Return fits of sets of one number of faults, and the row of the best set among them.
 
-    The best set has the greatest gain of log likelihood under coloured residuals, less ``charge``
-    for each fault and less the loss by the priors of the sizes (``SensorFault.surprise``). All sets
+    The best set has the greatest gain of log likelihood under coloured residuals, less ``penalty``
+    for each fault and less the loss by the priors of the sizes (``SensorFault.prior_loss``). All sets
     of up to two faults are compared, and larger sets that contain one of the best smaller sets.
 
     Parameters
     ----------
     among : positions of the faults that a set may contain.
-    charge : gain of log likelihood that is required of each fault.
+    penalty : gain of log likelihood that is required of each fault.
     most : largest number of faults of a set.
     early : whether a set may have a negative delay of a load.
     """
@@ -154,13 +154,13 @@ def best_set(
         fits.append(sets)
         if size < most:
             members = _larger_sets(sets, among, size)
-    return _best_by_score(fits, faults, charge)
+    return _best_by_score(fits, faults, penalty)
 
 
 def without_weak_faults(
-    normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
+    normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], penalty: float
 ) -> tuple[int, ...]:
-    """Return a set without its weak faults. A fault is weak if it adds less than ``charge`` to the
+    """Return a set without its weak faults. A fault is weak if it adds less than ``penalty`` to the
     gain of the others, under coloured residuals. The weakest one leaves first.
     """
     while members:
@@ -172,7 +172,7 @@ def without_weak_faults(
         ]
         gains = (whole.gain[0] - np.array(gains_without)) / whole.widening[0]
         weakest = int(np.argmin(gains))
-        if gains[weakest] >= charge:
+        if gains[weakest] >= penalty:
             break
         members = tuple(i for k, i in enumerate(members) if k != weakest)
     return members
@@ -191,9 +191,9 @@ def _larger_sets(sets: FittedSets, among: Sequence[int], size: int) -> np.ndarra
 
 
 def _best_by_score(
-    fault_sets: Sequence[FittedSets], faults: Sequence[SensorFault], charge: float
+    fault_sets: Sequence[FittedSets], faults: Sequence[SensorFault], penalty: float
 ) -> tuple[FittedSets, int]:
-    """Return the fits that contain the set of least score, and its row. The score is the charge of
+    """Return the fits that contain the set of least score, and its row. The score is the penalty of
     a set minus its gain, and the empty set has a score of zero.
 
     The widening of the sound set of greatest gain divides all gains.
@@ -207,7 +207,7 @@ def _best_by_score(
     chosen, least = (fault_sets[0], 0), 0.0
     for sets in fault_sets[1:]:
         score = (
-            charge * sets.members.shape[1]
+            penalty * sets.members.shape[1]
             - sets.gain / widening
             + TIE_LOG_LIKELIHOOD * (sets.early + rare[sets.members].sum(axis=1))
         )
@@ -237,7 +237,7 @@ def timed_channels(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in channels if name not in _SLOW)
 
 
-def _leaves_a_time_reference(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
+def _leaves_time_reference(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
     """Return whether each set leaves one timed channel without delay and lag, ``(M,)``."""
     delayable = tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY))
     timed = timed_channels(delayable)
@@ -263,12 +263,12 @@ _LEAST_SHIFT = 1e-3  # s, a smaller estimate of a time shift gives no secant
 
 @dataclass(frozen=True, eq=False)
 class SixDegreeSearch:
-    """Result of a search. A position is that of a fault in ``lines.faults``.
+    """Result of a search. A position is that of a fault in ``linear.faults``.
 
     Attributes
     ----------
-    lines : linearisation at the joint fit of the accepted faults.
-    standing : positions of the accepted faults.
+    linear : linearisation at the joint fit of the accepted faults.
+    accepted : positions of the accepted faults.
     groups : for each accepted fault, the positions of it and of its alternatives, each with the
         loss of log likelihood.
     refused : positions of the faults on which records disagree.
@@ -280,8 +280,8 @@ class SixDegreeSearch:
         the exchange, from full fits.
     """
 
-    lines: FaultLinearisation
-    standing: tuple[int, ...]
+    linear: FaultLinearisation
+    accepted: tuple[int, ...]
     groups: tuple[tuple[tuple[int, float], ...], ...]
     refused: frozenset[int]
     early: tuple[str, float] | None
@@ -302,40 +302,42 @@ def search(
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
-    charge, early = charge_of(settings.false_alarm, len(common)), not instrumented(signals)
-    chance = confusable_loss(settings.false_alarm, len(common))
+    penalty, early = penalty_per_fault(settings.false_alarm, len(common)), not instrumented(signals)
+    chance = largest_chance_loss(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, early_load, lateness = _converged_sets(
+        linear, members, early_load, lateness = _converged_sets(
             signals,
             base,
             faults,
             [i for i in common if i not in refused],
-            charge,
+            penalty,
             settings.most,
             early,
         )
-        failing = {i for i in members if not _records_agree(lines, members, i)}
+        failing = {i for i in members if not _records_agree(linear, members, i)}
         if not failing:
             break
         # Confusable faults fail together, so that they are refused together.
         refused |= failing
         for i in failing:
-            for j in confusable_faults(lines, members, i, chance, common, lateness):
-                if not _records_agree(lines, _with_replacement(members, i, j), j):
+            for j in confusable_faults(linear, members, i, chance, common, lateness):
+                if not _records_agree(linear, _with_replacement(members, i, j), j):
                     refused.add(j)
-    sets = fit_sets(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
+    sets = fit_sets(
+        linear.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False
+    )
     widening = float(np.mean(sets.widening)) if members else 1.0
     among = [i for i in common if i not in refused]
-    groups = tuple(_group(lines, members, i, chance, widening, among, lateness) for i in members)
+    groups = tuple(_group(linear, members, i, chance, widening, among, lateness) for i in members)
     return SixDegreeSearch(
-        lines,
+        linear,
         members,
         groups,
         frozenset(refused),
         early_load,
         widening,
-        tuple(output_error_equations(lines, r) for r in range(len(signals))),
+        tuple(output_error_equations(linear, r) for r in range(len(signals))),
         tuple(common),
         lateness,
     )
@@ -346,7 +348,7 @@ def _converged_sets(
     base: KinematicFit,
     faults: Sequence[SensorFault],
     among: Sequence[int],
-    charge: float,
+    penalty: float,
     most: int,
     early: bool,
 ) -> tuple[
@@ -355,16 +357,16 @@ def _converged_sets(
     """Choose and fit sets in turn until one repeats, then exchange kinds of delay where that is
     likelier. Return the results of `_choose_and_fit`, and the losses of `_best_delay_exchange`.
     """
-    lines, members, early_load = _choose_and_fit(
-        signals, base, (), faults, among, charge, most, early
+    linear, members, early_load = _choose_and_fit(
+        signals, base, (), faults, among, penalty, most, early
     )
-    likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
+    likeliest, lateness = _best_delay_exchange(signals, linear, members, among)
     if likeliest[1] != members:
-        lines, members, early_load = _choose_and_fit(
-            signals, *likeliest, faults, among, charge, most, early
+        linear, members, early_load = _choose_and_fit(
+            signals, *likeliest, faults, among, penalty, most, early
         )
-        _, lateness = _best_delay_exchange(signals, lines, members, among)
-    return lines, members, early_load, lateness
+        _, lateness = _best_delay_exchange(signals, linear, members, among)
+    return linear, members, early_load, lateness
 
 
 def _choose_and_fit(
@@ -373,7 +375,7 @@ def _choose_and_fit(
     members: tuple[int, ...],
     faults: Sequence[SensorFault],
     among: Sequence[int],
-    charge: float,
+    penalty: float,
     most: int,
     early: bool,
 ) -> tuple[FaultLinearisation, tuple[int, ...], tuple[str, float] | None]:
@@ -387,13 +389,13 @@ def _choose_and_fit(
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
     ]
     for turn in range(_MOST_ROUNDS):
-        lines = linearise_faults(kinematic_fit, faults, secants)
-        normal = lines.joint
+        linear = linearise_faults(kinematic_fit, faults, secants)
+        normal = linear.joint
         if not turn and not members:
             # The residual of a fit without faults contains the faults: its colour is not that of
             # the noise.
             normal = replace(normal, scatter=normal.information)
-        sets, row = best_set(normal, faults, among, charge, most, early=early)
+        sets, row = best_set(normal, faults, among, penalty, most, early=early)
         chosen, early_load = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
             negative = [
@@ -402,17 +404,17 @@ def _choose_and_fit(
             first = negative[0]
             early_load = (faults[chosen[first]].channel, float(sets.sizes[row, first]))
             chosen = tuple(i for k, i in enumerate(chosen) if k not in negative)
-        chosen = without_weak_faults(normal, faults, chosen, charge)
+        chosen = without_weak_faults(normal, faults, chosen, penalty)
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
             kinematic_fit = fit(signals, [faults[i] for i in chosen], kinematic_fit)
         members = chosen
-        secants = _secants_of_variants(lines, chosen)
+        secants = _secants_of_variants(linear, chosen)
         secants[list(chosen)] = [_secant(size) for size in kinematic_fit.sizes.tolist()]
     else:
-        lines = linearise_faults(kinematic_fit, faults, secants)
-    return lines, members, early_load
+        linear = linearise_faults(kinematic_fit, faults, secants)
+    return linear, members, early_load
 
 
 def _secant(size: float) -> float:
@@ -422,7 +424,7 @@ def _secant(size: float) -> float:
 
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals],
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
     among: Sequence[int],
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
@@ -435,12 +437,12 @@ def _best_delay_exchange(
     Full fits are needed: a first-order comparison uses the noise of the accepted variant, which
     includes its own misfit, and neglects the delay of the arm's contribution.
     """
-    kinematic_fit, faults = lines.fit, lines.faults
+    kinematic_fit, faults = linear.fit, linear.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
     pairs = [
         (place, j)
         for place, i, j in places
-        if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])
+        if delay_same_channel(faults[i], faults[j]) or equivalent_to_arm(faults[i], faults[j])
     ]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
     fits = [
@@ -450,11 +452,11 @@ def _best_delay_exchange(
     if not pairs:
         return (kinematic_fit, sets[0]), {}
     costs = negative_log_likelihoods(fits)
-    accepted = fit_sets(lines.joint, faults, np.array([list(members)]), early=False)
+    accepted = fit_sets(linear.joint, faults, np.array([list(members)]), early=False)
     widening = float(np.mean(accepted.widening))
     losses_by_priors = [
         sum(
-            float(fault.surprise(size, 0.0))
+            float(fault.prior_loss(size, 0.0))
             for fault, size in zip(variant.faults, variant.sizes.tolist(), strict=True)
         )
         for variant in fits
@@ -466,51 +468,51 @@ def _best_delay_exchange(
     }
 
 
-def _secants_of_variants(lines: FaultLinearisation, members: Sequence[int]) -> np.ndarray:
+def _secants_of_variants(linear: FaultLinearisation, members: Sequence[int]) -> np.ndarray:
     """Return the secants ``(k,)`` of all faults: the size of each fault where it replaces a member
     of the set, in the replacement of greatest gain.
     """
-    secants = np.full(len(lines.faults), SECANT_STEP)
-    greatest_gains = np.full(len(lines.faults), -math.inf)
+    secants = np.full(len(linear.faults), SECANT_STEP)
+    greatest_gains = np.full(len(linear.faults), -math.inf)
     for replaced in members or (None,):
         others = [i for i in members if i != replaced]
-        rows = np.array([[*others, i] for i in range(len(lines.faults)) if i not in others])
-        sets = fit_sets(lines.joint, lines.faults, rows, early=False)
+        rows = np.array([[*others, i] for i in range(len(linear.faults)) if i not in others])
+        sets = fit_sets(linear.joint, linear.faults, rows, early=False)
         for i, gain, size in zip(rows[:, -1], sets.gain, sets.sizes[:, -1], strict=True):
             if gain > greatest_gains[i]:
                 greatest_gains[i], secants[i] = gain, size
     return np.copysign(np.clip(np.abs(secants), LEAST_SECANT, _LONGEST_SECANT), secants)
 
 
-def _records_agree(lines: FaultLinearisation, members: Sequence[int], i: int) -> bool:
+def _records_agree(linear: FaultLinearisation, members: Sequence[int], i: int) -> bool:
     """Return whether single records agree on the size of fault ``i``, and their mean is significant
     with the sign of the joint fit. The other faults have their joint sizes.
     """
     from scipy.special import chdtrc
 
-    if len(lines.smoother) < 2:
+    if len(linear.smoother) < 2:
         return True
-    values, weights = _values_by_record(lines, members, i)
-    determined = weights > lines.faults[i].plausible ** -2
+    values, weights = _values_by_record(linear, members, i)
+    determined = weights > linear.faults[i].plausible ** -2
     if np.count_nonzero(determined) < 2:
         return False
     v, w = values[determined], weights[determined]
     mean, std = float(np.sum(w * v) / np.sum(w)), 1.0 / math.sqrt(float(np.sum(w)))
-    joint = fit_sets(lines.joint, lines.faults, np.array([members]), early=False)
+    joint = fit_sets(linear.joint, linear.faults, np.array([members]), early=False)
     sign = math.copysign(1.0, joint.sizes[0, list(members).index(i)])
     agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
     return agree and mean * sign > LEAST_FAULT_SIGMAS * std
 
 
 def _values_by_record(
-    lines: FaultLinearisation, members: Sequence[int], i: int
+    linear: FaultLinearisation, members: Sequence[int], i: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the size of fault ``i`` in each of R records, ``(R,)``, and the inverse variances
     ``(R,)``. The other faults have their joint sizes.
     """
-    sizes = fit_sets(lines.joint, lines.faults, np.array([members]), early=False).sizes[0]
+    sizes = fit_sets(linear.joint, linear.faults, np.array([members]), early=False).sizes[0]
     values, weights = [], []
-    for normal in lines.smoother:
+    for normal in linear.smoother:
         information = normal.information[i, i]
         if information <= 0:
             values.append(0.0)
@@ -528,7 +530,7 @@ def _values_by_record(
 
 
 def _group(
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
     i: int,
     chance: float,
@@ -539,19 +541,19 @@ def _group(
     """Return the positions of accepted fault ``i`` and of its alternatives, each with its loss of
     log likelihood under coloured residuals.
     """
-    losses = confusable_faults(lines, members, i, chance * widening, among, lateness)
+    losses = confusable_faults(linear, members, i, chance * widening, among, lateness)
     return (
         (i, 0.0),
         *(
             (j, loss / widening)
             for j, loss in losses.items()
-            if _records_agree(lines, _with_replacement(members, i, j), j)
+            if _records_agree(linear, _with_replacement(members, i, j), j)
         ),
     )
 
 
 def confusable_faults(
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
     i: int,
     chance: float,
@@ -569,23 +571,23 @@ def confusable_faults(
     """
     rivals = [j for j in among if j not in members]
     sets = fit_sets(
-        lines.joint,
-        lines.faults,
+        linear.joint,
+        linear.faults,
         np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
         early=False,
     )
     own = fit_sets(
-        lines.joint, lines.faults, np.array([_with_replacement(members, i, i)]), early=False
+        linear.joint, linear.faults, np.array([_with_replacement(members, i, i)]), early=False
     )
     losses = (
         own.gain[0]
         - sets.gain
-        + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
+        + TIE_LOG_LIKELIHOOD * np.array([linear.faults[j].rare for j in rivals])
     )
     for k, j in enumerate(rivals):
         if (i, j) in lateness:
             # Of two faults with equal effect, the data may prefer the less common one.
-            least = -np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0
+            least = -np.inf if equivalent_to_arm(linear.faults[i], linear.faults[j]) else 0.0
             losses[k] = max(lateness[i, j], least)
     return {
         rivals[k]: float(losses[k])

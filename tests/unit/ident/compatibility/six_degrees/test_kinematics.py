@@ -13,10 +13,10 @@ from ident.compatibility.six_degrees.kinematics import (
     evaluate,
     faults_of,
     linearised,
-    ready,
-    recorded,
+    prepared_signals,
     relations,
     unknowns_of,
+    usable_channels,
 )
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, UNITS, WHOLE, Faults, fly, shown
@@ -27,7 +27,7 @@ def signals(
     channels: tuple[str, ...], faults: Faults, rate: float = 50.0, noise: float = 0.0
 ) -> KinematicSignals:
     record = shown(fly(), channels, faults, 0, rate, noise)
-    return ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
+    return prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)[0]
 
 
 def true_unknowns(s: KinematicSignals) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_a_climbing_turn_without_yaw_rate_keeps_its_bank() -> None:
             for n, v in (("p", p), ("phi", bank), ("theta", climb))
         ),
     )
-    s = ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
+    s = prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)[0]
     own = np.array([bank if item.key == ("start", "phi") else 0.0 for item in unknowns_of(s)])
     assert (
         np.abs(evaluate(s, unknowns_of(s), (), own[None], np.zeros((1, 0)))[0, 0] - bank).max()
@@ -157,7 +157,7 @@ def test_a_heading_through_north_is_unwrapped_and_a_load_without_weight_gets_it(
         fly(), ("p", "q", "r", "phi", "psi", "alpha", "nz"), Faults(bias={"nz": -1.0}), 0, 25.0, 0.0
     )
     assert np.ptp(record["psi"].values) > 6.0
-    s, notes = ready(record, recorded(record), SPEED, 9.80665, 0.0)
+    s, notes = prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)
     assert np.ptp(s.channels["psi"]) < 0.5 and np.mean(s.channels["nz"]) == pytest.approx(
         1.0, abs=0.1
     )
