@@ -29,7 +29,7 @@ from ident.compatibility.trials import (
 
 # ---- Sets of sensor faults fitted jointly
 
-_BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults added to each of them
+_BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults tried with each of them
 TIE_LOG_LIKELIHOOD = 0.5  # fits with a smaller difference of log likelihood count as equal
 _BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
 _MOST_EXCHANGES = 3  # most exchanges of one fault of a set for a better one
@@ -42,10 +42,10 @@ class FaultSet:
     Attributes
     ----------
     widening : factor of the variances for coloured residuals, as a mean over the faults.
-    sound : every fault is determined, notable, within its bounds and of a possible sign.
-    determined : every sigma is smaller than a plausible size of its fault.
-    early : the last fault is a negative delay of the load.
-    given : number of leading faults of the fit that were prescribed.
+    sound : whether every fault is determined, notable, within its bounds and of a possible sign.
+    determined : whether every sigma is smaller than a plausible size of its fault.
+    early : whether the last fault is a negative delay of the load.
+    given : number of prescribed faults, which are the first ones of the fit.
     prior_loss : loss of log likelihood by the priors of the sizes.
     """
 
@@ -74,7 +74,7 @@ def penalty_per_fault(false_alarm: float, count: int) -> float:
 
 
 def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
-    """Return the set of a fit, whose first ``given`` faults are prescribed."""
+    """Return the set of faults of a fit, whose first ``given`` faults are prescribed."""
     k = len(kinematic_fit.faults) - given
     if not k:
         return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
@@ -104,8 +104,8 @@ def _possible_size(fault: SensorFault, size: float) -> bool:
 
 
 def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Return minus the log likelihood of each fit to the same records. With instruments it is the
-    projected misfit instead, of all fits under the noise of the best one.
+    """Return minus the log likelihood of each of some fits to the same records. With instruments,
+    return the projected misfits instead, all under the noise of the best fit.
     """
     if not instrumented(fits[0].signals):
         return np.array([candidate.cost for candidate in fits])
@@ -124,9 +124,9 @@ def grow_sets(
     """Return sets of 0, 1, ... ``most`` faults by forward selection with a beam: several sets of
     each size.
 
-    The sets of one fault are the best of ``singles``. The selection ends where the best set with
-    one more fault does not gain ``penalty``. Without recorded controls, sets with an early load are
-    included and marked.
+    The sets of one fault are the best of ``singles``, the fits of each fault alone. The selection
+    ends where the best set with one more fault gains less than ``penalty``. Without recorded
+    controls, sets with an early load are included and marked.
     """
     given = len(base.faults)
     sets = [fault_set(base, given)]
@@ -153,7 +153,7 @@ def grow_sets(
 
 def best_set_of(sets: Sequence[FaultSet], penalty: float) -> FaultSet:
     """Return the set with the greatest log likelihood minus ``penalty`` for each fault. A set with
-    an early load must be better than a tie.
+    an early load must be better by more than ``TIE_LOG_LIKELIHOOD``.
     """
     misfit = misfits([candidate.fit for candidate in sets])
     widening = sets[int(np.argmin(misfit))].widening
@@ -246,20 +246,17 @@ def _with_early_load(
         and fault.kind in (DELAY, LAG)
         and fault not in kinematic_fit.faults
     ]
-    sets = [
-        fault_set(
-            fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit),
-            given,
-            early=True,
-        )
+    fits = [
+        fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in load_faults
     ]
+    sets = [fault_set(with_load, given, early=True) for with_load in fits]
     return [candidate for candidate in sets if candidate.determined and candidate.fit.sizes[-1] < 0]
 
 
 # ---- Faults that an accepted one may be confused with
 
-# accelerometers of a plane of motion, then its vane and its rate
+# for each plane of motion: its accelerometers, then its vane and its rate
 PLANES = (((PACKAGE,), (BOOM,)), (("nz", "az"), ("alpha", "q")), (("ny", "ay"), ("beta", "r")))
 
 
@@ -269,19 +266,19 @@ class Slot:
 
     Attributes
     ----------
-    others : fit with the other faults of the set only.
+    others : fit with only the other faults of the set.
     trials : trial of each fault in this position, the best first.
-    losses : ``(k,)`` loss of log likelihood of each trial against the best one.
+    losses : ``(k,)`` loss of log likelihood of each trial against the first one.
     """
 
     others: KinematicFit
     trials: tuple[FaultTrial, ...]
     losses: np.ndarray
 
-    def within(self, chance: float) -> list[FaultTrial]:
-        """Return the best trial, and the sound ones that lose at most ``chance`` against it."""
+    def within(self, chance_loss: float) -> list[FaultTrial]:
+        """Return the best trial, and sound ones that lose at most ``chance_loss`` against it."""
         rivals = zip(self.trials[1:], self.losses[1:].tolist(), strict=True)
-        confusable = [trial for trial, loss in rivals if loss <= chance and _sound(trial)]
+        confusable = [trial for trial, loss in rivals if loss <= chance_loss and _sound(trial)]
         return [self.trials[0], *confusable]
 
 
@@ -291,11 +288,11 @@ def _sound(trial: FaultTrial) -> bool:
 
 
 def largest_chance_loss(false_alarm: float, count: int) -> float:
-    """Return the loss of log likelihood that the true one of ``count`` faults exceeds against
-    another one with a probability of at most ``false_alarm``.
+    """Return the largest loss of log likelihood that may be due to chance: the true one of
+    ``count`` faults loses more against another one with a probability of at most ``false_alarm``.
 
-    If the effects of the two differ by d standard deviations, the gain of the other is normal with
-    mean -d^2/2 and variance d^2. It exceeds x with the largest probability at d = sqrt(2 x).
+    If the effects of the two differ by d standard deviations, the gain of the wrong one is normal
+    with mean -d^2/2 and variance d^2. It exceeds x with the largest probability at d = sqrt(2 x).
     """
     from scipy.special import ndtri
 
@@ -327,7 +324,7 @@ def slots_with_trials(
     """Return a set, and its positions with all faults tried in them. Where another fault is better
     in a position, it replaces the present one, and all positions are tried again.
 
-    ``singles`` are the trials of each fault with ``base`` alone.
+    ``singles`` are the trials of each fault in addition to those of ``base`` only.
     """
     for _ in range(_MOST_EXCHANGES):
         slots = [_slot(base, chosen_set, fault, faults, singles) for fault in chosen_set.faults]
@@ -369,9 +366,9 @@ def delay_same_channel(first: SensorFault, second: SensorFault) -> bool:
 
 
 def equivalent_to_arm(first: SensorFault, second: SensorFault) -> bool:
-    """Return whether one of two faults is the arm of an accelerometer, and the other one has its
-    effect at one airspeed: a delay or lag of the rate of the plane like an arm ahead, an arm, delay
-    or lag of the vane like one behind.
+    """Return whether one of two faults is the arm of an accelerometer, and the other one has the
+    same effect at one airspeed. A delay or lag of the rate of the plane acts like an arm ahead; an
+    arm, delay or lag of the vane acts like an arm behind.
     """
     return any(
         load.kind == ARM
@@ -406,12 +403,12 @@ def _slot(
     misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
     trial_misfits, with_priors = [], []
     for trial, value in zip(trials, misfit[2:].tolist(), strict=True):
-        # the fit of the set is that of the accepted fault
-        own_misfit = misfit[1] if trial.fault is fault else value
-        own_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
+        # The accepted fault is fitted already: its trial is the set itself.
+        trial_misfit = misfit[1] if trial.fault is fault else value
+        trial_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
         prior_loss = float(trial.fault.prior_loss(trial.size, trial.variance))
-        trial_misfits.append(own_misfit)
-        with_priors.append(own_misfit + chosen_set.widening * prior_loss)
+        trial_misfits.append(trial_misfit)
+        with_priors.append(trial_misfit + chosen_set.widening * prior_loss)
     order = sorted(range(len(trials)), key=lambda i: (not _sound(trials[i]), with_priors[i]))
     gains = (misfit[0] - np.array(trial_misfits)) / chosen_set.widening
     ordered = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
@@ -419,7 +416,7 @@ def _slot(
 
 
 def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
-    """Return the position with the trial of a fault first, where there is one."""
+    """Return the position with the trial of a fault first, if the fault was tried there."""
     first = _trial_index(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
     order = [first, *(i for i in range(len(slot.trials)) if i != first)]
     trials = tuple(slot.trials[i] for i in order)
@@ -459,12 +456,12 @@ def search(
     """Return the set of faults that the records require, each with the faults that it may be
     confused with.
 
-    Forward selection keeps several sets of each size. Each fault must gain `penalty_per_fault` under
-    coloured residuals in addition to the others, and single records must agree on it. ``bases`` are
-    the base fits of each record alone.
+    Forward selection keeps several sets of each size. Each fault must gain at least
+    `penalty_per_fault` under coloured residuals, and single records must agree on it. ``base`` is
+    the fit of all records without faults, and ``bases`` are those of each record alone.
     """
     penalty = penalty_per_fault(settings.false_alarm, len(faults))
-    chance = largest_chance_loss(settings.false_alarm, len(faults))
+    chance_loss = largest_chance_loss(settings.false_alarm, len(faults))
     singles = try_faults(base, faults)
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
@@ -485,7 +482,7 @@ def search(
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
-    groups = [_group(slot, bases, chance) for slot in slots]
+    groups = [_group(slot, bases, chance_loss) for slot in slots]
     return _search_result(faults, groups, slots, singles, refused, best.fit, early)
 
 
@@ -506,11 +503,11 @@ def _select_set(
     return without_superfluous_faults(base, best, penalty), early
 
 
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
+def _group(slot: Slot, bases: Sequence[KinematicFit], chance_loss: float) -> list[FaultTrial]:
     """Return the best trial of a position, and those that may be confused with it and on which the
     single records agree.
     """
-    best, *rivals = slot.within(chance)
+    best, *rivals = slot.within(chance_loss)
     return [best, *(t for t in rivals if records_agree(bases, slot.others, t))]
 
 
@@ -550,23 +547,22 @@ def _search_result(
                 finding = _finding(t, others, losses.get(t.fault, 0.0), supported=True)
                 leader = "" if t is group[0] else names[0]
                 findings.append(replace(finding, probabilities=shares, instead_of=leader))
-    not_accepted = sorted(
-        (trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value
-    )
-    for t in not_accepted:
-        found = _finding(
+    rejected = [trials[fault] for fault in faults if fault not in grouped]
+    for t in sorted(rejected, key=lambda trial: trial.p_value):
+        finding = _finding(
             t, (), losses.get(t.fault), supported=False, replicates=t.fault not in refused
         )
-        beside = t.fault in added or t.fault not in replaced
-        findings.append(found if beside else replace(found, instead_of=replaced[t.fault].name))
+        if t.fault in replaced and t.fault not in added:
+            finding = replace(finding, instead_of=replaced[t.fault].name)
+        findings.append(finding)
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
 def _replacements(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial], dict[SensorFault, SensorFault]]:
-    """Return for each fault its least loss of log likelihood in place of an accepted one, the trial
-    with this loss, and the accepted one.
+    """Return three mappings from each fault that was tried in place of an accepted one: its least
+    loss of log likelihood, the trial with this loss, and the accepted fault.
     """
     losses: dict[SensorFault, float] = {}
     trials: dict[SensorFault, FaultTrial] = {}

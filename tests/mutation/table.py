@@ -316,7 +316,7 @@ IDENT = (
         ("return 0.1 * self.plausible", "return self.plausible"),
     ),
     *changes(
-        "ident/recording/distorted_channels.py",
+        "ident/recording/spectra.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
             "gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2",

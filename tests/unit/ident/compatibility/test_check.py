@@ -139,7 +139,7 @@ def test_alpha_and_q_alone_tell_nothing_for_want_of_the_lift() -> None:
     found = compatibility([record(("alpha", "q"))], SETTINGS)
     assert found.relations == {} and found.findings == () and found.joint.estimates == ()
     assert any(
-        line.startswith("alpha: nothing can be told") and "nz" in line and "lift" in line
+        line.startswith("alpha: cannot be checked") and "nz" in line and "lift" in line
         for line in found.unobservable
     )
 

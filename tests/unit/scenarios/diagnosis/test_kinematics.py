@@ -204,7 +204,7 @@ def test_a_record_in_a_bank_is_no_witness_of_level_wings() -> None:
     known = replace(banked, outputs=(*banked.outputs, Channel.of("phi", "rad", phi)))
     for turning in (banked, known):
         alone = kinematics_of([turning], CompatibilitySettings(airspeed=SPEED))
-        assert alone.result is None and "p and r say that the wings were up to" in alone.why
+        assert alone.result is None and "p and r show that the wings were up to" in alone.why
         assert kinematics_of([level, turning], CompatibilitySettings(airspeed=SPEED)).records == (
             level.name,
         )

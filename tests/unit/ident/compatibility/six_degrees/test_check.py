@@ -231,7 +231,7 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
 def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
     found = compatibility([shown(fly(), LATERAL, Faults(), 1)], CompatibilitySettings())
     assert set(found.relations) == {"phi"} and any("airspeed" in note for note in found.notes)
-    assert any(line.startswith("beta: nothing can be told") for line in found.unobservable)
+    assert any(line.startswith("beta: cannot be checked") for line in found.unobservable)
 
 
 @pytest.mark.long
