@@ -1,263 +1,40 @@
-"""Search for maneuvers in a long record: controls, motion, excitation, trim points.
-
-The acceleration of an axis is regressed on a constant and the regressors of its moment (Klein and
-Morelli, Aircraft System Identification, 2nd ed., chapter 5),
-
-    q_dot = c + M_alpha alpha + M_q q + M_de elevator,
-
-and each derivative gets the absolute value of its estimate over its standard deviation. The t value
-does not depend on the units of the regressors, and equals that of the non-dimensional derivative.
-Residuals that are correlated in time carry less information: with rho the correlation of
-neighbours, the variance is multiplied by (1 + rho) / (1 - rho).
-"""
+"""Search for maneuvers in a long record."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from ident.maneuver_detection.signals import (
-    AXES,
+from ident.maneuver_detection.excitation import excitation_of
+from ident.maneuver_detection.motion import (
+    ALL_AXES,
+    _detected,
+    _runs,
+    mean_conditions,
+    pulls,
+    trim_points,
+    turns,
+)
+from ident.maneuver_detection.shapes import (
     HALF_WAVE_EDGE_SHARE,
-    Activity,
-    DetectedManeuver,
-    EvenSegment,
-    FlightSignals,
-    Lobe,
     Shape,
-    activity_of,
     lobes_of,
     oscillation_of,
     same_lines,
     step_shapes,
+)
+from ident.maneuver_detection.signals import (
+    AXES,
+    Activity,
+    DetectedManeuver,
+    EvenSegment,
+    FlightSignals,
+    activity_of,
     stretches,
     trim_of,
 )
-
-# ---- How well a maneuver determines each derivative
-
-# Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded
-# is left out.
-EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator"}),
-    "roll": (
-        "p",
-        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder"},
-    ),
-    "yaw": (
-        "r",
-        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder"},
-    ),
-    "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
-}
-# The same by the control, of models with dimensional derivatives: low-order equivalent, multirotor.
-DIMENSIONAL: Mapping[str, Mapping[str, Mapping[str, str]]] = {
-    "pitch": {
-        "stick": {"M_alpha": "alpha", "M_q": "q", "M_delta": "stick"},
-        "pitch_command": {"M_q": "q", "M_lon": "pitch_command"},
-    },
-    "roll": {"roll_command": {"L_p": "p", "L_lat": "roll_command"}},
-    "yaw": {"yaw_command": {"N_r": "r", "N_ped": "yaw_command"}},
-}
-TIME_BEFORE_INPUT = 1.0  # s before the input that belong to a maneuver
-TIME_AFTER_INPUT = 4.0  # s after the input, in which the response goes on
-AVERAGING_TIME = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
-FEWEST_AVERAGES_PER_PARAMETER = 3.0
-LARGEST_CORRECTED_CORRELATION = 0.95  # largest correlation of neighbours that is corrected for
-LARGEST_T_VALUE = 1000.0  # records without noise have no other limit
-
-
-def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
-    """Derivative -> absolute t value from the rows about a maneuver from ``start`` to ``end``, s,
-    of an axis of ``EQUATIONS``; empty where what is needed is not recorded.
-    """
-    output, regressors = EQUATIONS[axis]
-    rows = stretch.rows(start - TIME_BEFORE_INPUT, end + TIME_AFTER_INPUT)
-    signals = {**stretch.inputs, **stretch.outputs}
-    if output not in signals:
-        return {}
-    for control, dimensional in DIMENSIONAL.get(axis, {}).items():
-        if control in signals:
-            regressors = dimensional
-    length = end - start + TIME_BEFORE_INPUT + TIME_AFTER_INPUT
-    block = max(1, round(min(AVERAGING_TIME, length / 60.0) / stretch.step))
-    averaged = {
-        name: values
-        for name, channel in regressors.items()
-        if channel in signals
-        and (values := _averaged(signals[channel][rows], block)).size
-        and np.ptp(values) > 0.0
-    }
-    measured = _averaged(signals[output][rows], block)
-    if measured.size < FEWEST_AVERAGES_PER_PARAMETER * (len(averaged) + 1) or not averaged:
-        return {}
-    acceleration = np.gradient(measured, block * stretch.step)
-    centred = np.column_stack([values - values.mean() for values in averaged.values()])
-    scaled = centred / np.sqrt(np.sum(centred**2, axis=0))
-    wanted = acceleration - acceleration.mean()
-    estimate, _, rank, _ = np.linalg.lstsq(scaled, wanted, rcond=1e-10)
-    if rank < scaled.shape[1]:
-        return {}
-    residual = wanted - scaled @ estimate
-    power = float(residual @ residual)
-    rho = (
-        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, LARGEST_CORRECTED_CORRELATION))
-        if power > 0.0
-        else 0.0
-    )
-    variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
-    sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
-    t = np.minimum(np.abs(estimate), LARGEST_T_VALUE * sigma) / np.where(sigma > 0.0, sigma, 1.0)
-    return {
-        name: float(value) if s > 0.0 else LARGEST_T_VALUE
-        for name, value, s in zip(averaged, t, sigma, strict=True)
-    }
-
-
-def _averaged(values: np.ndarray, block: int) -> np.ndarray:
-    """Return the means of successive blocks of samples."""
-    count = values.size // block
-    return values[: count * block].reshape(count, block).mean(axis=1)
-
-
-# ---- Turns, pull-ups and trim points, from the motion of the aircraft
-
-LEAST_TURN_BANK = math.radians(12.0)  # a smaller one is no turn
-TURN_EDGE_SHARE = 0.25  # bank at which a turn begins and ends, relative to its largest
-HELD_BANK_TIME = 8.0  # s, for which the bank is held to a fifth of itself
-LEAST_HELD_SHARE = 0.5  # smallest share of a turn with constant bank
-PULL_UP_LOAD = 0.25  # g about that of the bank, which a pull-up exceeds
-PULL_UP_TIME = 1.2  # s, for which half of it lasts
-MOTION_AVERAGING_TIME = 0.5  # s, over which motion is averaged
-SHORTEST_TRIM = 10.0  # s, of the shortest trim point
-# Largest spread of 1 s averages within SHORTEST_TRIM in a trim point; of the airspeed as a share
-TRIM_SPREAD = {
-    "airspeed": 0.025,
-    "height": 8.0,
-    "altitude": 8.0,
-    "theta": math.radians(1.5),
-    "phi": math.radians(4.0),
-}
-
-
-def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
-    """Parts in which the bank is held."""
-    if "phi" not in stretch.outputs:
-        return []
-    averaged = stretch.samples(MOTION_AVERAGING_TIME)
-    bank = uniform_filter1d(stretch.outputs["phi"], averaged, mode="nearest")
-    out = []
-    for lobe in lobes_of(bank, LEAST_TURN_BANK, join=False):
-        middle = float(np.median(bank[lobe.first : lobe.last]))
-        held = np.abs(bank - middle) < 0.2 * abs(middle)
-        if np.count_nonzero(held[lobe.first : lobe.last]) * stretch.step < HELD_BANK_TIME:
-            continue
-        first, last = _to_level(
-            bank * math.copysign(1.0, middle), lobe, TURN_EDGE_SHARE * abs(middle)
-        )
-        held_time = np.count_nonzero(held[first:last]) * stretch.step
-        if held_time > LEAST_HELD_SHARE * (last - first) * stretch.step:
-            out.append(_detected(stretch, Shape("turn", first, last, abs(middle)), "roll", "phi"))
-    return out
-
-
-def _detected(stretch: EvenSegment, shape: Shape, axis: str, channel: str = "") -> DetectedManeuver:
-    """Return the maneuver with the shape of an input, of a bank angle or of a quiet part."""
-    start, end = (
-        float(stretch.time[min(k, stretch.time.size - 1)]) for k in (shape.first, shape.last)
-    )
-    return DetectedManeuver(start, end, axis, shape.kind, channel, shape.amplitude)
-
-
-def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
-    """Return the samples before and after a positive lobe at which the signal is below ``level``;
-    the ends of the signal where it never is.
-    """
-    before = np.flatnonzero(signal[: lobe.first] < level)
-    after = np.flatnonzero(signal[lobe.last :] < level)
-    return int(before[-1]) if before.size else 0, lobe.last + int(
-        after[0]
-    ) if after.size else signal.size - 1
-
-
-def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
-    """Parts in which the load factor stays away from that of the bank: first sample, and the one
-    after the last.
-    """
-    if "nz" not in stretch.outputs:
-        return []
-    steady = 1.0
-    if "phi" in stretch.outputs:
-        steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
-    averaged = stretch.samples(MOTION_AVERAGING_TIME)
-    excess = uniform_filter1d(stretch.outputs["nz"] - steady, averaged, mode="nearest")
-    excess = excess - trim_of(stretch, excess)
-    out = []
-    for lobe in lobes_of(excess, PULL_UP_LOAD, join=False):
-        inside = np.abs(excess[lobe.first : lobe.last])
-        if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_UP_TIME:
-            out.append((lobe.first, lobe.last))
-    return out
-
-
-def trim_points(
-    stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
-) -> list[DetectedManeuver]:
-    """Parts of at least ``SHORTEST_TRIM`` in which the inputs are quiet (``(N,)``) and speed,
-    height, attitude and controls are constant.
-
-    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its
-    unit.
-    """
-    size = stretch.samples(SHORTEST_TRIM)
-    steady = quiet.copy()
-    spreads: dict[str, float | np.ndarray] = {
-        name: spread for name, spread in TRIM_SPREAD.items() if name in stretch.outputs
-    }
-    for name, spread in (*spreads.items(), *controls.items()):
-        values = (stretch.inputs if name in controls else stretch.outputs)[name]
-        smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
-        allowed = spread * np.abs(smooth) if name == "airspeed" else spread
-        around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(
-            smooth, size, mode="nearest"
-        )
-        steady &= around <= allowed
-    # Each steady sample is the middle of a steady window; between two of them it stays steady.
-    out: list[DetectedManeuver] = []
-    for first, last in _runs(steady):
-        low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
-        while low < first and not quiet[low:first].all():
-            low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
-        not_quiet = np.flatnonzero(~quiet[last:high])
-        high = last + int(not_quiet[0]) if not_quiet.size else high
-        if (high - low) * stretch.step >= SHORTEST_TRIM:
-            if out and stretch.time[low] <= out[-1].end:
-                low = int(np.searchsorted(stretch.time, out.pop().start))
-            out.append(_detected(stretch, Shape("trim", low, high - 1, 0.0), ALL_AXES))
-    return out
-
-
-def _runs(mask: np.ndarray) -> np.ndarray:
-    """Return the first sample of each run of True, and the one after the last, ``(K, 2)``."""
-    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-
-
-def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
-    """Return the mean airspeed and height between two times, of what is recorded."""
-    rows = stretch.rows(start, end)
-    conditions = {"airspeed": "airspeed", "altitude": "height", "height": "height"}
-    return {
-        condition: float(np.mean(stretch.outputs[name][rows]))
-        for name, condition in conditions.items()
-        if name in stretch.outputs
-    }
-
-
-# ---- The search
 
 ACTIVE_RATIO = 4.0  # multiple of the rest level at which an active part begins
 ACTIVE_EDGE_RATIO = 2.0  # multiple of the rest level down to which it extends
@@ -279,7 +56,6 @@ LEAST_DAMPER_SHARE = 0.3  # share of a control's motion at rest that its damper 
 LEADING_RISE_RATIO = 2.0
 # of a control's range, that its 1 s averages may change in a trim point; or twice ACTIVE_RATIO
 TRIM_CONTROL_SHARE = 0.1
-ALL_AXES = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
 # tests/long_flights.
 ACCEPTANCE_LIMITS: Mapping[str, tuple[float, float, float, float]] = {

@@ -209,7 +209,9 @@ def test_three_late_channels_are_two_against_the_one_that_is_least_late() -> Non
 
 def test_not_all_clocks_can_be_late() -> None:
     timed = ("alpha", "q", "nz")
-    assert leaves_time_reference((ALPHA, Q), timed) and not leaves_time_reference((ALPHA, Q, NZ), timed)
+    assert leaves_time_reference((ALPHA, Q), timed) and not leaves_time_reference(
+        (ALPHA, Q, NZ), timed
+    )
     assert leaves_time_reference((ALPHA, Q, NZ), (*timed, "theta")) and leaves_time_reference(
         (ALPHA, SensorFault("alpha", LAG)), timed
     )

@@ -154,4 +154,4 @@ def test_a_heading_through_north_is_unwrapped_and_a_load_without_weight_gets_it(
     assert np.ptp(s.channels["psi"]) < 0.5 and np.mean(s.channels["nz"]) == pytest.approx(
         1.0, abs=0.1
     )
-    assert notes == ("nz of flight 0 is without the weight, which is added",)
+    assert notes == ("nz of flight 0 does not include the weight, which is added",)

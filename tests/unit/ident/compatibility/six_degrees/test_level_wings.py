@@ -61,7 +61,7 @@ def test_of_banked_flight_nothing_is_told(channels: tuple[str, ...]) -> None:
         and len(found.single) == 2
     )
     (line,) = found.unobservable
-    assert f"{' and '.join(channels)} say" in line
+    assert f"{' and '.join(channels)} show" in line
     lean = float(line.split("up to ")[1].split(" deg")[0])
     assert lean == pytest.approx(40.0, abs=6.0 if "p" in channels else 10.0)
 
