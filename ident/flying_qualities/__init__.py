@@ -1,8 +1,8 @@
-"""Modes, frequency responses and handling-quality levels.
+"""Modes, criteria and levels of flying qualities, stability margins, and state-space matrices.
 
-May import `ident.frequency_response`, `ident.statistics`, `ident.estimate` and `sim`.
+The package may import `ident.frequency_response`, `ident.statistics`, `ident.estimate` and `sim`.
 
-To add a criterion: a function of parameters and covariance, bounds from the published source cited
-in its docstring, values outside the source's range told as such. Limits of the levels with
-their sources are in `handling_qualities.toml`.
+A new criterion is a function of parameters and their covariance. Its docstring cites the published
+source of the limits, and its result says where values are outside the range of the source. The
+limits of the levels, with their sources, are in `handling_qualities.toml`.
 """

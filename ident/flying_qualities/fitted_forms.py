@@ -17,7 +17,7 @@ from ident.flying_qualities.levels import Quality, QualityLevel, criteria, level
 from ident.frequency_response.transfer_function import DELAY, FittedResponse
 
 GRAVITY = 9.80665
-EVERY = "all"  # category of a criterion that holds for all
+EVERY = "all"  # category of a criterion that applies to all flight phases
 UNITS_OF_FORMS = {
     "natural_frequency": "rad/s",
     "damping_ratio": "1",
@@ -35,13 +35,13 @@ Values = Mapping[str, float]
 def form_qualities(
     function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
 ) -> tuple[Quality, ...]:
-    """Return the parameters of a fitted low-order form with standard deviations by linearisation;
-    none for transfer functions given by their orders.
+    """Return the flying-qualities parameters of a fitted low-order form, with standard deviations
+    by linearisation; none for a transfer function that is given by its orders.
 
     Parameters
     ----------
     airspeed : m/s, for n/alpha and CAP of the form ``pitch``; None leaves them out.
-    dutch_roll : whether the form ``dutch-roll`` is a Dutch roll, and no angle of attack.
+    dutch_roll : whether the form ``dutch-roll`` describes a Dutch roll, and not an angle of attack.
     """
     out = []
     for name, value in _quantities_of_form(
@@ -56,7 +56,7 @@ def form_qualities(
 def form_levels(
     quality_values: tuple[Quality, ...], aircraft_class: str, category: str
 ) -> tuple[QualityLevel, ...]:
-    """Compare parameters with the limits for an aircraft class and a flight-phase category."""
+    """Return the levels of parameters for an aircraft class and a flight-phase category."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
     return levels(quality_values, chosen)
 
@@ -64,6 +64,7 @@ def form_levels(
 def _quantities_of_form(
     form: str, airspeed: float | None, *, dutch_roll: bool
 ) -> dict[str, Callable[[Values], float]]:
+    """Return quantity -> function that returns it for the parameters of a form."""
     delay: dict[str, Callable[[Values], float]] = {"total_delay": lambda p: p[DELAY]}
     dutch: dict[str, Callable[[Values], float]] = {
         "dutch_roll_frequency": lambda p: p["frequency"],
@@ -79,9 +80,11 @@ def _quantities_of_form(
             "damping_ratio": lambda p: p["damping"],
         }
         if airspeed is not None:
-            over = GRAVITY / airspeed
-            out["load_factor_slope"] = lambda p: p["inv_T_theta2"] / over
-            out["control_anticipation"] = lambda p: p["frequency"] ** 2 * over / p["inv_T_theta2"]
+            inverse_time = GRAVITY / airspeed  # 1/s, g/V
+            out["load_factor_slope"] = lambda p: p["inv_T_theta2"] / inverse_time
+            out["control_anticipation"] = lambda p: (
+                p["frequency"] ** 2 * inverse_time / p["inv_T_theta2"]
+            )
         return {**out, **delay}
     if form == "roll":
         return {**roll, **delay}
@@ -105,5 +108,5 @@ def _propagated(
     except ZeroDivisionError:
         return None
     row = np.array(slopes)
-    spread = math.sqrt(max(float(row @ function.covariance @ row), 0.0))
-    return (centre, spread) if math.isfinite(centre) and math.isfinite(spread) else None
+    std = math.sqrt(max(float(row @ function.covariance @ row), 0.0))
+    return (centre, std) if math.isfinite(centre) and math.isfinite(std) else None

@@ -1,19 +1,14 @@
-"""Levels of flying qualities of estimated models, with their probabilities.
+"""Levels of flying qualities of the short period of an estimated low-order equivalent system.
 
-With the states of the low-order equivalent system (L_alpha and so on, V the airspeed, g gravity):
-w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q); steady state of a held stick at
-constant speed gives n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta
-M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1; the control anticipation parameter
-is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
+With the derivatives of the low-order equivalent system (docs/nomenclature.md), airspeed V and
+gravity g, w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q). The steady state at a
+constant stick and speed gives
 
-Each Gaussian draw of the modes' characteristics is turned into damping, frequency and times, and
-compared with all limits of a mode at once. The probability of a level is the share of the draws
-that reach it.
+    n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta M_q/M_delta),
 
-Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
-compared with the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
-and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966).
-Limits of the levels: ``handling_qualities.toml``.
+which is -(V/g) L_alpha for L_delta = 0 and L_q = 1. The control anticipation parameter is CAP =
+w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966). The limits of the levels are in
+``handling_qualities.toml``.
 """
 
 from __future__ import annotations
@@ -32,8 +27,6 @@ from ident.estimate import Estimate
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
 
-# ---- Short-period flying qualities of an estimated low-order equivalent system
-
 UNITS = {
     "natural_frequency": "rad/s",
     "damping_ratio": "1",
@@ -50,7 +43,9 @@ INTERVAL_SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Quality:
-    """A flying-qualities parameter: value and standard deviation (by linearisation) in ``unit``."""
+    """A flying-qualities parameter: its value and standard deviation, by linearisation, in
+    ``unit``.
+    """
 
     name: str
     value: float
@@ -60,11 +55,17 @@ class Quality:
 
 @dataclass(frozen=True)
 class LevelCriterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a parameter in one flight-phase category.
+    """Ranges of a flying-qualities parameter in one flight-phase category.
 
-    ``source``: paragraph of the specification; ``classes`` of aircraft it applies to.
-    ``raised_by``: increase of the low ends of a Dutch roll for each (rad/s)^2 by which its squared
-    frequency times |phi/beta| exceeds 20.
+    Attributes
+    ----------
+    quantity : name of the parameter.
+    category : flight-phase category, or ``"all"``.
+    levels : range ``(low, high)`` of levels 1, 2 and 3.
+    source : paragraph of the specification.
+    classes : classes of aircraft to which the criterion applies.
+    raised_by : for a Dutch roll, the increase of the lower end of each level for each (rad/s)^2 by
+        which its squared frequency times |phi/beta| exceeds 20; empty for others.
     """
 
     quantity: str
@@ -81,8 +82,8 @@ class QualityLevel:
 
     Attributes
     ----------
-    level : 1 to 3, or 4 for outside all of them.
-    best, worst : the range of levels within two standard deviations.
+    level : level of the value, 1 to 3, or 4 if it is outside all ranges.
+    best, worst : best and worst level within two standard deviations.
     """
 
     criterion: LevelCriterion
@@ -93,31 +94,31 @@ class QualityLevel:
 
     @property
     def uncertain(self) -> bool:
-        """Whether a boundary lies within two standard deviations."""
+        """Whether a boundary between levels is within two standard deviations."""
         return self.best != self.worst
 
 
 def qualities(
     estimate: Estimate, airspeed: float, gravity: float, fixed: Mapping[str, float] | None = None
 ) -> tuple[Quality, ...]:
-    """Natural frequency, damping, delays, n/alpha and CAP of an estimate that names the low-order
-    equivalent system's parameters.
+    """Return natural frequency, damping ratio, delays, n/alpha and CAP of an estimate of the
+    low-order equivalent system.
 
     Parameters
     ----------
     airspeed, gravity : m/s, m/s2.
-    fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry
-        no uncertainty.
+    fixed : parameter -> value, of parameters that were not estimated, such as ``{"delay": 0.125}``;
+        they have no uncertainty.
 
     Returns
     -------
-    ``delay`` is the pure delay, ``total_delay`` adds the lag's 1/inv_tau, which is its delay at low
-    frequency. A quantity that does not exist is left out: frequency, damping and CAP where the
-    short period does not oscillate (w^2 <= 0), the lag's where inv_tau <= 0.
+    ``delay`` is the pure delay. ``total_delay`` is the pure delay plus 1/inv_tau, the delay of the
+    lag at low frequency. Quantities that do not exist are left out: frequency, damping and CAP if
+    w^2 <= 0, and ``total_delay`` if inv_tau <= 0.
 
     Raises
     ------
-    ModelError : a parameter that is neither estimated nor fixed.
+    ModelError : if a parameter is neither estimated nor fixed.
     """
     values = {**(fixed or {}), **estimate.as_dict()}
     for name in _NEEDED:
@@ -131,11 +132,11 @@ def qualities(
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
         if name in _NEEDED:
-            moved = _evaluate(
+            stepped = _evaluate(
                 {**values, name: complex(values[name], COMPLEX_STEP)}, airspeed, gravity
             )
             for quantity in centre:
-                gradients[quantity][column] = np.imag(moved[quantity]) / COMPLEX_STEP
+                gradients[quantity][column] = np.imag(stepped[quantity]) / COMPLEX_STEP
     out = []
     for quantity, value in centre.items():
         variance = float(gradients[quantity] @ estimate.covariance @ gradients[quantity])
@@ -146,12 +147,13 @@ def qualities(
 
 
 def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
-    """Return the boundaries for an aircraft class of ``CLASSES``; class IV if none is given."""
-    return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
+    """Return the criteria for an aircraft class of ``CLASSES``."""
+    return tuple(criterion for criterion in _all_criteria() if aircraft_class in criterion.classes)
 
 
 @cache
-def _every() -> tuple[LevelCriterion, ...]:
+def _all_criteria() -> tuple[LevelCriterion, ...]:
+    """Return the criteria of ``handling_qualities.toml`` for all classes."""
     entries = tomllib.loads(
         (files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8")
     )["criteria"]
@@ -171,7 +173,10 @@ def _every() -> tuple[LevelCriterion, ...]:
 def levels(
     quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
 ) -> tuple[QualityLevel, ...]:
-    """Compare every parameter with every criterion for it, in the order of the criteria."""
+    """Return the level of each parameter in each of its criteria, in the order of the criteria.
+
+    ``against`` are the criteria; None takes those of class IV.
+    """
     by_name = {quality.name: quality for quality in quality_values}
     out = []
     for criterion in criteria() if against is None else against:
@@ -185,9 +190,9 @@ def levels(
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
-        spots = sorted([low, *edges, high])
-        # Levels change at edges only: one point inside each piece, and the ends, see them all.
-        inside = [0.5 * (a + b) for a, b in pairwise(spots)]
+        ends = sorted([low, *edges, high])
+        # Levels change at edges only: one point between successive edges, and both ends, suffice.
+        inside = [0.5 * (a + b) for a, b in pairwise(ends)]
         reached = [level_of(value, criterion) for value in (low, *inside, high)]
         out.append(
             QualityLevel(
@@ -198,7 +203,7 @@ def levels(
 
 
 def level_of(value: float, criterion: LevelCriterion) -> int:
-    """Return the best level whose range contains the value, 4 if none does."""
+    """Return the best level whose range contains the value; 4 if none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
             return number
@@ -206,6 +211,7 @@ def level_of(value: float, criterion: LevelCriterion) -> int:
 
 
 def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str, Any]:
+    """Return quantity -> value for parameters ``p``, of which one may be complex."""
     stiffness = p["L_alpha"] * p["M_q"] - p["L_q"] * p["M_alpha"]
     ratio = p["L_delta"] / p["M_delta"] if p["M_delta"] else 0.0
     slope = (

@@ -20,12 +20,13 @@ from ident.flying_qualities.modes import Characteristics
 from sim.errors import DeclarationError
 
 STANDARD = "MIL-F-8785C"
-# the probability from which a level is told without its neighbours: that of two sigmas
+# smallest probability of a level that is reported without its neighbours (two sigmas)
 DETERMINED_PROBABILITY = 0.95
-LEVEL_DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
-WORST_LEVEL = 4  # none of the three levels is met
-# (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
+LEVEL_DRAWS = 20000  # the standard error of a probability is then at most 0.35 %
+WORST_LEVEL = 4  # number for "none of the three levels is met"
+# (rad/s)^2: a Dutch roll with a larger frequency^2 |phi/beta| needs more damping
 STEADY_COUPLING = 20.0
+# quantities that have limits, by mode
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "short period": (
@@ -46,10 +47,15 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class FlightPhase:
-    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared.
+    """Aircraft class and flight-phase category.
 
-    ``uncrewed_mass``: kg, of an aircraft too light for a crew whose class nobody declared; it has
-    no levels. None of others.
+    Attributes
+    ----------
+    aircraft_class : one of ``CLASSES``.
+    category : one of ``CATEGORIES``.
+    assumed : which of ``"class"`` and ``"category"`` are not declared but assumed.
+    uncrewed_mass : mass, kg, of an aircraft that has no declared class and is too light for a crew;
+        it has no levels. None for other aircraft.
     """
 
     aircraft_class: str = "II-L"
@@ -65,10 +71,11 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST_LEVEL`` below level 3.
-    probabilities : of levels 1, 2, 3 and of none of them.
-    decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
-        ``value`` and ``limit`` are its own.
+    level : most probable level, or ``WORST_LEVEL`` if that is none of the three.
+    probabilities : probabilities of levels 1, 2 and 3, and of none of them.
+    decided_by : name of the quantity that prevents the next better level at the estimate; empty at
+        level 1.
+    value, limit : estimate of this quantity, and its limit for the next better level.
     sources : paragraphs of the standard.
     """
 
@@ -87,21 +94,21 @@ class ModeLevel:
 
     @property
     def determined(self) -> bool:
-        """Whether one level is clearly the most probable."""
+        """Whether the most probable level has at least ``DETERMINED_PROBABILITY``."""
         return self.probability >= DETERMINED_PROBABILITY
 
 
-LIGHTEST_CREWED = 100.0  # kg: lighter aircraft carry no pilot
+LIGHTEST_CREWED = 100.0  # kg: a lighter aircraft carries no pilot
 
 
 def flight_phase_of(
     aircraft_class: str | None, category: str | None, mass: float | None = None
 ) -> FlightPhase:
-    """Return a declared class (II means II-L, land-based) and category, assumed where None.
+    """Return the flight phase with a declared class and category; None assumes the default.
 
-    ``mass`` in kg, if known: without a declared class, an aircraft too light for a crew has none.
-
-    Raises DeclarationError for an unknown one.
+    Class II means II-L, land-based. ``mass`` is in kg, None if it is not known: an aircraft without
+    a declared class that is too light for a crew has no levels. Raises DeclarationError for an
+    unknown class or category.
     """
     assumed = tuple(
         name for name, given in (("class", aircraft_class), ("category", category)) if given is None
@@ -129,9 +136,10 @@ def flight_phase_of(
 
 
 def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
-    """Return the level of each mode of a model, in the order of ``MODES``.
+    """Return the level of each mode of a model, in the order of ``MODES``; empty for an uncrewed
+    aircraft.
 
-    The random samples of the characteristics are the same at every call.
+    The random samples of the characteristics are the same in every call.
     """
     if flown.uncrewed_mass is not None:
         return ()
@@ -142,9 +150,9 @@ def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[M
     sampled = _quantities(characteristics.names, _draws(characteristics))
     out = []
     for mode, names in MODES.items():
-        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
-        if mine:
-            out.append(_level(mode, mine, centre, sampled))
+        mode_rules = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
+        if mode_rules:
+            out.append(_level(mode, mode_rules, centre, sampled))
     return tuple(out)
 
 
@@ -154,6 +162,7 @@ def _level(
     centre: Mapping[str, np.ndarray],
     sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
+    """Return the level of a mode by its criteria, for the estimate ``centre`` and all samples."""
     reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
     shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
     level = int(np.argmax(shares)) + 1
@@ -176,7 +185,7 @@ def _level(
 
 
 def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Best level that each random sample ``(N,)`` meets."""
+    """Return the best level ``(N,)`` that each random sample reaches in one criterion."""
     value = quantities[rule.quantity]
     reached = np.full(value.shape, WORST_LEVEL)
     for number in range(len(rule.levels), 0, -1):
@@ -188,6 +197,7 @@ def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.n
 def _range(
     rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray | float, float]:
+    """Return the range of a level, with the raised lower end of a Dutch roll ``(N,)``."""
     low, high = rule.levels[number - 1]
     if not rule.raised_by:
         return low, high
@@ -196,8 +206,8 @@ def _range(
 
 
 def _draws(characteristics: Characteristics) -> np.ndarray:
-    """Random samples ``(k, LEVEL_DRAWS)`` of a Gaussian, the same at every call, in antithetic
-    pairs.
+    """Return random samples ``(k, LEVEL_DRAWS)`` of the characteristics, as antithetic pairs of
+    Gaussian numbers; the same in every call.
     """
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -208,7 +218,9 @@ def _draws(characteristics: Characteristics) -> np.ndarray:
 
 
 def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
-    """Parameters of the limits for each sample ``(k, N)`` of the characteristics ``names``."""
+    """Return quantity -> ``(N,)`` for all quantities that have limits, from N samples ``draws (k,
+    N)`` of the characteristics ``names``.
+    """
     values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
     for mode, prefix in (
@@ -220,7 +232,7 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         if f"{mode}_rate" in values:
             out |= {
                 f"{prefix}{name}": value
-                for name, value in _of_pair(
+                for name, value in _quantities_of_pair(
                     values[f"{mode}_rate"], values[f"{mode}_stiffness"]
                 ).items()
             }
@@ -240,13 +252,13 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         )
         out["spiral_time_to_double"] = _doubling(values["spiral_root"])
     if "delay" in values:
-        out["delay"] = np.maximum(values["delay"], 0.0)  # a draw below zero is as good as none
+        out["delay"] = np.maximum(values["delay"], 0.0)  # no delay is negative
     return out | {name: values[name] for name in ("bank_ratio",) if name in values}
 
 
-def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real
-    roots of opposite sign has no frequency and negative damping.
+def _quantities_of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the quantities of the roots of s^2 + rate s + stiffness. Real roots of opposite sign
+    have the frequency zero and negative damping.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
@@ -254,9 +266,9 @@ def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
     )
     growth = -0.5 * rate + np.sqrt(np.maximum(0.25 * rate**2 - stiffness, 0.0))
     damped = np.where(stiffness > 0, 0.5 * rate, -growth)
-    of_short = {"natural_frequency": frequency, "damping_ratio": damping}
+    with_short_period_names = {"natural_frequency": frequency, "damping_ratio": damping}
     return {
-        **of_short,
+        **with_short_period_names,
         "frequency": frequency,
         "damping": damping,
         "damping_rate": damped,
@@ -265,4 +277,5 @@ def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _doubling(growth: np.ndarray) -> np.ndarray:
+    """Return the times to double, s, for growth rates, 1/s; infinite without growth."""
     return np.divide(math.log(2.0), growth, out=np.full_like(growth, math.inf), where=growth > 0)

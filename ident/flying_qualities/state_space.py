@@ -31,17 +31,17 @@ DELAY_STAGE = "input-delay"  # effect that the delay belongs to
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """A linear model.
+    """A linear model about a point.
 
     Attributes
     ----------
-    A, B, C, D : ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
+    A, B, C, D : matrices ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
     states, inputs, outputs : names and units of the n, m and k signals.
-    x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there,
-        zero in equilibrium.
-    delays : pure delay (s) of each input that has one.
-    left_out : effects with a memory of their own on the way of inputs or outputs, which no matrix
-        here holds.
+    x0, u0, y0 : states, inputs and outputs at the point.
+    rates : ``(n,)`` rates of the states at the point, zero in equilibrium.
+    delays : name of an input -> its pure delay, s.
+    left_out : names of effects with states of their own on the input or sensor path, which the
+        matrices do not include.
     """
 
     A: np.ndarray
@@ -70,10 +70,10 @@ def state_space(
     x0: Sequence[float] | None = None,
     u0: Sequence[float] | None = None,
 ) -> StateSpace:
-    """Linearise a System with parameters ``values`` (others as declared) about states ``x0`` and
-    inputs ``u0``, zero where None.
+    """Return a System linearised about states ``x0`` and inputs ``u0``; None takes zeros.
 
-    Raises ModelError for a point at which the rates or their slopes are not finite.
+    ``values`` maps parameters to values; other parameters have their declared values. Raises
+    ModelError if the rates or their derivatives are not finite at the point.
     """
     p = (
         system.parameters.with_values(
@@ -91,11 +91,11 @@ def state_space(
     except ArithmeticError:
         finite = False
     if not finite:
-        at = ", ".join(
+        point = ", ".join(
             f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True)
         )
         raise ModelError(
-            f"no finite slopes at {at}", where="state_space", remedy="choose another point"
+            f"no finite derivatives at {point}", where="state_space", remedy="choose another point"
         )
     delays = (
         {"stick": p[system.parameters.index(DELAY)]}
@@ -127,7 +127,9 @@ def state_space(
 def _linear(
     g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the slopes of ``f`` or ``h`` by states and by inputs, and its value."""
+    """Return the derivatives of ``g``, f or h of a System, with respect to states and to inputs,
+    and its value.
+    """
     value = np.array(g(0.0, x, u, p), dtype=float)
     by_inputs = (
         complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
@@ -136,19 +138,19 @@ def _linear(
 
 
 def to_control(space: StateSpace, pade: int = PADE_ORDER) -> control.StateSpace:
-    """Return the model as python-control's, with its names; each delay as a Pade approximation of
-    this order, left out when it is zero.
+    """Return the model as a StateSpace of python-control, with the names of its signals.
 
-    The states of an approximation follow those of the model, named after the input. Raises
-    ModelError of a model without inputs.
+    Each delay is replaced by a Pade approximation of order ``pade``; order 0 leaves delays out. The
+    states of an approximation follow those of the model and are named after the input. Raises
+    ModelError for a model without inputs.
     """
     import control
 
     if not space.inputs:
         raise ModelError(
-            "a model without an input is none for python-control",
+            "a model without an input cannot be converted for python-control",
             where="to_control",
-            remedy="take its matrices A and C themselves",
+            remedy="use its matrices A and C",
         )
     A, B, C, D = space.A, space.B, space.C, space.D
     names = [signal.name for signal in space.states]

@@ -19,8 +19,7 @@ import numpy as np
 
 from ident.maneuver_detection.signals import EvenSegment
 
-# Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded
-# is left out.
+# axis -> signal whose rate is the left-hand side, and derivative -> its regressor
 EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator"}),
     "roll": (
@@ -33,7 +32,8 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
-# The same by the control, of models with dimensional derivatives: low-order equivalent, multirotor.
+# axis -> control -> derivative -> regressor, for models with dimensional derivatives: low-order
+# equivalent system and multirotor
 DIMENSIONAL: Mapping[str, Mapping[str, Mapping[str, str]]] = {
     "pitch": {
         "stick": {"M_alpha": "alpha", "M_q": "q", "M_delta": "stick"},
@@ -42,17 +42,17 @@ DIMENSIONAL: Mapping[str, Mapping[str, Mapping[str, str]]] = {
     "roll": {"roll_command": {"L_p": "p", "L_lat": "roll_command"}},
     "yaw": {"yaw_command": {"N_r": "r", "N_ped": "yaw_command"}},
 }
-TIME_BEFORE_INPUT = 1.0  # s before the input that belong to a maneuver
-TIME_AFTER_INPUT = 4.0  # s after the input, in which the response goes on
-AVERAGING_TIME = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
-FEWEST_AVERAGES_PER_PARAMETER = 3.0
-LARGEST_CORRECTED_CORRELATION = 0.95  # largest correlation of neighbours that is corrected for
-LARGEST_T_VALUE = 1000.0  # records without noise have no other limit
+TIME_BEFORE_INPUT = 1.0  # s, time before the input that is used
+TIME_AFTER_INPUT = 4.0  # s, time after the input that is used, since the response continues
+AVERAGING_TIME = 0.1  # s, longest block over which samples are averaged
+FEWEST_AVERAGES_PER_PARAMETER = 3.0  # fewest averages for each unknown, constant included
+LARGEST_CORRECTED_CORRELATION = 0.95  # largest correlation of neighbours in the correction
+LARGEST_T_VALUE = 1000.0  # limit for records without noise
 
 
 def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
-    """Derivative -> absolute t value from the rows about a maneuver from ``start`` to ``end``, s,
-    of an axis of ``EQUATIONS``; empty where what is needed is not recorded.
+    """Return derivative -> absolute t value from a maneuver of an axis of ``EQUATIONS`` between the
+    times ``start`` and ``end``, s; empty if the necessary signals are not recorded.
     """
     output, regressors = EQUATIONS[axis]
     rows = stretch.rows(start - TIME_BEFORE_INPUT, end + TIME_AFTER_INPUT)
@@ -98,6 +98,6 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
 
 
 def _averaged(values: np.ndarray, block: int) -> np.ndarray:
-    """Return the means of successive blocks of samples."""
+    """Return the means of successive blocks of ``block`` samples."""
     count = values.size // block
     return values[: count * block].reshape(count, block).mean(axis=1)

@@ -12,15 +12,16 @@ from ident.maneuver_detection.shapes import Lobe, Shape, lobes_of
 from ident.maneuver_detection.signals import DetectedManeuver, EvenSegment, trim_of
 
 ALL_AXES = "all"  # axis of a trim point
-LEAST_TURN_BANK = math.radians(12.0)  # a smaller one is no turn
-TURN_EDGE_SHARE = 0.25  # bank at which a turn begins and ends, relative to its largest
-HELD_BANK_TIME = 8.0  # s, for which the bank is held to a fifth of itself
+LEAST_TURN_BANK = math.radians(12.0)  # smallest bank angle of a turn
+TURN_EDGE_SHARE = 0.25  # bank at which a turn begins and ends, relative to its median bank
+HELD_BANK_TIME = 8.0  # s, shortest time for which the bank is within a fifth of its median
 LEAST_HELD_SHARE = 0.5  # smallest share of a turn with constant bank
-PULL_UP_LOAD = 0.25  # g about that of the bank, which a pull-up exceeds
-PULL_UP_TIME = 1.2  # s, for which half of it lasts
-MOTION_AVERAGING_TIME = 0.5  # s, over which motion is averaged
-SHORTEST_TRIM = 10.0  # s, of the shortest trim point
-# Largest spread of 1 s averages within SHORTEST_TRIM in a trim point; of the airspeed as a share
+PULL_UP_LOAD = 0.25  # g, smallest load factor of a pull-up beyond that of the bank
+PULL_UP_TIME = 1.2  # s, shortest time above half of the largest load factor
+MOTION_AVERAGING_TIME = 0.5  # s, time over which motion is averaged
+SHORTEST_TRIM = 10.0  # s, shortest trim point
+# Largest change of 1 s averages within SHORTEST_TRIM in a trim point; that of the airspeed is
+# relative.
 TRIM_SPREAD = {
     "airspeed": 0.025,
     "height": 8.0,
@@ -31,35 +32,39 @@ TRIM_SPREAD = {
 
 
 def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
-    """Parts in which the bank is held."""
+    """Return the turns: parts of a segment in which the bank angle is held."""
     if "phi" not in stretch.outputs:
         return []
     averaged = stretch.samples(MOTION_AVERAGING_TIME)
     bank = uniform_filter1d(stretch.outputs["phi"], averaged, mode="nearest")
-    out = []
+    result = []
     for lobe in lobes_of(bank, LEAST_TURN_BANK, join=False):
         middle = float(np.median(bank[lobe.first : lobe.last]))
         held = np.abs(bank - middle) < 0.2 * abs(middle)
         if np.count_nonzero(held[lobe.first : lobe.last]) * stretch.step < HELD_BANK_TIME:
             continue
-        first, last = _to_level(
+        first, last = _extended_to_level(
             bank * math.copysign(1.0, middle), lobe, TURN_EDGE_SHARE * abs(middle)
         )
         held_time = np.count_nonzero(held[first:last]) * stretch.step
         if held_time > LEAST_HELD_SHARE * (last - first) * stretch.step:
-            out.append(_detected(stretch, Shape("turn", first, last, abs(middle)), "roll", "phi"))
-    return out
+            result.append(
+                maneuver_of(stretch, Shape("turn", first, last, abs(middle)), "roll", "phi")
+            )
+    return result
 
 
-def _detected(stretch: EvenSegment, shape: Shape, axis: str, channel: str = "") -> DetectedManeuver:
-    """Return the maneuver with the shape of an input, of a bank angle or of a quiet part."""
+def maneuver_of(
+    stretch: EvenSegment, shape: Shape, axis: str, channel: str = ""
+) -> DetectedManeuver:
+    """Return the maneuver whose shape is that of an input, of a bank angle or of a quiet part."""
     start, end = (
         float(stretch.time[min(k, stretch.time.size - 1)]) for k in (shape.first, shape.last)
     )
     return DetectedManeuver(start, end, axis, shape.kind, channel, shape.amplitude)
 
 
-def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
+def _extended_to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
     """Return the samples before and after a positive lobe at which the signal is below ``level``;
     the ends of the signal where it never is.
     """
@@ -70,9 +75,9 @@ def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
     ) if after.size else signal.size - 1
 
 
-def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
-    """Parts in which the load factor stays away from that of the bank: first sample, and the one
-    after the last.
+def load_factor_excursions(stretch: EvenSegment) -> list[tuple[int, int]]:
+    """Return the parts in which the load factor differs from that of the bank angle for some time:
+    the first sample of each, and the one after the last.
     """
     if "nz" not in stretch.outputs:
         return []
@@ -82,22 +87,24 @@ def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
     averaged = stretch.samples(MOTION_AVERAGING_TIME)
     excess = uniform_filter1d(stretch.outputs["nz"] - steady, averaged, mode="nearest")
     excess = excess - trim_of(stretch, excess)
-    out = []
+    result = []
     for lobe in lobes_of(excess, PULL_UP_LOAD, join=False):
         inside = np.abs(excess[lobe.first : lobe.last])
         if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_UP_TIME:
-            out.append((lobe.first, lobe.last))
-    return out
+            result.append((lobe.first, lobe.last))
+    return result
 
 
 def trim_points(
     stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
 ) -> list[DetectedManeuver]:
-    """Parts of at least ``SHORTEST_TRIM`` in which the inputs are quiet (``(N,)``) and speed,
-    height, attitude and controls are constant.
+    """Return the trim points: parts of at least ``SHORTEST_TRIM`` in which inputs are quiet, and
+    airspeed, height, attitude and controls are constant.
 
-    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its
-    unit.
+    Parameters
+    ----------
+    quiet : ``(N,)`` True at samples without activity of a control.
+    controls : control -> ``(N,)`` largest change of its 1 s averages, in the unit of the control.
     """
     size = stretch.samples(SHORTEST_TRIM)
     steady = quiet.copy()
@@ -112,28 +119,28 @@ def trim_points(
             smooth, size, mode="nearest"
         )
         steady &= around <= allowed
-    # Each steady sample is the middle of a steady window; between two of them it stays steady.
-    out: list[DetectedManeuver] = []
-    for first, last in _runs(steady):
+    # Each steady sample is the middle of a steady window: a run extends by half a window.
+    result: list[DetectedManeuver] = []
+    for first, last in runs_of(steady):
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
             low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
         not_quiet = np.flatnonzero(~quiet[last:high])
         high = last + int(not_quiet[0]) if not_quiet.size else high
         if (high - low) * stretch.step >= SHORTEST_TRIM:
-            if out and stretch.time[low] <= out[-1].end:
-                low = int(np.searchsorted(stretch.time, out.pop().start))
-            out.append(_detected(stretch, Shape("trim", low, high - 1, 0.0), ALL_AXES))
-    return out
+            if result and stretch.time[low] <= result[-1].end:
+                low = int(np.searchsorted(stretch.time, result.pop().start))
+            result.append(maneuver_of(stretch, Shape("trim", low, high - 1, 0.0), ALL_AXES))
+    return result
 
 
-def _runs(mask: np.ndarray) -> np.ndarray:
+def runs_of(mask: np.ndarray) -> np.ndarray:
     """Return the first sample of each run of True, and the one after the last, ``(K, 2)``."""
     return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
 
 
 def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
-    """Return the mean airspeed and height between two times, of what is recorded."""
+    """Return the mean ``"airspeed"`` and ``"height"`` between two times, s, if recorded."""
     rows = stretch.rows(start, end)
     conditions = {"airspeed": "airspeed", "altitude": "height", "height": "height"}
     return {

@@ -10,10 +10,10 @@ import numpy as np
 from ident.maneuver_detection.excitation import excitation_of
 from ident.maneuver_detection.motion import (
     ALL_AXES,
-    _detected,
-    _runs,
+    load_factor_excursions,
+    maneuver_of,
     mean_conditions,
-    pulls,
+    runs_of,
     trim_points,
     turns,
 )
@@ -36,28 +36,30 @@ from ident.maneuver_detection.signals import (
     trim_of,
 )
 
-ACTIVE_RATIO = 4.0  # multiple of the rest level at which an active part begins
-ACTIVE_EDGE_RATIO = 2.0  # multiple of the rest level down to which it extends
-QUIET_TIME = 1.5  # s below ACTIVE_EDGE_RATIO that part two active parts
-REST_MARGIN = 2.0  # s of rest with which an active part is looked at
-FEWEST_PULSES_IN_WEAK_OSCILLATION = 2  # pulses within a weak oscillation from which it is accepted
+ACTIVE_RATIO = 4.0  # smallest peak energy of an active part, relative to the rest level
+ACTIVE_EDGE_RATIO = 2.0  # energy at which an active part begins and ends, relative to the same
+QUIET_TIME = 1.5  # s, shortest time below ACTIVE_EDGE_RATIO between two active parts
+REST_MARGIN = 2.0  # s, time of rest before and after an active part that is analysed with it
+FEWEST_PULSES_IN_WEAK_OSCILLATION = 2  # with as many pulses, a weak oscillation is accepted
 LEAST_WEAK_STRENGTH = 3.0  # smallest strength of such an oscillation
-EXPLAINED_ENERGY_SHARE = 0.5  # smallest share of an oscillation's energy that levels explain
-REST_AROUND_PATTERN = 1.5  # s about a pattern of levels in which there is no smaller one
-RECOVERY_TIME = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
-LARGEST_PULL_UP_SHARPNESS = 0.45  # of an input that changes the load factor by a pull-up
-TURN_EDGE_TIME = 8.0  # s about both ends of a turn in which roll and yaw inputs belong to it
-# rate that a damper feeds back, where taking it off was measured to help
+# share of the energy of an oscillation above which a pattern of levels explains it
+EXPLAINED_ENERGY_SHARE = 0.5
+REST_AROUND_PATTERN = 1.5  # s, time before and after a pattern without smaller patterns
+RECOVERY_TIME = 8.0  # s, time after another maneuver without pull-ups: the pilot recovers
+LARGEST_PULL_UP_SHARPNESS = 0.45  # largest sharpness of the input of a pull-up
+TURN_EDGE_TIME = 8.0  # s: roll and yaw inputs this near to an end of a turn belong to the turn
+# axis -> rate fed back by its damper, for axes in which removal of the feedback improves results
 DAMPED_RATES = {"yaw": "r"}
-LEAST_DAMPER_SHARE = 0.3  # share of a control's motion at rest that its damper must explain
-# Ratio of the rises of two controls above their rest levels, from which on the smaller follows the
-# larger. Of 40 simulated flights it changes nothing; without it three reactions of ATTAS and of a
-# quadrotor are called doublets and pulses.
+# smallest share of the motion of a control at rest that its damper explains
+LEAST_DAMPER_SHARE = 0.3
+# Of two controls that rise above their rest levels, the smaller one follows the larger one from
+# this ratio on. Without it, three reactions of ATTAS and of a quadrotor are taken for maneuvers.
 LEADING_RISE_RATIO = 2.0
-# of a control's range, that its 1 s averages may change in a trim point; or twice ACTIVE_RATIO
+# largest change of the 1 s averages of a control in a trim point, relative to its range; twice
+# ACTIVE_RATIO times the rest level is also allowed
 TRIM_CONTROL_SHARE = 0.1
-# Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
-# tests/long_flights.
+# Smallest strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
+# tests/long_flights.py.
 ACCEPTANCE_LIMITS: Mapping[str, tuple[float, float, float, float]] = {
     "step": (3.5, 0.6, 5.5, 0.6),
     "pulse": (8.0, 0.75, 7.0, 0.5),
@@ -75,7 +77,9 @@ ALTERNATING = ("doublet", "3-2-1-1", "multistep", *OSCILLATIONS)
 
 @dataclass(frozen=True)
 class ManeuverCandidate:
-    """A shape that a control takes; ``strength``: its size over the control's rest level."""
+    """A shape of a control. ``strength`` is its amplitude or energy over the rest level of the
+    control.
+    """
 
     channel: str
     shape: Shape
@@ -83,40 +87,41 @@ class ManeuverCandidate:
 
     @property
     def axis(self) -> str:
+        """Axis that the control moves."""
         return AXES[self.channel]
 
 
 def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
     """Return all maneuvers and trim points of a record, in the order of their times.
 
-    Each control is searched for level changes that make a pattern and for oscillations that rise
-    above its local rest level; the motion for bank angles and load factors that are held. Of
-    controls that move at the same time the strongest counts, others follow it.
+    Each control is searched for patterns of level changes, and for oscillations above its local
+    rest level. The motion is searched for held bank angles and load factors. If several controls
+    move at the same time, only the strongest is reported, since the others follow it.
     """
     result = [each for stretch in stretches(signals) for each in _maneuvers_of(stretch)]
     return tuple(sorted(result, key=lambda each: (each.start, each.axis)))
 
 
 def active_share(signals: FlightSignals) -> float:
-    """Return the share of a record's time in which some control moves beyond its rest level; zero
-    where it has none.
+    """Return the share of the time of a record in which some control moves beyond its rest level;
+    zero without controls.
     """
     moving, total = 0, 0
     for stretch in stretches(signals):
         active = np.zeros(stretch.time.size, dtype=bool)
         for values in stretch.inputs.values():
             activity = activity_of(stretch, values)
-            for first, last in active_parts(_ratio(activity), stretch.samples(QUIET_TIME)):
+            for first, last in active_parts(_energy_ratio(activity), stretch.samples(QUIET_TIME)):
                 active[first:last] = True
         moving, total = moving + int(np.count_nonzero(active)), total + active.size
     return moving / total if total else 0.0
 
 
 def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
-    """Return a control without what a damper adds to it: its share of the angular rate, as the
-    samples at rest show it.
+    """Return a control without the feedback of a damper: minus the angular rate times a factor that
+    is fitted to the samples at rest.
 
-    The control comes back as it is where the rate explains less than ``LEAST_DAMPER_SHARE`` of its
+    The control is returned unchanged if the rate explains less than ``LEAST_DAMPER_SHARE`` of its
     motion at rest.
     """
     values, rate = stretch.inputs[name], DAMPED_RATES.get(AXES[name], "")
@@ -124,7 +129,7 @@ def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
         return values
     activity = activity_of(stretch, values)
     turning = stretch.outputs[rate] - trim_of(stretch, stretch.outputs[rate])
-    rest = _ratio(activity) <= ACTIVE_EDGE_RATIO
+    rest = _energy_ratio(activity) <= ACTIVE_EDGE_RATIO
     moved, turned = activity.deviation[rest], turning[rest]
     own, power, common = float(moved @ moved), float(turned @ turned), float(moved @ turned)
     if power <= 0.0 or common**2 < LEAST_DAMPER_SHARE * power * own:
@@ -133,6 +138,7 @@ def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
 
 
 def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
+    """Return the maneuvers and trim points of a segment."""
     inputs = {name: without_feedback(stretch, name) for name in stretch.inputs}
     stretch = replace(stretch, inputs=inputs)
     activities = {name: activity_of(stretch, values) for name, values in stretch.inputs.items()}
@@ -142,21 +148,21 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
         for each in candidates_of(stretch, name, activity)
     ]
     turning = turns(stretch)
-    candidates = with_pulls(stretch, activities, candidates)
-    candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
+    candidates = with_pull_ups(stretch, activities, candidates)
+    candidates = [each for each in candidates if not _belongs_to_turn(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
     maneuvers = [
-        *(_detected(stretch, each.shape, each.axis, each.channel) for each in candidates),
+        *(maneuver_of(stretch, each.shape, each.axis, each.channel) for each in candidates),
         *turning,
     ]
-    # A slow ramp of a control is no deviation from the running trim, and no trim point either.
+    # A slow ramp of a control does not deviate from the running trim, but it is no trim point.
     steady = {
         name: np.maximum(
             TRIM_CONTROL_SHARE * float(np.ptp(stretch.inputs[name])), 2.0 * ACTIVE_RATIO * each.rest
         )
         for name, each in activities.items()
     }
-    trims = trim_points(stretch, _quiet(stretch, activities, maneuvers), steady)
+    trims = trim_points(stretch, _quiet_samples(stretch, activities, maneuvers), steady)
     return [
         replace(
             each,
@@ -169,26 +175,30 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     ]
 
 
-def _ratio(activity: Activity, rows: slice = _ALL_ROWS) -> np.ndarray:
-    """Energy over rest level of some rows, zero where both are."""
+def _energy_ratio(activity: Activity, rows: slice = _ALL_ROWS) -> np.ndarray:
+    """Return energy over rest level in some rows; zero where the rest level is zero."""
     energy, rest = activity.energy[rows], activity.rest[rows]
     return np.divide(energy, rest, out=np.zeros_like(energy), where=rest > 0.0)
 
 
-def _quiet(
+def _quiet_samples(
     stretch: EvenSegment, activities: Mapping[str, Activity], maneuvers: Sequence[DetectedManeuver]
 ) -> np.ndarray:
-    """Samples at which no control moves beyond its rest level and no maneuver is flown."""
+    """Return a mask ``(N,)`` of the samples at which no control moves beyond its rest level and no
+    maneuver is flown.
+    """
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
-        quiet &= _ratio(activity) <= ACTIVE_RATIO
+        quiet &= _energy_ratio(activity) <= ACTIVE_RATIO
     for each in maneuvers:
         quiet[stretch.rows(each.start, each.end)] = False
     return quiet
 
 
-def accepted(each: ManeuverCandidate) -> bool:
-    """Return whether a candidate exceeds what a pilot does between maneuvers."""
+def is_accepted(each: ManeuverCandidate) -> bool:
+    """Return whether a candidate exceeds the limits of its kind, and so the usual activity of a
+    pilot between maneuvers.
+    """
     shape = each.shape
     values = (each.strength, shape.flatness, shape.edge, shape.sharpness)
     limits = ACCEPTANCE_LIMITS[shape.kind]
@@ -196,9 +206,7 @@ def accepted(each: ManeuverCandidate) -> bool:
 
 
 def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[ManeuverCandidate]:
-    """Patterns of levels and oscillations of a control that are strong enough, none overlapping
-    another.
-    """
+    """Return the accepted patterns of levels and oscillations of a control, without overlap."""
     if not np.any(activity.rest > 0.0):
         return []
     values = stretch.inputs[name]
@@ -206,8 +214,10 @@ def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[M
         _candidate(name, shape, activity)
         for shape in step_shapes(stretch, values, values - activity.deviation)
     )
-    result = _from_rest(filter(accepted, patterns), stretch.samples(REST_AROUND_PATTERN))
-    ratio, margin = _ratio(activity), stretch.samples(REST_MARGIN)
+    result = _largest_without_overlap(
+        filter(is_accepted, patterns), stretch.samples(REST_AROUND_PATTERN)
+    )
+    ratio, margin = _energy_ratio(activity), stretch.samples(REST_MARGIN)
     for first, last in active_parts(ratio, stretch.samples(QUIET_TIME)):
         low, high = max(0, first - margin), min(ratio.size, last + margin)
         wave = oscillation_of(activity.deviation[low:high])
@@ -216,31 +226,35 @@ def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[M
         wave = replace(wave, first=wave.first + low, last=wave.last + low)
         inside = [each for each in result if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
-        whole = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
-        many = (
+        oscillation = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
+        has_pulses = (
             len(inside) >= FEWEST_PULSES_IN_WEAK_OSCILLATION
-            and whole.strength >= LEAST_WEAK_STRENGTH
+            and oscillation.strength >= LEAST_WEAK_STRENGTH
         )
         if explained < EXPLAINED_ENERGY_SHARE * _energy(activity, wave) and (
-            accepted(whole) or many
+            is_accepted(oscillation) or has_pulses
         ):
-            result = [*(each for each in result if each not in inside), whole]
+            result = [*(each for each in result if each not in inside), oscillation]
     return result
 
 
 def _candidate(name: str, shape: Shape, activity: Activity) -> ManeuverCandidate:
+    """Return the candidate with a shape, whose strength is the amplitude over the rest level."""
     return ManeuverCandidate(
         name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last]))
     )
 
 
 def _energy(activity: Activity, shape: Shape) -> float:
+    """Return the sum of squared deviations of a control within a shape."""
     return float(np.sum(activity.deviation[shape.first : shape.last] ** 2))
 
 
-def _from_rest(candidates: Iterable[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
-    """Return the candidates, largest first, without those within ``rest`` samples of a larger one
-    of their control.
+def _largest_without_overlap(
+    candidates: Iterable[ManeuverCandidate], rest: int
+) -> list[ManeuverCandidate]:
+    """Return the candidates of one control, the largest first, without those within ``rest``
+    samples of a larger one.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(
@@ -253,11 +267,12 @@ def _from_rest(candidates: Iterable[ManeuverCandidate], rest: int) -> list[Maneu
 
 
 def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
-    """Runs above ``ACTIVE_EDGE_RATIO`` that reach ``ACTIVE_RATIO``; those with fewer than ``quiet``
-    samples between them are one.
+    """Return the active parts, as first sample and the one after the last: runs above
+    ``ACTIVE_EDGE_RATIO`` that reach ``ACTIVE_RATIO``. Runs with fewer than ``quiet`` samples
+    between them are joined.
     """
     out: list[tuple[int, int]] = []
-    for first, last in _runs(ratio > ACTIVE_EDGE_RATIO):
+    for first, last in runs_of(ratio > ACTIVE_EDGE_RATIO):
         if out and first - out[-1][1] < quiet:
             out[-1] = (out[-1][0], int(last))
         else:
@@ -265,7 +280,7 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
     return [(first, last) for first, last in out if ratio[first:last].max() >= ACTIVE_RATIO]
 
 
-def _rolls_into(
+def _belongs_to_turn(
     stretch: EvenSegment, each: ManeuverCandidate, turning: Sequence[DetectedManeuver]
 ) -> bool:
     """Return whether an input of roll or yaw belongs to the beginning or the end of a turn."""
@@ -280,23 +295,23 @@ def _rolls_into(
     )
 
 
-def with_pulls(
+def with_pull_ups(
     stretch: EvenSegment, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """Return the candidates with pull-ups in the place of smooth inputs of the pitch control that
-    change the load factor and hold it.
+    """Return the candidates, in which pull-ups replace smooth inputs of the pitch control that
+    change the load factor for some time.
     """
     control = next((name for name in activities if AXES[name] == "pitch"), None)
     if control is None or not np.any(activities[control].rest > 0.0):
         return candidates
     activity, recovery = activities[control], stretch.samples(RECOVERY_TIME)
-    for first, last in pulls(stretch):
-        lobe = _pulling(stretch, activity, first, last)
+    for first, last in load_factor_excursions(stretch):
+        lobe = _control_lobe(stretch, activity, first, last)
         near = [
             c
             for c in candidates
             if c.axis == "pitch"
-            and accepted(c)
+            and is_accepted(c)
             and c.shape.first < last
             and c.shape.last > first - recovery
         ]
@@ -312,15 +327,15 @@ def with_pulls(
             if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery
         ]
         pull = _candidate(control, Shape("pull-up", *lobe, amplitude), activity)
-        candidates += [pull] if accepted(pull) else []
+        candidates += [pull] if is_accepted(pull) else []
     return candidates
 
 
-def _pulling(
+def _control_lobe(
     stretch: EvenSegment, activity: Activity, first: int, last: int
 ) -> tuple[int, int] | None:
-    """Return the lobe of a control that leads to an excursion of the load factor: the first strong
-    one that begins at most 2 s before it.
+    """Return the lobe of a control that causes an excursion of the load factor from sample
+    ``first`` to ``last``: the first strong one that begins at most 2 s before it; None without one.
     """
     before = max(0, first - stretch.samples(2.0))
     after = min(activity.deviation.size, last + stretch.samples(10.0))
@@ -337,14 +352,14 @@ def _pulling(
 def without_reactions(
     activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """Return the candidates without those that overlap a stronger one of another control;
-    multisines of lines of their own stay.
+    """Return the candidates without those that overlap a stronger one of another control.
+    Simultaneous oscillations with different spectral lines are kept.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = (other for other in chosen if other.channel != each.channel)
         if not _follows(activities, each) and all(
-            _independent(activities, each, other)
+            _are_independent(activities, each, other)
             for other in others
             if other.shape.overlaps(each.shape)
         ):
@@ -353,21 +368,22 @@ def without_reactions(
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:
-    """Return whether another control moves more than ``LEADING_RISE_RATIO`` times as far above its
-    rest level meanwhile, be it without a form.
+    """Return whether another control rises more than ``LEADING_RISE_RATIO`` times as far above its
+    rest level at the same time, even if it has no accepted shape.
     """
     rows = slice(each.shape.first, each.shape.last)
     peaks = {
-        name: float(np.max(_ratio(activity, rows)))
+        name: float(np.max(_energy_ratio(activity, rows)))
         for name, activity in activities.items()
         if AXES[name] != "throttle"
     }
     return each.channel in peaks and max(peaks.values()) > LEADING_RISE_RATIO * peaks[each.channel]
 
 
-def _independent(
+def _are_independent(
     activities: Mapping[str, Activity], one: ManeuverCandidate, other: ManeuverCandidate
 ) -> bool:
+    """Return whether two candidates are oscillations with different spectral lines."""
     if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
         return False
     rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))

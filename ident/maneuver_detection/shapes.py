@@ -10,47 +10,52 @@ import numpy as np
 
 from ident.maneuver_detection.signals import EvenSegment, rest_level
 
-RISES = (0.4, 1.0)  # s, durations of a level change that are tried
+RISES = (0.4, 1.0)  # s, durations of a level change that are tried, the shortest first
 EDGE_STRENGTH = 5.5  # smallest level change, relative to changes at rest
-# sizes, relative to the largest level change within 5 s, below which a change may be the pilot's
-# correction
-MINOR = (0.25, 0.4)
-NEAR = 5.0  # s
+# Limits of minor level changes, which may be corrections by the pilot, relative to the largest
+# change within NEAR_TIME, s. Patterns are also searched without the changes below each limit.
+MINOR_CHANGE_SHARES = (0.25, 0.4)
+NEAR_TIME = 5.0
 LONG_PULSE = 4.0  # s, longest pulse; a longer level is a step
 LONGEST_LEVEL = 16.0  # s, longest level of a pattern
 LEAST_LEVEL_SHARE = 0.3  # smallest level of a pattern, relative to the largest
-RETURN_SHARE = 0.6  # of the largest level, to which the input must return
-# largest relative difference of the two level changes of a pulse or step, which a trim change may
-# cause
+# largest difference of the levels before and after a pattern, relative to its largest level
+RETURN_SHARE = 0.6
+# largest sum of the level changes of a pattern, relative to the largest one, after which the input
+# has returned whatever the level afterwards is: the trim may have changed
 CHANGE_DIFFERENCE_SHARE = 0.35
 # largest sum of a pattern's level changes, relative to the largest level
 LARGEST_NET_CHANGE_SHARE = 0.8
 # exponent of the number of levels in the merit of a pattern: it prefers the more complete of two
 # similar ones
 LEVEL_COUNT_EXPONENT = 0.15
-STEADY_BEFORE = 2.0  # s of constant level before a lasting step
-STEADY_AFTER = LONG_PULSE  # s of constant level after it
+STEADY_BEFORE = 2.0  # s, time of constant level before a lasting step
+STEADY_AFTER = LONG_PULSE  # s, time of constant level after it
 STEP_SCATTER_SHARE = 0.15  # largest scatter of these levels, relative to the step
-LASTING_STEP_TIME = 10.0  # s, duration of the maneuver of a lasting step
+LASTING_STEP_TIME = 10.0  # s, duration of a maneuver with a lasting step
 OUTSIDE_TIME = 0.6  # s before and after a pattern, over which the levels outside are averaged
+# durations of the levels of a pattern, relative to the whole
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
-SHARE_ERROR = 0.1  # largest error of a level's duration in a 3-2-1-1, relative to the whole
+SHARE_ERROR = 0.1  # largest error of such a duration, relative to the whole
 # smallest flatness and edge of each half of a doublet with a pause, as for a single pulse
-PAUSED = (0.75, 7.0)
+PAUSED_DOUBLET_LIMITS = (0.75, 7.0)
 LARGEST_DOUBLET_RATIO = 2.2  # ratio of durations of the two levels of a doublet
 HALF_WAVE_EDGE_SHARE = 0.35  # level at which a half wave begins and ends, relative to the amplitude
-AMPLITUDE_PERCENTILE = 95.0  # per cent of the larger samples that do not exceed the amplitude
+# percentile, among samples above half of the peak, that is the amplitude
+AMPLITUDE_PERCENTILE = 95.0
 FEWEST_HALF_WAVES = 7  # fewest half waves of an oscillation
-# smallest rank correlation of the half waves' lengths with their order in a sweep
+# smallest rank correlation of the lengths of half waves with their order in a sweep
 SWEEP_RANK_CORRELATION = 0.65
-SAME_SPECTRUM_LIKENESS = 0.7  # smallest similarity of two spectra of which one follows the other
-SWEEP_LENGTH_RATIO = 1.6  # ratio of the first third's to the last third's mean length in a sweep
+# smallest similarity of the spectra of two controls of which one follows the other
+SAME_SPECTRUM_SIMILARITY = 0.7
+# smallest ratio of the mean lengths of half waves in the first and the last third of a sweep
+SWEEP_LENGTH_RATIO = 1.6
 
 
 @dataclass(frozen=True)
 class Lobe:
-    """Samples ``first`` to ``last - 1``, beyond the switching level on one side, with mean
-    ``level``.
+    """Successive samples, ``first`` to ``last - 1``, that exceed a limit on one side. ``level`` is
+    their mean.
     """
 
     first: int
@@ -59,6 +64,7 @@ class Lobe:
 
     @property
     def size(self) -> int:
+        """Number of samples."""
         return self.last - self.first
 
 
@@ -69,11 +75,12 @@ class Shape:
     Attributes
     ----------
     kind : one of ``KINDS``.
-    first, last : samples, the end excluded.
-    amplitude : largest level, in the input's unit.
-    flatness : one less the root mean square about the levels over their size.
-    edge : least level change over the rest level of changes.
-    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
+    first, last : first sample, and the one after the last.
+    amplitude : largest level, in the unit of the input.
+    flatness : one minus the rms deviation from the levels over the largest level; for an
+        oscillation, the rank correlation of the lengths of its half waves with their order.
+    edge : smallest level change over the rest level of changes.
+    sharpness : smallest share of a level change that is complete within the shortest of ``RISES``.
     """
 
     kind: str
@@ -90,7 +97,9 @@ class Shape:
 
 
 def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
-    """Runs of a signal beyond ``switch``, in order; ``join`` merges neighbours of one sign."""
+    """Return the runs of a signal above ``switch`` or below minus ``switch``, in order. ``join``
+    merges successive runs of the same sign.
+    """
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
@@ -104,17 +113,17 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
 
 
 def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Return the steps, pulses, doublets and other level sequences of a control, largest first and
-    without overlap.
+    """Return the steps, pulses, doublets and other patterns of levels of a control, without
+    overlap. Lasting steps come last, all others in the order of their merit.
 
-    ``values``, ``trim`` : ``(N,)``, the control and its local trim.
+    ``values (N,)`` is the control, and ``trim (N,)`` its local trim.
     """
     from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
 
     result: dict[tuple[int, ...], tuple[float, Shape]] = {}
-    fast = _changes(stretch, values, RISES[0])
+    fast = _changes_within(stretch, values, RISES[0])
     for rise in RISES:
-        moved = _changes(stretch, values, rise)
+        moved = _changes_within(stretch, values, rise)
         rest = rest_level(stretch, moved)
         at, _ = find_peaks(
             np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise))
@@ -122,23 +131,31 @@ def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> l
         control = _Control(
             stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise))
         )
-        for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
-            for times in _sequences(stretch, some, moved):
+        for selected in (
+            at,
+            *(
+                _major_changes(at, moved, stretch.samples(NEAR_TIME), share)
+                for share in MINOR_CHANGE_SHARES
+            ),
+        ):
+            for times in _change_sequences(stretch, selected, moved):
                 if times not in result and (one := _pattern(control, np.array(times))) is not None:
                     result[times] = one
-    every = [*result.values(), *_paused(values - trim, list(result.values()))]
+    every = [*result.values(), *_doublets_with_pause(values - trim, list(result.values()))]
     out: list[Shape] = []
     for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
         if not any(shape.overlaps(other) for other in out):
             out.append(shape)
-    return [*out, *_lasting(control, at, out)]
+    return [*out, *_lasting_steps(control, at, out)]
 
 
-def _paused(
+def _doublets_with_pause(
     deviation: np.ndarray, shapes: Sequence[tuple[float, Shape]]
 ) -> Iterator[tuple[float, Shape]]:
-    """Doublets with a pause between their halves: pulses of opposite sign and similar duration,
-    with a gap of at most the shorter duration.
+    """Return doublets with a pause between their halves, each with its merit. The halves are pulses
+    of opposite sign and similar duration, and the pause is at most the shorter duration.
+
+    ``shapes`` are pairs of a merit and a shape.
     """
     pulses = sorted(
         ((merit, one) for merit, one in shapes if one.kind == "pulse"),
@@ -164,21 +181,23 @@ def _paused(
                 min(getattr(one, name), getattr(other, name))
                 for name in ("flatness", "edge", "sharpness")
             ]
-            if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
+            if worst[0] >= PAUSED_DOUBLET_LIMITS[0] and worst[1] >= PAUSED_DOUBLET_LIMITS[1]:
                 yield (
                     (merit + other_merit) * 2.0**LEVEL_COUNT_EXPONENT,
                     Shape("doublet", one.first, other.last, max(amplitudes), *worst),
                 )
 
 
-def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes that are not taken back within ``LONGEST_LEVEL``, away from other
-    shapes.
+def _lasting_steps(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
+    """Return steps that last: single level changes between constant levels, away from the shapes
+    ``others``. ``at`` are the samples of all level changes.
 
-    Such a step ends ``LASTING_STEP_TIME`` after it began, or at the next level change.
+    Such a step ends ``LASTING_STEP_TIME`` after its begin, or at the next level change.
     """
     values, half = control.values, control.half
-    before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
+    before, after, away = (
+        control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR_TIME)
+    )
     for k, following in zip(at.tolist(), [*at.tolist(), values.size][1:], strict=True):
         parts = (
             values[max(0, k - half - before) : max(1, k - half + 1)],
@@ -209,8 +228,15 @@ def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iter
 
 @dataclass(frozen=True, eq=False)
 class _Control:
-    """A control with its trim, its changes within a rise (``moved``) and within the shortest
-    (``fast``), their rest level, half the rise.
+    """A control in a search for patterns with one duration of level changes.
+
+    Attributes
+    ----------
+    values, trim : ``(N,)`` control and its trim.
+    moved : ``(N,)`` change within the duration about each sample.
+    fast : ``(N,)`` change within the shortest of ``RISES``.
+    rest : ``(N,)`` rest level of ``moved``.
+    half : half of the duration, samples.
     """
 
     stretch: EvenSegment
@@ -222,10 +248,12 @@ class _Control:
     half: int
 
 
-def _sequences(
+def _change_sequences(
     stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
 ) -> Iterator[tuple[int, ...]]:
-    """Two to five level changes of alternate sign that return to about the initial level."""
+    """Return sequences of two to five level changes of alternate sign, after which the control is
+    near its initial level: the samples of the changes.
+    """
     times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST_LEVEL)
     for i in range(len(times) - 1):
         level = jumps[i]
@@ -247,7 +275,9 @@ def _sequences(
 
 
 def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
-    """The pattern that some level changes make, with its merit; None where they make none."""
+    """Return the pattern of the level changes at the samples ``at``, with its merit; None if they
+    form no pattern.
+    """
     kind = _kind(np.diff(at) * control.stretch.step)
     result = _levels(control, at) if kind else None
     if kind is None or result is None:
@@ -265,16 +295,20 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     )
 
 
-def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
-    """Mean over half of ``rise`` after each sample minus the mean before it, ``(N,)``."""
+def _changes_within(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
+    """Return the mean of a signal over half of ``rise``, s, after each sample minus the mean over
+    the same time before it, ``(N,)``.
+    """
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
     return (after - before)[: values.size] / half
 
 
-def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """Return the level changes that are no minor ones beside another."""
+def _major_changes(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
+    """Return the level changes ``at`` without minor ones: those smaller than ``share`` of the
+    largest change within ``near`` samples.
+    """
     sizes = np.abs(moved[at])
     first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
     largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -282,7 +316,9 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Flatness, levels and energy between level changes; None if they form no pattern."""
+    """Return flatness, levels and energy of the control between level changes; None if these form
+    no pattern.
+    """
     values, half, settle = control.values, control.half, control.stretch.samples(OUTSIDE_TIME)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -306,8 +342,10 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     ):
         return None
     jumps = control.moved[at]
-    cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(np.max(np.abs(jumps)))
-    if abs(after - before) > RETURN_SHARE * largest and not cancel:
+    changes_cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(
+        np.max(np.abs(jumps))
+    )
+    if abs(after - before) > RETURN_SHARE * largest and not changes_cancel:
         return None
     offset = base - float(np.median(control.trim[at[0] : at[-1]]))
     if abs(offset) > (RETURN_SHARE if at.size == 2 else 1.0) * largest:
@@ -323,6 +361,7 @@ def _slope(values: np.ndarray) -> float:
 
 
 def _kind(durations: np.ndarray) -> str | None:
+    """Return the kind of a pattern from the durations of its levels, s; None without a kind."""
     if durations.size == 1:
         return "step" if durations[0] >= LONG_PULSE else "pulse"
     if durations.size == 2:
@@ -337,8 +376,8 @@ def _kind(durations: np.ndarray) -> str | None:
 
 
 def oscillation_of(deviation: np.ndarray) -> Shape | None:
-    """Return a sweep if the half waves become steadily shorter or longer, a multisine if there are
-    many half waves, else None.
+    """Return the oscillation in a signal: a sweep if its half waves become steadily shorter or
+    longer, else a multisine; None if there are too few half waves.
     """
     size = np.abs(deviation)
     peak = float(size.max())
@@ -352,19 +391,21 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
         return None
     levels = np.abs([lobe.level for lobe in lobes])
     strong = np.flatnonzero(levels >= 0.5 * np.median(levels))
-    some = lobes[strong[0] : strong[-1] + 1]
-    trend, ratio = _trend(some)
+    half_waves = lobes[strong[0] : strong[-1] + 1]
+    trend, ratio = _trend(half_waves)
     if trend >= SWEEP_RANK_CORRELATION and max(ratio, 1.0 / ratio) >= SWEEP_LENGTH_RATIO:
-        return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
+        return Shape("sweep", half_waves[0].first, half_waves[-1].last, amplitude, trend)
     return (
-        Shape("multisine", some[0].first, some[-1].last, amplitude, trend)
-        if len(some) >= FEWEST_HALF_WAVES - 1
+        Shape("multisine", half_waves[0].first, half_waves[-1].last, amplitude, trend)
+        if len(half_waves) >= FEWEST_HALF_WAVES - 1
         else None
     )
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
-    """Rank correlation of the duration of half waves with time, and ratio of first to last ones."""
+    """Return the rank correlation of the lengths of half waves with their order, and the ratio of
+    the mean lengths in the first and in the last third.
+    """
     periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
     if periods.size < FEWEST_HALF_WAVES - 2:
         return 0.0, 1.0
@@ -377,9 +418,9 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
     """Return whether two oscillations have their energy at the same frequencies.
 
-    A control that follows another has the same lines; multisines that are flown together do not.
-    The measure is Bhattacharyya's coefficient of the two spectra.
+    A control that follows another one has the same spectral lines; simultaneous multisines have
+    different ones. The measure is the Bhattacharyya coefficient of the two spectra.
     """
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]
-    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > SAME_SPECTRUM_LIKENESS
+    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > SAME_SPECTRUM_SIMILARITY

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
-# Controls by the axis that they move; of several controls of an axis each is searched.
+# control -> axis that it moves; all controls of an axis are searched
 AXES: Mapping[str, str] = {
     "elevator": "pitch",
     "stick": "pitch",
@@ -21,14 +21,14 @@ AXES: Mapping[str, str] = {
     "yaw_command": "yaw",
     "thrust_command": "throttle",
 }
-HIGHEST_RATE = 50.0  # Hz; a faster record is averaged down to at most this rate
-LONGEST_GAP = 1.0  # s without a row between two segments
-TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
-TRIM_RATE = 2.0  # Hz, of the running median
-REST_WINDOW = 300.0  # s, in which the rest level is a low quantile
-# per cent, quantile for the rest level: maneuvers may fill three quarters of the window
+HIGHEST_RATE = 50.0  # Hz; samples of a faster record are averaged to this rate at most
+LONGEST_GAP = 1.0  # s; a longer time without rows separates two segments
+TRIM_WINDOW = 60.0  # s; an input that is held for less than half of it does not change the trim
+TRIM_RATE = 2.0  # Hz, rate of the running median
+REST_WINDOW = 300.0  # s, window of the quantile that gives the rest level
+# per cent, quantile that gives the rest level: maneuvers may fill three quarters of the window
 REST_SHARE = 25.0
-ENERGY_WINDOW = 1.0  # s, of the short-time energy
+ENERGY_WINDOW = 1.0  # s, window of the short-time energy
 LEAST_REST = 0.02  # smallest rest level, relative to the largest deviation
 
 
@@ -38,10 +38,10 @@ class FlightSignals:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, increasing.
-    inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
-    outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz,
-        theta, airspeed, height or altitude, beta, p, r, phi, psi.
+    time : ``(N,)`` increasing times, s.
+    inputs : control -> ``(N,)`` in SI units. The controls in ``AXES`` are searched.
+    outputs : signal -> ``(N,)`` in SI units, nz in g; NaN where a sample is missing. The search
+        uses alpha, q, nz, theta, airspeed, height or altitude, beta, p, r, phi and psi.
     """
 
     time: np.ndarray
@@ -55,12 +55,13 @@ class DetectedManeuver:
 
     Attributes
     ----------
-    start, end : s, of the input; of a turn, of the bank; of a trim point, of the quiet time.
-    axis : ``"pitch"``, ``"roll"``, ``"yaw"`` or ``"throttle"``; of a trim point ``"all"``.
+    start, end : begin and end, s, of the input; for a turn those of the bank angle, and for a trim
+        point those of the quiet time.
+    axis : ``"pitch"``, ``"roll"``, ``"yaw"`` or ``"throttle"``; ``"all"`` for a trim point.
     kind : one of ``KINDS``.
-    channel : the input that moves, ``"phi"`` of a turn, empty of a trim point.
-    amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
-    conditions : mean airspeed (m/s) and height (m), of what is recorded.
+    channel : name of the input that moves; ``"phi"`` for a turn, empty for a trim point.
+    amplitude : largest deviation from trim, in the unit of the channel; zero for a trim point.
+    conditions : mean ``"airspeed"`` (m/s) and ``"height"`` (m), if recorded.
     excitation : derivative -> absolute t value of its equation-error estimate from this maneuver
         alone.
     """
@@ -81,10 +82,14 @@ KINDS = ("trim", *_INPUT_KINDS, "pull-up", "turn")
 
 @dataclass(frozen=True, eq=False)
 class EvenSegment:
-    """A part of a record without a pause, on an even grid.
+    """A part of a record without gaps, on an even grid.
 
-    ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for
-    good is left out. ``step``: s.
+    Attributes
+    ----------
+    time : ``(N,)``, s.
+    step : sampling interval, s.
+    inputs, outputs : as in `FlightSignals`, but without NaN. Outputs with fewer than two samples in
+        this part are left out.
     """
 
     time: np.ndarray
@@ -110,9 +115,9 @@ class Activity:
 
     Attributes
     ----------
-    deviation : ``(N,)``, control minus trim.
-    energy : ``(N,)``, its short-time root mean square.
-    rest : ``(N,)``, local level of that at rest.
+    deviation : ``(N,)`` control minus trim.
+    energy : ``(N,)`` short-time root mean square of the deviation.
+    rest : ``(N,)`` rest level: local value of ``energy`` between maneuvers.
     """
 
     deviation: np.ndarray
@@ -121,8 +126,8 @@ class Activity:
 
 
 def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
-    """Return the parts of a record between pauses, each on an even grid of at most
-    ``HIGHEST_RATE``; parts of fewer than eight rows are left out.
+    """Return the parts of a record between gaps, each on an even grid with a rate of at most
+    ``HIGHEST_RATE``. Parts with fewer than eight rows are left out.
     """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
@@ -135,6 +140,7 @@ def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
 
 
 def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
+    """Return some rows of a record on an even grid; ``usual`` is the median interval, s."""
     time = np.asarray(signals.time[rows], dtype=float)
     block = max(1, round(1.0 / (HIGHEST_RATE * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
@@ -168,7 +174,9 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
 
 
 def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
-    """Deviation of a control from its running median, short-time energy and local rest level."""
+    """Return the deviation of a control from its running median, the short-time energy and the rest
+    level.
+    """
     deviation = values - trim_of(stretch, values)
     return Activity(
         deviation, short_time_energy(stretch, deviation), rest_level(stretch, deviation)
@@ -177,19 +185,21 @@ def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
 
 def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     """Return the root mean square over ``ENERGY_WINDOW`` about each sample."""
-    # The running sum leaves rounding errors of either sign where a clean input rests.
+    # The running sum leaves rounding errors of either sign where an input without noise is at rest.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
 
 
 def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
-    """Short-time energy at rest: a low quantile over ``REST_WINDOW``, insensitive to maneuvers."""
+    """Return the rest level ``(N,)``: a low quantile of the short-time energy over ``REST_WINDOW``,
+    on which maneuvers have little effect.
+    """
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
     size = round(REST_WINDOW / ENERGY_WINDOW)
     if coarse.size <= size:
         rest = np.full(coarse.size, float(np.percentile(coarse, REST_SHARE)))
-    else:  # near the ends of a record its first or last whole window is used
+    else:  # near the ends of a record, its first or last complete window is used
         half = size // 2
         rest = percentile_filter(coarse, REST_SHARE, size=size)
         rest[:half], rest[-half:] = rest[half], rest[-half - 1]
@@ -199,7 +209,9 @@ def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
 
 
 def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
-    """Running median over ``TRIM_WINDOW``; inputs shorter than half of it do not change it."""
+    """Return the trim ``(N,)`` of a signal: its running median over ``TRIM_WINDOW``. Inputs shorter
+    than half of the window do not change it.
+    """
     block = stretch.samples(1.0 / TRIM_RATE)
     if values.size < 4 * block:
         return np.full(values.size, float(np.median(values)))

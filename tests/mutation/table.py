@@ -387,10 +387,10 @@ IDENT = (
         "ident/flying_qualities/fitted_forms.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
-            'p["frequency"] ** 2 * over / p["inv_T_theta2"]',
-            'p["frequency"] ** 2 * over * p["inv_T_theta2"]',
+            "** 2 * inverse_time / p",
+            "** 2 * inverse_time * p",
         ),
-        ('p["inv_T_theta2"] / over', 'p["inv_T_theta2"] * over'),
+        ('p["inv_T_theta2"] / inverse_time', 'p["inv_T_theta2"] * inverse_time'),
         ("(2.0 * step))", "step)"),
     ),
     *changes(

@@ -189,7 +189,7 @@ def test_an_input_that_passes_through_is_delayed_as_well() -> None:
 
 def test_a_point_without_slopes_is_refused() -> None:
     with pytest.raises(
-        ModelError, match=r"no finite slopes at airspeed 0, .*; choose another point"
+        ModelError, match=r"no finite derivatives at airspeed 0, .*; choose another point"
     ):
         state_space(compile_model(true_model("longitudinal")), {})
     assert math.isfinite(state_space(compile_model(true_model("lateral")), {}).eigenvalues[0].real)
