@@ -13,6 +13,7 @@ from ident.compatibility.instruments import instruments_of, projected_whitener, 
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
+    KinematicSignals,
     measured_channels,
     relations,
     signals_of,
@@ -143,15 +144,7 @@ def _compatibility(
             for record_base in bases
             if each
         ]
-    if search_result.early is not None:
-        ahead = -1000.0 * search_result.early
-        notes.append(
-            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
-            "fault: most likely a gust on vane and load, which the kinematics do not include, so "
-            "that no further fault is named"
-        )
-    if reference := reference_sentence(search_result.fit.faults, time_references(signals)):
-        notes.append(reference)
+    notes += _timing_notes(search_result, signals)
     supported = {finding.name for finding in joint.findings if finding.supported}
     chance_loss = largest_chance_loss(settings.false_alarm, len(joint.estimates))
     unobservable = (
@@ -167,6 +160,21 @@ def _compatibility(
         unobservable,
         tuple(notes),
     )
+
+
+def _timing_notes(search_result: FaultSearch, signals: Sequence[KinematicSignals]) -> list[str]:
+    """Return sentences on a load that is early and on the time reference."""
+    notes = []
+    if search_result.early is not None:
+        ahead = -1000.0 * search_result.early
+        notes.append(
+            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
+            "fault: most likely a gust on vane and load, which the kinematics do not include, so "
+            "that no further fault is named"
+        )
+    if reference := reference_sentence(search_result.fit.faults, time_references(signals)):
+        notes.append(reference)
+    return notes
 
 
 def _without_relations(

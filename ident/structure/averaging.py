@@ -39,9 +39,9 @@ import numpy as np
 
 from ident.structure.products import (
     Products,
-    further_of,
+    further_columns,
     losses_of,
-    normal_of,
+    normal_equations,
     values_of,
     variance_of,
 )
@@ -184,13 +184,16 @@ def _similar_models(
     )
     log_odds = log_odds - 0.5 * math.log(max(count, 1.0))  # prior odds and the criterion's penalty
     squares = float(products.squares.sum())
-    chosen_squares = normal_of(products, chosen).clean_left(squares)
+    chosen_squares = normal_equations(products, chosen).clean_residual_squares(squares)
 
     def with_one_more(model: list[int], log_prior: float) -> list[tuple[float, list[int]]]:
         """Return a model, and the models with one column more."""
-        equations, removed = normal_of(products, model), set(chosen) - set(model)
-        log = log_prior - 0.5 * (equations.clean_left(squares) - chosen_squares) / variance
-        further = further_of(equations)
+        equations, removed = normal_equations(products, model), set(chosen) - set(model)
+        log = (
+            log_prior
+            - 0.5 * (equations.clean_residual_squares(squares) - chosen_squares) / variance
+        )
+        further = further_columns(equations)
         logs = log + 0.5 * further.reductions / variance + log_odds
         larger = [
             (float(logs[i]), [*model, i])

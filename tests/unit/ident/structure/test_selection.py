@@ -20,11 +20,10 @@ from ident.structure.coefficients import (
     noise_of,
 )
 from ident.structure.collinearity import collinearity_of, multiples_of
-from ident.structure.products import columns_of, products_of
+from ident.structure.products import TermColumns, columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
     STEPWISE,
-    TermColumns,
     orthogonal,
     select,
     stepwise,
