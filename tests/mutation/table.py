@@ -407,7 +407,7 @@ IDENT = (
         ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
-        "ident/frequency_response/segments.py",
+        "ident/frequency_response/multitaper.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(zero_order_hold) ** 2", "np.abs(zero_order_hold)"),
     ),

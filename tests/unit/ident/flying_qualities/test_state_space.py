@@ -11,7 +11,7 @@ import pytest
 
 from ident.flying_qualities.modes import level_flight
 from ident.flying_qualities.state_space import StateSpace, state_space, to_control
-from ident.frequency_response.segments import model_response
+from ident.frequency_response.multitaper import model_response
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect
