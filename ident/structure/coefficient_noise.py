@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from ident.structure.coefficients import Airframe
 
 # rate -> reference length of the non-dimensional rate
 REFERENCE_LENGTHS = {"p": "span", "q": "chord", "r": "span"}
@@ -38,11 +34,17 @@ def signal_noise_levels(
 
 
 def force_noise_levels(
-    noise: Mapping[str, float], kernel: np.ndarray, half: int, step: float, airframe: Airframe
+    noise: Mapping[str, float],
+    kernel: np.ndarray,
+    half: int,
+    step: float,
+    position: tuple[float, float, float],
 ) -> dict[str, float]:
-    """Return the standard deviations of the force_share specific forces at the centre of gravity,
-    m/s2, by the noise of the accelerometers and that of the rates, whose slopes correct for the
-    place of the accelerometers.
+    """Return the standard deviations of the averaged specific forces at the centre of gravity,
+    m/s2.
+
+    The noise is that of the accelerometers, and that of the rates, whose slopes correct for the
+    ``position`` of the accelerometers, m from the centre of gravity.
     """
     from scipy.signal import savgol_coeffs
 
@@ -50,7 +52,7 @@ def force_noise_levels(
     smooth = np.convolve(kernel, savgol_coeffs(max(2 * half + 1, 7), 4))
     sloped = np.convolve(smooth, np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * step))
     rate_share = math.sqrt(float(np.sum(sloped**2)))
-    x, y, z = airframe.sensors.get("accelerometer", (0.0, 0.0, 0.0))
+    x, y, z = position
     p, q, r = (rate_share * noise[name] for name in "pqr")
     by_rates = {"ax": math.hypot(z * q, y * r), "ay": math.hypot(x * r, z * p)}
     by_rates["az"] = math.hypot(x * q, y * p)

@@ -277,9 +277,9 @@ def histories_of(
     s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
     coefficients |= _moments(s, c, angular_acceleration, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
-    force_sigmas = force_noise_levels(noises, force_kernel, half, step, airframe)
-    scatter = coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
-    sigma = {axis: scatter[axis] for axis in coefficients}
+    position = airframe.sensors.get("accelerometer", _ZERO)
+    force_sigmas = force_noise_levels(noises, force_kernel, half, step, position)
+    sigma = coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
     signal_noise = signal_noise_levels(noises, force_kernel, half, c1, s1)
     return Histories(
         name,
@@ -287,7 +287,7 @@ def histories_of(
         signals,
         samples,
         coefficients,
-        sigma,
+        {axis: sigma[axis] for axis in coefficients},
         kernel,
         rows,
         bandwidth_of(half, 1.0 / step),

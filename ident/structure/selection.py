@@ -455,8 +455,7 @@ def select(
     covariance, alternative = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
-    noise = math.sqrt(noise_squares / n)
-    rms = math.sqrt(sse / max(n - len(chosen), 1.0))
+    noise, rms = math.sqrt(noise_squares / n), math.sqrt(sse / max(n - len(chosen), 1.0))
     selection = Selection(
         axis,
         method,
