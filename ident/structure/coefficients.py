@@ -18,17 +18,22 @@ References
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ident.structure.coefficient_noise import (
+from ident.structure.windows import (
+    averaging_weights,
+    bandwidth_of,
     coefficient_sigmas,
     force_noise_levels,
+    half_width,
+    noise_of,
     signal_noise_levels,
+    slope_weights,
+    windows,
 )
 from sim.aerodynamics import Term
 from sim.errors import RecordError
@@ -145,73 +150,7 @@ class Histories:
         else:
             values = np.broadcast_to(term.of(self.samples), self.samples["alpha"].shape)
             kernel = np.convolve(self.averaging, (0.5, 0.5))
-        return np.asarray(_windows(values.astype(float), len(kernel), self.rows) @ kernel)
-
-
-def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
-    """Return the half-width, in samples, of the window whose slope has a given bandwidth.
-
-    Parameters
-    ----------
-    rate : sampling rate, Hz.
-    bandwidth : half-power bandwidth of the averaging, Hz.
-    widest : largest half-width of the search.
-    """
-    best, beyond = 1, 2
-    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
-        best, beyond = beyond, 2 * beyond
-    while beyond - best > 1:
-        middle = (best + beyond) // 2
-        if bandwidth_of(middle, rate) >= bandwidth:
-            best = middle
-        else:
-            beyond = middle
-    return best
-
-
-def bandwidth_of(half: int, rate: float) -> float:
-    """Return the half-power bandwidth, Hz, of slopes over ``2 half + 1`` samples."""
-    kernel = _averaging(half)
-    f = np.linspace(0.0, 0.5, 2001)
-    n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
-    gain = np.abs(np.cos(2.0 * np.pi * np.outer(f, n)) @ kernel)
-    below = np.nonzero(gain < math.sqrt(0.5))[0]
-    return rate * float(f[below[0]]) if len(below) else 0.5 * rate
-
-
-def _slopes(half: int) -> np.ndarray:
-    """Return the weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
-    n = np.arange(-half, half + 1, dtype=float)
-    return n / float(n @ n)
-
-
-def _averaging(half: int) -> np.ndarray:
-    """Return the weights ``(2 half,)`` of the increments between samples in the slope of a
-    window.
-    """
-    return -np.cumsum(_slopes(half))[:-1]
-
-
-def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
-    """Return the windows of ``width`` samples that begin at ``rows``."""
-    return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
-
-
-def noise_of(values: np.ndarray) -> float:
-    """Return the standard deviation of the white noise of a channel, from the residuals of local
-    quartics. The median of the residuals is robust against single jumps.
-
-    ``values (N,)`` have equal steps.
-    """
-    from scipy.signal import savgol_coeffs, savgol_filter
-
-    width = 9
-    if len(values) < 3 * width:
-        return float(np.std(np.diff(values)) / math.sqrt(2.0))
-    residual = values - savgol_filter(values, width, 4)
-    residual_share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
-    # 1.4826 times the median of the sizes is the standard deviation of normal noise
-    return float(1.4826 * np.median(np.abs(residual)) / math.sqrt(residual_share))
+        return np.asarray(windows(values.astype(float), len(kernel), self.rows) @ kernel)
 
 
 def histories_of(
@@ -251,22 +190,22 @@ def histories_of(
     s = _at_centre_of_gravity(smooth, airframe, step, jumps)
     c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
     rows = np.arange(0, len(time) - 2 * half, half)
-    kernel = _averaging(half)
+    kernel = averaging_weights(half)
     at = rows + half
-    slope = _slopes(half) / step
+    slope = slope_weights(half) / step
     angular_acceleration = {
-        rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")
+        rate: windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")
     }
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(_windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
+        return np.asarray(windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_common_signals(s, c), **surfaces}
     force = _forces(s, c, T, airframe)
     force_kernel = np.convolve(kernel, (0.5, 0.5))
     coefficients = {
-        axis: _windows(force[axis], len(force_kernel), rows) @ force_kernel
+        axis: windows(force[axis], len(force_kernel), rows) @ force_kernel
         for axis in airframe.axes[:3]
     }
     c = {key: _on_intervals(row) for key, row in c.items()}
@@ -278,8 +217,9 @@ def histories_of(
     coefficients |= _moments(s, c, angular_acceleration, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
     position = airframe.sensors.get("accelerometer", _ZERO)
-    force_sigmas = force_noise_levels(noises, force_kernel, half, step, position)
-    sigma = coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
+    sigma = coefficient_sigmas(
+        force_noise_levels(noises, force_kernel, half, step, position), noises, slope, c1, s1, at
+    )
     signal_noise = signal_noise_levels(noises, force_kernel, half, c1, s1)
     return Histories(
         name,

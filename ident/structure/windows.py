@@ -1,4 +1,6 @@
-"""Noise of the coefficients, and of the signals of terms, that noise of the channels causes."""
+"""Moving windows over the channels: their weights and bandwidth, and the noise that remains in the
+coefficients and in the signals of terms.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,72 @@ import numpy as np
 REFERENCE_LENGTHS = {"p": "span", "q": "chord", "r": "span"}
 
 
+def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
+    """Return the half-width, in samples, of the window whose slope has a given bandwidth.
+
+    Parameters
+    ----------
+    rate : sampling rate, Hz.
+    bandwidth : half-power bandwidth of the averaging, Hz.
+    widest : largest half-width of the search.
+    """
+    best, beyond = 1, 2
+    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
+        best, beyond = beyond, 2 * beyond
+    while beyond - best > 1:
+        middle = (best + beyond) // 2
+        if bandwidth_of(middle, rate) >= bandwidth:
+            best = middle
+        else:
+            beyond = middle
+    return best
+
+
+def bandwidth_of(half: int, rate: float) -> float:
+    """Return the half-power bandwidth, Hz, of slopes over ``2 half + 1`` samples."""
+    kernel = averaging_weights(half)
+    f = np.linspace(0.0, 0.5, 2001)
+    n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
+    gain = np.abs(np.cos(2.0 * np.pi * np.outer(f, n)) @ kernel)
+    below = np.nonzero(gain < math.sqrt(0.5))[0]
+    return rate * float(f[below[0]]) if len(below) else 0.5 * rate
+
+
+def slope_weights(half: int) -> np.ndarray:
+    """Return the weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
+    n = np.arange(-half, half + 1, dtype=float)
+    return n / float(n @ n)
+
+
+def averaging_weights(half: int) -> np.ndarray:
+    """Return the weights ``(2 half,)`` of the increments between samples in the slope of a
+    window.
+    """
+    return -np.cumsum(slope_weights(half))[:-1]
+
+
+def windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
+    """Return the windows of ``width`` samples that begin at ``rows``."""
+    return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Return the standard deviation of the white noise of a channel, from the residuals of local
+    quartics. The median of the residuals is robust against single jumps.
+
+    ``values (N,)`` have equal steps.
+    """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    width = 9
+    if len(values) < 3 * width:
+        return float(np.std(np.diff(values)) / math.sqrt(2.0))
+    residual = values - savgol_filter(values, width, 4)
+    residual_share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
+    # 1.4826 times the median of the sizes is the standard deviation of normal noise
+    return float(1.4826 * np.median(np.abs(residual)) / math.sqrt(residual_share))
+
+
 def signal_noise_levels(
     noise: Mapping[str, float],
     kernel: np.ndarray,
@@ -18,7 +86,15 @@ def signal_noise_levels(
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
 ) -> dict[str, float]:
-    """Return the standard deviations of the signals of terms after smoothing and averaging."""
+    """Return the standard deviations of the signals of terms after smoothing and averaging.
+
+    Parameters
+    ----------
+    noise : channel -> standard deviation of its noise.
+    kernel : weights of the averaging of the forces.
+    half : half-width of the smoothing window, samples.
+    c, s : constants of the airframe and channels, ``(N - 1,)`` each.
+    """
     from scipy.signal import savgol_coeffs
 
     remaining_share = math.sqrt(
@@ -70,7 +146,16 @@ def coefficient_sigmas(
     s: Mapping[str, np.ndarray],
     at: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the standard deviations of the coefficients due to white noise of the channels."""
+    """Return coefficient -> standard deviation ``(M,)`` due to white noise of the channels.
+
+    Parameters
+    ----------
+    force_sigmas : result of `force_noise_levels`.
+    noise : channel -> standard deviation of its noise.
+    slope : weights of the slope of a window, 1/s.
+    c, s : constants of the airframe and channels, ``(N - 1,)`` each.
+    at : ``(M,)`` centres of the windows.
+    """
     qS_windows = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
     sloped = math.sqrt(float(slope @ slope))
     m = c["mass"][at]
