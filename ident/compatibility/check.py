@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import FaultSearch, confusable_loss, search
+from ident.compatibility.fault_sets import FaultSearch, largest_chance_loss, search
 from ident.compatibility.fitting import KinematicFit, fit
-from ident.compatibility.instruments import instruments_of, shortened, weigher
+from ident.compatibility.instruments import instruments_of, projected_whitener, reduced_whitener
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
@@ -17,31 +17,31 @@ from ident.compatibility.signals import (
     measured_channels,
     relations,
     signals_of,
-    smoothed_walk,
+    spike_notes,
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
     CompatibilitySettings,
     FaultTrial,
-    Reconstruction,
     SensorEstimate,
     bias_estimates,
-    clocks,
     estimate_of,
+    reconstructions_of,
     reference_sentence,
-    tried,
+    time_references,
+    try_faults,
     with_more_faults,
 )
 from ident.compatibility.unobservable import unobservable_sentences
 from sim.errors import RecordError
 from sim.record import LARGEST_MEASURED, Record, refuse_beyond_measure
 
-# channels that the relation of a channel needs
-_NEEDS = {
+# channels that the relation of each channel needs in addition to the channel itself
+_NEEDED_CHANNELS = {
     "alpha": ("q", "nz"),
     "theta": ("q",),
     "airspeed": ("ax", "theta", "alpha", "nz"),
@@ -72,9 +72,9 @@ def compatibility(
     ----------
     records : records, of which the common channels are used.
     settings : constants and limits.
-    each : whether each of several records is also checked alone, which takes as long again.
+    each : whether each of several records is also checked alone, which doubles the computing time.
     six : whether the relations of six degrees of freedom are used; None uses them if the channels
-        have one of them that longitudinal motion does not have.
+        have a relation that longitudinal motion does not have.
 
     Raises
     ------
@@ -83,21 +83,21 @@ def compatibility(
     try:
         return _compatibility(records, settings, each=each, six=six)
     finally:
-        weigher.cache_clear()  # frees the records of this check
-        shortened.cache_clear()
+        projected_whitener.cache_clear()  # frees the records of this check
+        reduced_whitener.cache_clear()
 
 
 def _compatibility(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None
 ) -> Compatibility:
-    """Return the result of `compatibility`."""
+    """Return the result of `compatibility`, without clearing the caches."""
     for record in records:
         _refuse_unusable(record)
-    if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
-        return _nothing_observable(records, misled)
+    if warnings := bank_angle_warnings(records, settings.airspeed, settings.gravity):
+        return _nothing_observable(records, warnings)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
-    records = [_longitudinal(record) for record in records]
+    records = [_without_lateral_controls(record) for record in records]
     channels = tuple(
         name
         for name in measured_channels(records[0])
@@ -116,7 +116,7 @@ def _compatibility(
                 f"{NO_AIRSPEED}, without which the relation of alpha, q and nz cannot be used"
             )
     related = relations(usable)
-    notes += [LEVEL] if related else []
+    notes += [WINGS_LEVEL_NOTE] if related else []
     if not related:
         return _without_relations(records, channels, notes)
     signals = [
@@ -128,12 +128,12 @@ def _compatibility(
         signals = [
             replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
         ]
-    notes += _spike_notes(signals)
+    notes += spike_notes(signals)
     used = tuple(name for name in usable if name in signals[0].channels)
     bases = [fit([s]) for s in signals]
     several = len(bases) > 1
     base = fit(signals, begin=_joint_start(bases)) if several else bases[0]
-    # A drift belongs to one record.
+    # A drift belongs to one record, so that several records have no common drift.
     faults = faults_of(used, drifts=not several, chord=settings.chord)
     search_result = search(base, faults, bases, settings)
     joint = _result(search_result, bias_estimates(base) if not several else ())
@@ -144,46 +144,43 @@ def _compatibility(
             for record_base in bases
             if each
         ]
-    if search_result.early is not None:
-        ahead = -1000.0 * search_result.early
-        notes.append(
-            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
-            "fault: something acts that the kinematics do not know, a gust on vane and load most "
-            "likely, so that no further fault is named"
-        )
-    if reference := reference_sentence(search_result.fit.faults, clocks(signals)):
-        notes.append(reference)
-    standing = {finding.name for finding in joint.findings if finding.stands}
-    chance = confusable_loss(settings.false_alarm, len(joint.estimates))
+    notes += _timing_notes(search_result, signals)
+    supported = {finding.name for finding in joint.findings if finding.supported}
+    chance_loss = largest_chance_loss(settings.false_alarm, len(joint.estimates))
     unobservable = (
         *_channels_without_relation(channels, related),
-        *unobservable_sentences(base, search_result.fit.noise, used, chance, standing),
+        *unobservable_sentences(base, search_result.fit.noise, used, chance_loss, supported),
     )
     return Compatibility(
         channels,
         related,
         joint,
         tuple(single),
-        _reconstructions(base, search_result.fit),
+        reconstructions_of(base, search_result.fit),
         unobservable,
         tuple(notes),
     )
 
 
-def _spike_notes(signals: Sequence[KinematicSignals]) -> list[str]:
-    """Return sentences on isolated wrong samples, which do not count."""
-    return [
-        f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
-        for s in signals
-        for name, count in s.spikes.items()
-        if count
-    ]
+def _timing_notes(search_result: FaultSearch, signals: Sequence[KinematicSignals]) -> list[str]:
+    """Return sentences on a load that is early and on the time reference."""
+    notes = []
+    if search_result.early is not None:
+        ahead = -1000.0 * search_result.early
+        notes.append(
+            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
+            "fault: most likely a gust on vane and load, which the kinematics do not include, so "
+            "that no further fault is named"
+        )
+    if reference := reference_sentence(search_result.fit.faults, time_references(signals)):
+        notes.append(reference)
+    return notes
 
 
 def _without_relations(
     records: Sequence[Record], channels: tuple[str, ...], notes: Sequence[str]
 ) -> Compatibility:
-    """Return the result for channels that no relation joins."""
+    """Return the result for channels among which there is no kinematic relation."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
     unobservable = _channels_without_relation(channels, {})
@@ -191,7 +188,7 @@ def _without_relations(
 
 
 def _nothing_observable(records: Sequence[Record], reasons: tuple[str, ...]) -> Compatibility:
-    """Return the result if nothing is observable, with the sentences ``reasons``."""
+    """Return the result if nothing is observable; the sentences ``reasons`` say why."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
     return Compatibility(channels_of(records), {}, empty, single, (), reasons, ())
@@ -234,7 +231,7 @@ def _result_of_record(
         else:
             start = with_more_faults(base, context, sizes)
         faults = [trial.fault for trial in joint.trials if trial.fit.faults[:-1] == context]
-        trial_by_fault |= {trial.fault: trial for trial in tried(start, faults)}
+        trial_by_fault |= {trial.fault: trial for trial in try_faults(start, faults)}
     trials = [trial_by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
     drifts = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
@@ -247,7 +244,9 @@ def _result_of_record(
 
 
 def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
-    """Return the start of a joint fit from the fits of single records."""
+    """Return the starting point of a joint fit: the unknowns of the fits of single records, and the
+    geometric means of their noise variances.
+    """
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
@@ -255,30 +254,6 @@ def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
         own=tuple(base.own[0] for base in bases),
         noise=replace(bases[0].noise, white=white, density=density),
     )
-
-
-def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    """Return the reconstructions of each record, from a fit without faults and from the final
-    fit.
-    """
-    reconstructions = []
-    for s, without_faults, y, residual in zip(
-        final.signals, base.outputs, final.outputs, final.residuals, strict=True
-    ):
-        smooth = y + smoothed_walk(s, final.noise, residual)
-        rows = range(len(s.outputs))
-        reconstructions.append(
-            Reconstruction(
-                s.name,
-                s.time,
-                {s.outputs[i]: s.channels[s.outputs[i]] for i in rows},
-                {s.outputs[i]: without_faults[i] for i in rows},
-                {s.outputs[i]: y[i] for i in rows},
-                {s.outputs[i]: smooth[i] for i in rows},
-                {s.outputs[i]: s.valid[i] for i in rows},
-            )
-        )
-    return tuple(reconstructions)
 
 
 def _channels_without_relation(
@@ -289,17 +264,17 @@ def _channels_without_relation(
     sentences = []
     for name in channels:
         if name not in in_relation and not (name == "airspeed" and "alpha" in related):
-            missing = [needed for needed in _NEEDS[name] if needed not in channels]
+            missing = [needed for needed in _NEEDED_CHANNELS[name] if needed not in channels]
             reason = "its relation needs an airspeed"
             if missing:
                 reason = f"its relation needs {' and '.join(missing)} too"
             if name == "alpha" and "nz" in missing and "q" in channels:
                 reason += ": without the load the lift between alpha and q is unknown"
-            sentences.append(f"{name}: nothing can be told, {reason}")
+            sentences.append(f"{name}: cannot be checked, {reason}")
     return tuple(sentences)
 
 
-def _longitudinal(record: Record) -> Record:
+def _without_lateral_controls(record: Record) -> Record:
     """Return the record without the controls of lateral motion."""
     inputs = tuple(control for control in record.inputs if control.name not in LATERAL_CONTROLS)
     return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
@@ -329,15 +304,16 @@ def _refuse_unusable(record: Record) -> None:
 _RATES = ("p", "r")
 
 
-def misled_by_bank(
+def bank_angle_warnings(
     records: Sequence[Record], airspeed: float | None, gravity: float
 ) -> tuple[str, ...]:
     """Return a sentence on each record without a bank angle in which the wings were not level, so
     that the relations of alpha and theta are wrong.
 
-    An approximate bank angle is the integral of p about its median, or that of a coordinated turn
-    from r. A record is named if this bank changes the integrals of the rates of theta and alpha,
-    after removal of a constant and a trend, by more than the smallest finding of a bias.
+    An approximate bank angle is the integral of p about its median, or the bank of a coordinated
+    turn at the yaw rate r. A record is named if this bank changes the integrals of the rates of
+    theta and alpha, after removal of a constant and a trend, by more than the smallest finding of a
+    bias.
 
     ``airspeed`` in m/s, where none is recorded; ``gravity`` in m/s2.
     """
@@ -356,11 +332,11 @@ def misled_by_bank(
             for error in _wrong_rates(record, rates, phi, airspeed, gravity)
         )
         if largest > SensorFault("alpha", BIAS).smallest_finding:
-            bank, verb = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
+            bank, verb = np.degrees(np.max(np.abs(phi))), "show" if len(rates) > 1 else "shows"
             sentences.append(
                 f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {verb} "
                 f"that the wings were up to {bank:.0f} deg from level: "
-                "nothing is told of alpha, q, theta and the loads, whose relations need it"
+                "alpha, q, theta and the loads, whose relations need it, cannot be checked"
             )
     return tuple(sentences)
 
@@ -385,8 +361,8 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """Return the errors ``(N,)`` of the rate of theta and, with an airspeed, of alpha where the
-    wings are taken as level.
+    """Return the errors ``(N,)``, rad/s, that the assumption of level wings causes in the rate of
+    theta and, where an airspeed is known, in that of alpha.
     """
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
-from ident.compatibility.instruments import instrumented, weigher
+from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,
@@ -20,16 +20,16 @@ from ident.compatibility.trials import (
     FaultQuantity,
     FaultTrial,
     SensorFinding,
-    clocks,
-    leaves_a_reference,
-    one_step,
-    replicates,
-    tried,
+    leaves_time_reference,
+    linearised_fits,
+    records_agree,
+    time_references,
+    try_faults,
 )
 
 # ---- Sets of sensor faults fitted jointly
 
-_BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults added to each of them
+_BEAM_WIDTH = 5  # number of sets of each size that are kept, and of faults tried with each of them
 TIE_LOG_LIKELIHOOD = 0.5  # fits with a smaller difference of log likelihood count as equal
 _BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
 _MOST_EXCHANGES = 3  # most exchanges of one fault of a set for a better one
@@ -42,11 +42,11 @@ class FaultSet:
     Attributes
     ----------
     widening : factor of the variances for coloured residuals, as a mean over the faults.
-    sound : every fault is determined, notable, within its bounds and of a possible sign.
-    determined : every sigma is smaller than a plausible size of its fault.
-    early : the last fault is a negative delay of the load.
-    given : number of leading faults of the fit that were prescribed.
-    surprise : loss of log likelihood by the priors of the sizes.
+    sound : whether every fault is determined, notable, within its bounds and of a possible sign.
+    determined : whether every sigma is smaller than a plausible size of its fault.
+    early : whether the last fault is a negative delay of the load.
+    given : number of prescribed faults, which are the first ones of the fit.
+    prior_loss : loss of log likelihood by the priors of the sizes.
     """
 
     fit: KinematicFit
@@ -55,7 +55,7 @@ class FaultSet:
     determined: bool = True
     early: bool = False
     given: int = 0
-    surprise: float = 0.0
+    prior_loss: float = 0.0
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
@@ -63,7 +63,7 @@ class FaultSet:
         return self.fit.faults[self.given :]
 
 
-def charge_of(false_alarm: float, count: int) -> float:
+def penalty_per_fault(false_alarm: float, count: int) -> float:
     """Return the log likelihood that a fault must gain: ln of the number of candidates minus ln of
     the probability of a false alarm.
 
@@ -74,7 +74,7 @@ def charge_of(false_alarm: float, count: int) -> float:
 
 
 def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
-    """Return the set of a fit, whose first ``given`` faults are prescribed."""
+    """Return the set of faults of a fit, whose first ``given`` faults are prescribed."""
     k = len(kinematic_fit.faults) - given
     if not k:
         return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
@@ -85,7 +85,7 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
     estimates = list(zip(faults, sizes, variances.tolist(), strict=True))
     determined = all(0.0 < variance < fault.plausible**2 for fault, _, variance in estimates)
     possible = all(_possible_size(fault, size) for fault, size, _ in estimates)
-    surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in estimates))
+    prior_loss = float(sum(fault.prior_loss(size, variance) for fault, size, variance in estimates))
     return FaultSet(
         kinematic_fit,
         float(np.mean(widening)),
@@ -93,7 +93,7 @@ def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = Fals
         determined,
         early,
         given,
-        surprise,
+        prior_loss,
     )
 
 
@@ -104,29 +104,29 @@ def _possible_size(fault: SensorFault, size: float) -> bool:
 
 
 def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
-    """Return minus the log likelihood of each fit to the same records. With instruments it is the
-    projected misfit instead, of all fits under the noise of the best one.
+    """Return minus the log likelihood of each of some fits to the same records. With instruments,
+    return the projected misfits instead, all under the noise of the best fit.
     """
     if not instrumented(fits[0].signals):
         return np.array([candidate.cost for candidate in fits])
     noise = min(fits, key=lambda candidate: candidate.cost).noise
-    whiteners = [weigher(s, noise) for s in fits[0].signals]
+    whiteners = [projected_whitener(s, noise) for s in fits[0].signals]
     return np.array([least_misfit(candidate, whiteners) for candidate in fits])
 
 
-def grow(
+def grow_sets(
     base: KinematicFit,
     singles: Sequence[KinematicFit],
     faults: Sequence[SensorFault],
-    charge: float,
+    penalty: float,
     most: int,
 ) -> list[FaultSet]:
     """Return sets of 0, 1, ... ``most`` faults by forward selection with a beam: several sets of
     each size.
 
-    The sets of one fault are the best of ``singles``. The selection ends where the best set with
-    one more fault does not gain ``charge``. Without recorded controls, sets with an early load are
-    included and marked.
+    The sets of one fault are the best of ``singles``, the fits of each fault alone. The selection
+    ends where the best set with one more fault gains less than ``penalty``. Without recorded
+    controls, sets with an early load are included and marked.
     """
     given = len(base.faults)
     sets = [fault_set(base, given)]
@@ -140,7 +140,7 @@ def grow(
         sets += largest_sets
         best = largest_sets[0]
         smaller_misfit, best_misfit = misfits([best_smaller, best.fit]).tolist()
-        if count == most or smaller_misfit - best_misfit < charge * best.widening:
+        if count == most or smaller_misfit - best_misfit < penalty * best.widening:
             break
         best_smaller = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
@@ -151,25 +151,27 @@ def grow(
     return sets
 
 
-def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """Return the set with the greatest log likelihood minus ``charge`` for each fault. A set with
-    an early load must be better than a tie.
+def best_set_of(sets: Sequence[FaultSet], penalty: float) -> FaultSet:
+    """Return the set with the greatest log likelihood minus ``penalty`` for each fault. A set with
+    an early load must be better by more than ``TIE_LOG_LIKELIHOOD``.
     """
     misfit = misfits([candidate.fit for candidate in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # An early load has nearly the same likelihood as equal delays of alpha and q.
     score = [
         value / widening
-        + charge * len(candidate.faults)
+        + penalty * len(candidate.faults)
         + TIE_LOG_LIKELIHOOD * candidate.early
-        + candidate.surprise
+        + candidate.prior_loss
         for candidate, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
 
 
-def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
-    """Return the set without the faults whose removal loses less than ``charge``."""
+def without_superfluous_faults(
+    base: KinematicFit, chosen_set: FaultSet, penalty: float
+) -> FaultSet:
+    """Return the set without the faults whose removal loses less than ``penalty``."""
     while len(chosen_set.faults) > 1:
         smaller = [
             fit(base.signals, [kept for kept in chosen_set.fit.faults if kept is not removed], base)
@@ -178,7 +180,7 @@ def without_superfluous(base: KinematicFit, chosen_set: FaultSet, charge: float)
         misfit = misfits([chosen_set.fit, *smaller])
         losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
-        if losses[least] >= charge:
+        if losses[least] >= penalty:
             break
         chosen_set = fault_set(smaller[least], chosen_set.given)
     return chosen_set
@@ -206,15 +208,15 @@ def _extended(
     """Return fits of a set with one more fault, for the faults with the largest first-order gains.
     Sets that are already ``fitted`` are left out.
     """
-    timed = clocks(kinematic_fit.signals)
+    timed = time_references(kinematic_fit.signals)
     candidates = [
         fault
         for fault in faults
         if fault not in kinematic_fit.faults
-        and leaves_a_reference((*kinematic_fit.faults, fault), timed)
+        and leaves_time_reference((*kinematic_fit.faults, fault), timed)
     ]
     first_order = sorted(
-        zip(candidates, one_step(kinematic_fit, candidates), strict=True),
+        zip(candidates, linearised_fits(kinematic_fit, candidates), strict=True),
         key=lambda pair: pair[1].cost,
     )
     promising = [
@@ -244,20 +246,17 @@ def _with_early_load(
         and fault.kind in (DELAY, LAG)
         and fault not in kinematic_fit.faults
     ]
-    sets = [
-        fault_set(
-            fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit),
-            given,
-            early=True,
-        )
+    fits = [
+        fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in load_faults
     ]
+    sets = [fault_set(with_load, given, early=True) for with_load in fits]
     return [candidate for candidate in sets if candidate.determined and candidate.fit.sizes[-1] < 0]
 
 
 # ---- Faults that an accepted one may be confused with
 
-# accelerometers of a plane of motion, then its vane and its rate
+# for each plane of motion: its accelerometers, then its vane and its rate
 PLANES = (((PACKAGE,), (BOOM,)), (("nz", "az"), ("alpha", "q")), (("ny", "ay"), ("beta", "r")))
 
 
@@ -267,19 +266,19 @@ class Slot:
 
     Attributes
     ----------
-    others : fit with the other faults of the set only.
+    others : fit with only the other faults of the set.
     trials : trial of each fault in this position, the best first.
-    losses : ``(k,)`` loss of log likelihood of each trial against the best one.
+    losses : ``(k,)`` loss of log likelihood of each trial against the first one.
     """
 
     others: KinematicFit
     trials: tuple[FaultTrial, ...]
     losses: np.ndarray
 
-    def within(self, chance: float) -> list[FaultTrial]:
-        """Return the best trial, and the sound ones that lose at most ``chance`` against it."""
+    def within(self, chance_loss: float) -> list[FaultTrial]:
+        """Return the best trial, and sound ones that lose at most ``chance_loss`` against it."""
         rivals = zip(self.trials[1:], self.losses[1:].tolist(), strict=True)
-        confusable = [trial for trial, loss in rivals if loss <= chance and _sound(trial)]
+        confusable = [trial for trial, loss in rivals if loss <= chance_loss and _sound(trial)]
         return [self.trials[0], *confusable]
 
 
@@ -288,12 +287,12 @@ def _sound(trial: FaultTrial) -> bool:
     return trial.determined and (trial.size > 0 or not trial.fault.one_sided)
 
 
-def confusable_loss(false_alarm: float, count: int) -> float:
-    """Return the loss of log likelihood that the true one of ``count`` faults exceeds against
-    another one with a probability of at most ``false_alarm``.
+def largest_chance_loss(false_alarm: float, count: int) -> float:
+    """Return the largest loss of log likelihood that may be due to chance: the true one of
+    ``count`` faults loses more against another one with a probability of at most ``false_alarm``.
 
-    If the effects of the two differ by d standard deviations, the gain of the other is normal with
-    mean -d^2/2 and variance d^2. It exceeds x with the largest probability at d = sqrt(2 x).
+    If the effects of the two differ by d standard deviations, the gain of the wrong one is normal
+    with mean -d^2/2 and variance d^2. It exceeds x with the largest probability at d = sqrt(2 x).
     """
     from scipy.special import ndtri
 
@@ -307,7 +306,7 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
     """
     scores = np.array(
         [
-            -loss - float(fault.surprise(size.value - fault.offset, size.std**2))
+            -loss - float(fault.prior_loss(size.value - fault.offset, size.std**2))
             for fault, size, loss in among
         ]
     )
@@ -316,7 +315,7 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
     return dict(zip(names, (weights / np.sum(weights)).tolist(), strict=True))
 
 
-def slots_of(
+def slots_with_trials(
     base: KinematicFit,
     chosen_set: FaultSet,
     faults: Sequence[SensorFault],
@@ -325,7 +324,7 @@ def slots_of(
     """Return a set, and its positions with all faults tried in them. Where another fault is better
     in a position, it replaces the present one, and all positions are tried again.
 
-    ``singles`` are the trials of each fault with ``base`` alone.
+    ``singles`` are the trials of each fault in addition to those of ``base`` only.
     """
     for _ in range(_MOST_EXCHANGES):
         slots = [_slot(base, chosen_set, fault, faults, singles) for fault in chosen_set.faults]
@@ -336,14 +335,14 @@ def slots_of(
         ]
         if not better:
             break
-        gains = [slot.losses[_place(slot, chosen_set.faults[i])] for i, slot in better]
+        gains = [slot.losses[_trial_index(slot, chosen_set.faults[i])] for i, slot in better]
         i, slot = better[int(np.argmax(gains))]
         exchanged = list(chosen_set.fit.faults)
         exchanged[chosen_set.given + i] = slot.trials[0].fault
         changed = fault_set(fit(base.signals, exchanged, slot.trials[0].fit), chosen_set.given)
         before, after = misfits([chosen_set.fit, changed.fit]).tolist()
-        before += chosen_set.widening * chosen_set.surprise
-        after += chosen_set.widening * changed.surprise
+        before += chosen_set.widening * chosen_set.prior_loss
+        after += chosen_set.widening * changed.prior_loss
         if not changed.sound or after > before + TIE_LOG_LIKELIHOOD:
             break
         chosen_set = changed
@@ -352,12 +351,12 @@ def slots_of(
     ]
 
 
-def _place(slot: Slot, fault: SensorFault) -> int:
+def _trial_index(slot: Slot, fault: SensorFault) -> int:
     """Return the place of a fault among the trials of a position."""
     return [trial.fault for trial in slot.trials].index(fault)
 
 
-def same_lateness(first: SensorFault, second: SensorFault) -> bool:
+def delay_same_channel(first: SensorFault, second: SensorFault) -> bool:
     """Return whether both faults delay the same channel: by a delay, a lag or an arm."""
     return (
         first.channel == second.channel
@@ -366,10 +365,10 @@ def same_lateness(first: SensorFault, second: SensorFault) -> bool:
     )
 
 
-def same_trace(first: SensorFault, second: SensorFault) -> bool:
-    """Return whether one of two faults is the arm of an accelerometer, and the other one has its
-    effect at one airspeed: a delay or lag of the rate of the plane like an arm ahead, an arm, delay
-    or lag of the vane like one behind.
+def equivalent_to_arm(first: SensorFault, second: SensorFault) -> bool:
+    """Return whether one of two faults is the arm of an accelerometer, and the other one has the
+    same effect at one airspeed. A delay or lag of the rate of the plane acts like an arm ahead; an
+    arm, delay or lag of the vane acts like an arm behind.
     """
     return any(
         load.kind == ARM
@@ -394,22 +393,22 @@ def _slot(
         candidate
         for candidate in faults
         if candidate not in other_faults
-        and leaves_a_reference((*other_faults, candidate), clocks(base.signals))
+        and leaves_time_reference((*other_faults, candidate), time_references(base.signals))
     ]
     if other_faults == list(base.faults):
         others, trials = base, [trial for trial in singles if trial.fault in candidates]
     else:
         others = fit(base.signals, other_faults, base)
-        trials = tried(others, candidates)
+        trials = try_faults(others, candidates)
     misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
     trial_misfits, with_priors = [], []
     for trial, value in zip(trials, misfit[2:].tolist(), strict=True):
-        # the fit of the set is that of the accepted fault
-        own_misfit = misfit[1] if trial.fault is fault else value
-        own_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
-        surprise = float(trial.fault.surprise(trial.size, trial.variance))
-        trial_misfits.append(own_misfit)
-        with_priors.append(own_misfit + chosen_set.widening * surprise)
+        # The accepted fault is fitted already: its trial is the set itself.
+        trial_misfit = misfit[1] if trial.fault is fault else value
+        trial_misfit += TIE_LOG_LIKELIHOOD * trial.fault.rare
+        prior_loss = float(trial.fault.prior_loss(trial.size, trial.variance))
+        trial_misfits.append(trial_misfit)
+        with_priors.append(trial_misfit + chosen_set.widening * prior_loss)
     order = sorted(range(len(trials)), key=lambda i: (not _sound(trials[i]), with_priors[i]))
     gains = (misfit[0] - np.array(trial_misfits)) / chosen_set.widening
     ordered = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
@@ -417,8 +416,8 @@ def _slot(
 
 
 def _slot_with_first(slot: Slot, fault: SensorFault) -> Slot:
-    """Return the position with the trial of a fault first, where there is one."""
-    first = _place(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
+    """Return the position with the trial of a fault first, if the fault was tried there."""
+    first = _trial_index(slot, fault) if fault in [trial.fault for trial in slot.trials] else 0
     order = [first, *(i for i in range(len(slot.trials)) if i != first)]
     trials = tuple(slot.trials[i] for i in order)
     return Slot(slot.others, trials, slot.losses[order] - slot.losses[first])
@@ -457,60 +456,62 @@ def search(
     """Return the set of faults that the records require, each with the faults that it may be
     confused with.
 
-    Forward selection keeps several sets of each size. Each fault must gain `charge_of` under
-    coloured residuals in addition to the others, and single records must agree on it. ``bases`` are
-    the base fits of each record alone.
+    Forward selection keeps several sets of each size. Each fault must gain at least
+    `penalty_per_fault` under coloured residuals, and single records must agree on it. ``base`` is
+    the fit of all records without faults, and ``bases`` are those of each record alone.
     """
-    charge = charge_of(settings.false_alarm, len(faults))
-    chance = confusable_loss(settings.false_alarm, len(faults))
-    singles = tried(base, faults)
+    penalty = penalty_per_fault(settings.false_alarm, len(faults))
+    chance_loss = largest_chance_loss(settings.false_alarm, len(faults))
+    singles = try_faults(base, faults)
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
         candidates = [fault for fault in faults if fault not in refused]
-        best, early = _selected(
+        best, early = _select_set(
             base,
             [t.fit for t in singles if t.fault not in refused],
             candidates,
-            charge,
+            penalty,
             settings.most,
         )
-        best, slots = slots_of(base, best, candidates, singles)
+        best, slots = slots_with_trials(base, best, candidates, singles)
         failing = [
-            slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])
+            slot.trials[0]
+            for slot in slots
+            if not records_agree(bases, slot.others, slot.trials[0])
         ]
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
-    groups = [_group(slot, bases, chance) for slot in slots]
-    return _searched(faults, groups, slots, singles, refused, best.fit, early)
+    groups = [_group(slot, bases, chance_loss) for slot in slots]
+    return _search_result(faults, groups, slots, singles, refused, best.fit, early)
 
 
-def _selected(
+def _select_set(
     base: KinematicFit,
     singles: Sequence[KinematicFit],
     faults: Sequence[SensorFault],
-    charge: float,
+    penalty: float,
     most: int,
 ) -> tuple[FaultSet, float | None]:
     """Return the best set without superfluous faults, and the time (s) by which a load would be
     early, where the best set has this.
     """
-    best = chosen(grow(base, singles, faults, charge, most), charge)
+    best = best_set_of(grow_sets(base, singles, faults, penalty, most), penalty)
     early = float(best.fit.sizes[-1]) if best.early else None
     if best.early:
         best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
-    return without_superfluous(base, best, charge), early
+    return without_superfluous_faults(base, best, penalty), early
 
 
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
+def _group(slot: Slot, bases: Sequence[KinematicFit], chance_loss: float) -> list[FaultTrial]:
     """Return the best trial of a position, and those that may be confused with it and on which the
     single records agree.
     """
-    best, *rivals = slot.within(chance)
-    return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
+    best, *rivals = slot.within(chance_loss)
+    return [best, *(t for t in rivals if records_agree(bases, slot.others, t))]
 
 
-def _searched(
+def _search_result(
     faults: Sequence[SensorFault],
     groups: Sequence[Sequence[FaultTrial]],
     slots: Sequence[Slot],
@@ -520,20 +521,20 @@ def _searched(
     early: float | None,
 ) -> FaultSearch:
     """Return the result of a search from its last set, whose positions are ``slots``."""
-    losses, in_place, replaced = _in_place(slots)
+    losses, in_place, replaced = _replacements(slots)
     # A fault that is in two groups is reported once: where it is best, else in the first group.
     grouped = {t.fault: t for group in reversed(groups) for t in group} | {
         group[0].fault: group[0] for group in groups
     }
-    accepted, timed = current.faults, clocks(current.signals)
+    accepted, timed = current.faults, time_references(current.signals)
     further = [
         fault
         for fault in faults
         if fault not in grouped
-        and leaves_a_reference((*accepted, fault), timed)
-        and not any(same_lateness(fault, other) for other in accepted)
+        and leaves_time_reference((*accepted, fault), timed)
+        and not any(delay_same_channel(fault, other) for other in accepted)
     ]
-    added = {t.fault: t for t in (tried(current, further) if accepted else singles)}
+    added = {t.fault: t for t in (try_faults(current, further) if accepted else singles)}
     alone = {t.fault: t for t in singles}
     trials = {fault: {**alone, **in_place, **added, **grouped}[fault] for fault in faults}
     findings = []
@@ -543,26 +544,25 @@ def _searched(
         for t in group:
             if grouped[t.fault] is t:
                 others = tuple(name for name in names if name != t.fault.name)
-                finding = _finding(t, others, losses.get(t.fault, 0.0), stands=True)
+                finding = _finding(t, others, losses.get(t.fault, 0.0), supported=True)
                 leader = "" if t is group[0] else names[0]
                 findings.append(replace(finding, probabilities=shares, instead_of=leader))
-    not_accepted = sorted(
-        (trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value
-    )
-    for t in not_accepted:
-        found = _finding(
-            t, (), losses.get(t.fault), stands=False, replicates=t.fault not in refused
+    rejected = [trials[fault] for fault in faults if fault not in grouped]
+    for t in sorted(rejected, key=lambda trial: trial.p_value):
+        finding = _finding(
+            t, (), losses.get(t.fault), supported=False, replicates=t.fault not in refused
         )
-        beside = t.fault in added or t.fault not in replaced
-        findings.append(found if beside else replace(found, instead_of=replaced[t.fault].name))
+        if t.fault in replaced and t.fault not in added:
+            finding = replace(finding, instead_of=replaced[t.fault].name)
+        findings.append(finding)
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
-def _in_place(
+def _replacements(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial], dict[SensorFault, SensorFault]]:
-    """Return for each fault its least loss of log likelihood in place of an accepted one, the trial
-    with this loss, and the accepted one.
+    """Return three mappings from each fault that was tried in place of an accepted one: its least
+    loss of log likelihood, the trial with this loss, and the accepted fault.
     """
     losses: dict[SensorFault, float] = {}
     trials: dict[SensorFault, FaultTrial] = {}
@@ -580,7 +580,7 @@ def _finding(
     group: tuple[str, ...],
     loss: float | None,
     *,
-    stands: bool,
+    supported: bool,
     replicates: bool = True,
 ) -> SensorFinding:
     fault = trial.fault
@@ -591,7 +591,7 @@ def _finding(
         trial.quantity.std,
         fault.unit,
         trial.gain,
-        stands,
+        supported,
         group,
         fault.name,
         replicates,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.instruments import Weigher, part_of_controls, weigher
+from ident.compatibility.instruments import ColumnMap, instrument_projection, projected_whitener
 from ident.compatibility.kinematics import (
     SensorFault,
     Unknown,
@@ -21,8 +21,8 @@ from ident.compatibility.signals import (
     KinematicSignals,
     NoiseEvidence,
     RelationNoise,
-    first_noise,
-    settled_noise,
+    estimated_noise,
+    noise_from_roughness,
     walk_gains,
     whitener,
 )
@@ -36,7 +36,7 @@ from ident.statistics.residual_spectrum import corrected_covariance
 # ---- Fits of the kinematics to records
 
 _MOST_ITERATIONS = 8  # most Gauss-Newton steps under one noise
-_NEGLIGIBLE_GAIN = 2e-3  # twice the smallest gain of log likelihood by a step
+_NEGLIGIBLE_GAIN = 2e-3  # twice the smallest expected gain of log likelihood by a step
 _NEGLIGIBLE_LOG_CHANGE = 0.05  # a fit ends when the logarithms of all noise variances change less
 _FIRST_NOISE_PASSES, _NOISE_PASSES = 6, 2  # Newton steps on the noise: in a first fit, and later
 _LARGEST_RESIDUAL = 1e6  # a reconstruction with larger residuals has diverged
@@ -50,12 +50,12 @@ class KinematicFit:
     ----------
     faults : the k fitted faults.
     sizes : ``(k,)`` their sizes.
-    own : ``(n,)`` of each record, its own unknowns.
+    own : ``(n,)`` of each record, values of the unknowns that belong to it alone.
     noise : noise of the relations.
     cost : minus the log likelihood, with the terms of the priors.
     residuals : ``(m, N)`` of each record, zero where a sample is missing.
-    jacobians : ``(m, N, n + k)`` of each record, derivatives of ``outputs`` with respect to its own
-        unknowns and the sizes.
+    jacobians : ``(m, N, n + k)`` of each record, derivatives of ``outputs`` with respect to ``own``
+        and ``sizes``.
     outputs : ``(m, N)`` of each record, expected sensor readings.
     """
 
@@ -77,12 +77,12 @@ def fit(
     first: np.ndarray | None = None,
     passes: int = 3,
 ) -> KinematicFit:
-    """Return the smoother fit: Gauss-Newton steps weighted by the noise of outputs and inputs, and
-    Newton steps on the noise variances, in turn.
+    """Return the smoother fit. It alternates between Gauss-Newton steps, weighted by the noise of
+    outputs and inputs, and Newton steps on the noise variances.
 
     Parameters
     ----------
-    begin : fit of the same records that gives the starting values; None takes first samples.
+    begin : fit of the same records that gives the starting values; None takes those of `start_of`.
     first : ``(k,)`` starting sizes of the faults; None takes those of ``begin``, or zero.
     passes : most repetitions of both kinds of steps.
     """
@@ -92,8 +92,8 @@ def fit(
     else:
         own = [np.array(values) for values in begin.own]
     sizes = starting_sizes(faults, begin) if first is None else first.astype(float)
-    first_levels = first_noise(signals)
-    noise = begin.noise if begin is not None else first_levels
+    rough_noise = noise_from_roughness(signals)
+    noise = begin.noise if begin is not None else rough_noise
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
     linear = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
@@ -103,7 +103,7 @@ def fit(
     )
     cost = 0.0
     for turn in range(passes):
-        whiteners = [weigher(s, noise) for s in signals]
+        whiteners = [projected_whitener(s, noise) for s in signals]
         own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
         before = noise.logs
         residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True))
@@ -111,8 +111,8 @@ def fit(
             np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0)
             for s, (_, slope), o in zip(signals, linear, own, strict=True)
         )
-        noise, cost = settled_noise(
-            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), first_levels),
+        noise, cost = estimated_noise(
+            NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), rough_noise),
             noise,
             _FIRST_NOISE_PASSES if begin is None and turn == 0 else _NOISE_PASSES,
         )
@@ -132,7 +132,8 @@ def fit(
     )
 
 
-# unknowns of each record, sizes of the faults, and outputs of each record with their derivatives
+# values of the unknowns of each record, sizes of the faults, and for each record the outputs and
+# their derivatives
 DescentPoint = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
 
 
@@ -158,7 +159,7 @@ class KinematicDescent:
 
 
 def descend(
-    search: KinematicDescent, start: DescentPoint, whiteners: Sequence[Weigher]
+    search: KinematicDescent, start: DescentPoint, whiteners: Sequence[ColumnMap]
 ) -> DescentPoint:
     """Return the least-squares point under the noise of the ``whiteners`` of the records."""
     (own, sizes, linear), signals, priors = start, search.signals, search.priors
@@ -170,9 +171,9 @@ def descend(
         if float(gradient @ step) < _NEGLIGIBLE_GAIN:
             break
         for share in search.shares:
-            moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial_own = [o + change for o, change in zip(own, moved, strict=False)]
-            trial_sizes = np.clip(sizes + moved[-1], -largest, largest)
+            changes = np.split(share * step, np.cumsum([len(o) for o in own]))
+            trial_own = [o + change for o, change in zip(own, changes, strict=False)]
+            trial_sizes = np.clip(sizes + changes[-1], -largest, largest)
             outputs = [
                 search.evaluate(s, u, search.faults, o[None], trial_sizes[None])[:, 0]
                 for s, u, o in zip(signals, search.unknowns, trial_own, strict=True)
@@ -193,8 +194,8 @@ def descend(
 
 
 def starting_sizes(faults: Sequence[SensorFault], begin: KinematicFit | None) -> np.ndarray:
-    """Return the sizes ``(k,)`` of faults in the fit ``begin``, zero for those that it does not
-    have; None stands for a fit without faults.
+    """Return the sizes ``(k,)`` of faults in the fit ``begin``; a fault that the fit does not have
+    starts at zero. None means no fit.
     """
     known = {} if begin is None else dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
     return np.array([known.get(fault, 0.0) for fault in faults], dtype=float)
@@ -205,9 +206,11 @@ def misfit(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
 ) -> float:
-    """Return half the sum of squares of whitened residuals and priors; infinite on divergence."""
+    """Return half the sum of squares of whitened residuals and of unknowns over their prior sigmas;
+    infinite if the reconstruction diverges.
+    """
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
         residual = residual_of(s, y)
@@ -223,7 +226,8 @@ def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]
     """Return the residual ``(m, N)`` and Jacobian ``(m, N, c)`` of each record, whitened to unit
     variance.
 
-    With instruments only the Jacobian is projected onto them. The product of both is the gradient.
+    With instruments only the Jacobian is projected onto them, which suffices: the gradient is the
+    product of Jacobian and residual.
     """
     pairs = []
     for s, residual, jacobian in zip(
@@ -231,20 +235,21 @@ def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]
     ):
         e = whitener(s, kinematic_fit.noise)(residual[:, :, None])[:, :, 0]
         columns = np.where(s.valid[:, :, None], jacobian, 0.0)
-        pairs.append((e, weigher(s, kinematic_fit.noise)(columns)))
+        pairs.append((e, projected_whitener(s, kinematic_fit.noise)(columns)))
     return pairs
 
 
 def least_misfit(
     kinematic_fit: KinematicFit,
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """Return the least misfit under another noise, to first order about a fit.
+    """Return the least misfit under another noise than that of the fit. The outputs are linearised
+    at the fit.
 
     Parameters
     ----------
-    whiteners : `ident.compatibility.instruments.weigher` of that noise, one for each record.
+    whiteners : `projected_whitener` of the other noise, one for each record.
     priors : ``(n,)`` of each record, one over the prior variances of its unknowns; None takes those
         of the longitudinal kinematics.
     """
@@ -264,8 +269,8 @@ def least_misfit(
 
 
 def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
-    """Return for each record the positions of the columns of its Jacobian among all unknowns: the
-    unknowns of each record in turn, then the sizes of the faults.
+    """Return for each record the positions of the columns of its Jacobian among all unknowns of the
+    fit. These are the unknowns of each record in turn, then the sizes of the faults.
     """
     total, columns, begin = sum(len(own) for own in kinematic_fit.own), [], 0
     sizes = total + np.arange(len(kinematic_fit.faults))
@@ -276,7 +281,7 @@ def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
 
 
 def prior_information(kinematic_fit: KinematicFit) -> np.ndarray:
-    """Return the information of the priors of all unknowns, the diagonal ``(n,)``."""
+    """Return the diagonal ``(n,)`` of the information that the priors give on all unknowns."""
     own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in kinematic_fit.signals]
     return np.concatenate([*map(np.array, own), np.zeros(len(kinematic_fit.faults))])
 
@@ -286,7 +291,7 @@ def normal_equations(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[ColumnMap],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, in the order
     of `positions`.
@@ -335,18 +340,18 @@ class Sigmas:
 
 
 def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
-    """Return the uncertainty of a fit. Innovations that are not white widen it by
+    """Return the uncertainty of a fit. The factors for coloured innovations are those of
     `ident.statistics.residual_spectrum`.
     """
-    white, at = whitened(kinematic_fit), positions(kinematic_fit)
+    white, places = whitened(kinematic_fit), positions(kinematic_fit)
     information = np.diag(prior_information(kinematic_fit))
-    for (_, jacobian), where in zip(white, at, strict=True):
+    for (_, jacobian), where in zip(white, places, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
     inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
     parts = [
         (where, jacobian, e, s.valid)
-        for (e, jacobian), where, s in zip(white, at, kinematic_fit.signals, strict=True)
+        for (e, jacobian), where, s in zip(white, places, kinematic_fit.signals, strict=True)
     ]
     corrected = corrected_covariance(inverse, parts, np.ones(len(kinematic_fit.noise.outputs)))
     white_variance, variance = np.diag(inverse), np.diag(corrected)
@@ -356,20 +361,19 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
 
 
 def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(n,)`` of all unknowns by output error, from the start of a smoother fit,
-    and their covariance ``(n, n)``.
+    """Return the values ``(n,)`` of all unknowns by output error, and their covariance ``(n, n)``.
+    The iteration starts at a smoother fit.
 
     The weights of the residuals are one over their mean squares, as for white residuals. The
-    covariance of the estimate with these weights includes the noise of the inputs, from the
-    smoother fit.
+    covariance also includes the noise of the inputs, which the smoother fit gives.
     """
-    own, sizes, at = list(kinematic_fit.own), kinematic_fit.sizes, positions(kinematic_fit)
+    own, sizes, places = list(kinematic_fit.own), kinematic_fit.sizes, positions(kinematic_fit)
     prior = prior_information(kinematic_fit)
     unknowns = [unknowns_of(s) for s in kinematic_fit.signals]
     largest = np.array([fault.largest for fault in kinematic_fit.faults])
     total = len(prior) - len(sizes)
     linear = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
-    projections = [part_of_controls(s) for s in kinematic_fit.signals]
+    projections = [instrument_projection(s) for s in kinematic_fit.signals]
     for turn in range(MOST_PASSES):
         if turn:
             linear = [
@@ -386,7 +390,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
         for s, project, e, (_, slope), where in zip(
-            kinematic_fit.signals, projections, residuals, linear, at, strict=True
+            kinematic_fit.signals, projections, residuals, linear, places, strict=True
         ):
             J = project(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
@@ -400,27 +404,29 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         sizes = np.clip(sizes + size_step, -largest, largest)
         if np.all(np.abs(step) <= _SMALL_STEP * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
             break
-    spread = np.diag(prior)
-    for s, J, where in zip(kinematic_fit.signals, columns, at, strict=True):
-        spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, kinematic_fit.noise.white, J)
-        later = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
+    gradient_covariance = np.diag(prior)
+    for s, J, where in zip(kinematic_fit.signals, columns, places, strict=True):
+        gradient_covariance[np.ix_(where, where)] += np.einsum(
+            "mnc,m,mnd->cd", J, kinematic_fit.noise.white, J
+        )
+        later_sums = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
         walk = (
-            np.einsum("mi,mnc->inc", walk_gains(s, kinematic_fit.noise), later)
+            np.einsum("mi,mnc->inc", walk_gains(s, kinematic_fit.noise), later_sums)
             * s.steps[None, :, None]
         )
-        spread[np.ix_(where, where)] += np.einsum(
+        gradient_covariance[np.ix_(where, where)] += np.einsum(
             "inc,i,ind->cd", walk, kinematic_fit.noise.density, walk
         )
     inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
-    return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
+    return np.concatenate([*own, sizes]), _sandwich(inverse, gradient_covariance)
 
 
-def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Return inverse times spread times inverse, ``(n, n)``, computed as a matrix times its
-    transpose, so that rounding makes no variance negative.
+def _sandwich(inverse: np.ndarray, gradient_covariance: np.ndarray) -> np.ndarray:
+    """Return the product of ``inverse``, ``gradient_covariance`` and ``inverse``, ``(n, n)``. It is
+    computed as a matrix times its transpose, so that rounding makes no variance negative.
     """
-    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-    values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+    scale = np.sqrt(np.maximum(np.diag(gradient_covariance), 1e-300))
+    values, vectors = np.linalg.eigh(gradient_covariance / np.outer(scale, scale))
     half = inverse @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
     return np.asarray(half @ half.T)
 
@@ -430,7 +436,8 @@ def difference_in_sigmas(
 ) -> float:
     """Return the difference of an estimate and an efficient one, over its standard deviation.
 
-    The variance of the difference is that of the variances (Hausman, Econometrica 46(6), 1978).
+    The variance of the difference is the difference of both variances (Hausman, Econometrica 46(6),
+    1978).
     """
     # Where both variances are nearly equal, nonlinear terms exceed their difference.
     least = _LEAST_VARIANCE_SHARE * max(variance, efficient_variance)

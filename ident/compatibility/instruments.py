@@ -1,10 +1,10 @@
 """Instruments: filtered controls, which distinguish a gust from a sensor fault.
 
-A gust w changes the reading of the vane by w/V, and the load, at once. The residual of the
+A gust w immediately changes the reading of the vane by w/V, and the load. The residual of the
 kinematics is then correlated with nz and the rate of alpha, so that a regression on these is
-biased. The controls are independent of the gust: filtered controls are instruments. A regression
-after projection on instruments is unbiased for any response of the aircraft (two-stage least
-squares; Sargan, Econometrica 26(3), 1958).
+biased. The controls are independent of the gust, so that filtered controls serve as instrumental
+variables, here called instruments. A regression after projection onto them is unbiased for any
+response of the aircraft (two-stage least squares; Sargan, Econometrica 26(3), 1958).
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _INTERVAL_BOUNDS = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 
 _SAMPLES_PER_INSTRUMENT = 6  # fewest samples for each instrument
 _ROUNDING_EIGENVALUE_SHARE = 1e-9  # smallest eigenvalue above rounding, relative to the largest
 
-Weigher = Callable[[np.ndarray], np.ndarray]
+ColumnMap = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
     """Return the instruments ``(N, L)``: the mean of each control over past intervals, its first
-    two integrals, and a parabola in time. There are none without a moving control.
+    two integrals, and the terms of a parabola in time. L is 0 without a moving control.
 
-    ``every`` : only each ``every``-th bound of the intervals is used.
+    ``every`` : use only each ``every``-th bound of the intervals.
     """
     t = record.time - record.time[0]
     moved = [
@@ -58,11 +58,12 @@ def instrumented(signals: Sequence[KinematicSignals]) -> bool:
     return all(s.instruments.shape[1] for s in signals)
 
 
-# many faults are tried under one noise: the cache holds the records of a check and a few noises
+# Many faults are tried under one noise: the cache holds whiteners of the records of a check for a
+# few noises.
 @lru_cache(maxsize=24)
-def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
-    """Return the function that whitens columns ``(m, N, c)``, zero where a sample is missing, to
-    unit variance. With instruments it also projects the columns onto these.
+def projected_whitener(s: KinematicSignals, noise: RelationNoise) -> ColumnMap:
+    """Return the function that whitens columns ``(m, N, c)`` to unit variance, and with instruments
+    also projects them onto these. Columns are zero where a sample is missing.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -74,9 +75,11 @@ def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
 
 
 @lru_cache(maxsize=24)
-def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that maps columns ``(m, N, c)`` to fewer rows ``(K, c)``. Their scalar
-    products equal those of the columns after `weigher`.
+def reduced_whitener(
+    s: KinematicSignals, noise: RelationNoise
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that maps columns ``(m, N, c)`` to fewer rows ``(K, c)`` with the same
+    scalar products as the columns after `projected_whitener`.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -85,7 +88,7 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
     return lambda columns: basis.T @ white.of_differences(differences(columns))
 
 
-def part_of_controls(s: KinematicSignals) -> Weigher:
+def instrument_projection(s: KinematicSignals) -> ColumnMap:
     """Return the function that projects columns ``(m, N, c)`` onto the instruments; without
     instruments it leaves them as they are.
     """
@@ -95,7 +98,7 @@ def part_of_controls(s: KinematicSignals) -> Weigher:
     return _projection(_orthonormal(wide.reshape(-1, wide.shape[2])))
 
 
-def _projection(basis: np.ndarray) -> Weigher:
+def _projection(basis: np.ndarray) -> ColumnMap:
     """Return the projection of columns ``(m, N, c)`` onto an orthonormal ``basis (m N, r)``."""
 
     def project(columns: np.ndarray) -> np.ndarray:

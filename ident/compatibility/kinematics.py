@@ -11,9 +11,10 @@ becomes, about the mean flight,
 
 alpha_dot = q - (g/V) (nz - n0) + (g/V) (c1 d - c2 d^2/2)
 
-with d the integral of (g/V) (nz - n0), c1 = -sin(gamma0) and c2 = cos(gamma0). The constants n0, c1
-and c2 are fitted. The prior of c2 is about 0.5, since c2 is zero in records of linear equations,
-where gravity does not turn. Without ax, nz is taken as the load normal to the path.
+with d the integral of (g/V) (nz - n0), c1 = -sin(gamma0), c2 = cos(gamma0), and gamma0 the mean
+angle of the flight path. The constants n0, c1 and c2 are fitted. The prior of c2 has the mean 0.5:
+c2 is near 1 in level flight, and 0 in records of linear equations of motion, where gravity does not
+turn. Without ax, nz is taken as the load normal to the path.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 from ident.compatibility.signals import KinematicSignals
 from sim.maths import G0, linear_recurrence
 
-# ---- Sensor faults, by the names of their effects
+# ---- Sensor faults and the names of their effects
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
 RIGHT = "arm-right"  # arm to the right; ARM is the arm ahead
@@ -83,18 +84,18 @@ class SensorFault:
 
     The sizes of the kinds are
 
-    - bias: added to the reading, in the unit of the channel
+    - bias: addition to the reading, in the unit of the channel
     - scale: the reading is (1 + size) times the true value
-    - delay, lag: s, the reading is late
-    - drift: bias that grows from the begin of the record, unit of the channel per s
-    - arm, arm-right, arm-below: m, position of a vane or an accelerometer ahead of the centre of
+    - delay, lag: time in s by which the reading is late
+    - drift: growth of a bias from the begin of the record, in the unit of the channel per s
+    - arm, arm-right, arm-below: m, distance of a vane or an accelerometer ahead of the centre of
       gravity, to the right of it and below it
 
     Attributes
     ----------
     channel : name of the channel, or ``BOOM`` or ``PACKAGE``.
     kind : one of the kinds above.
-    chord : m; zero where it is not known.
+    chord : mean aerodynamic chord, m; zero where it is not known.
     """
 
     channel: str
@@ -107,8 +108,8 @@ class SensorFault:
 
         Many vanes are on a boom, some metres ahead: the arm has 5 m, or three chords of a large
         aircraft. An accelerometer is within about half a chord of the centre of gravity: its arm
-        has 1 m, or a quarter of a chord. A delay or lag may be confused with an arm and has its
-        plausible size.
+        has 1 m, or a quarter of a chord. A delay or lag may be confused with an arm, and its
+        standard deviation is its plausible size.
         """
         if self.kind in (DELAY, LAG):
             return self.plausible
@@ -118,7 +119,7 @@ class SensorFault:
             return max(5.0, 3.0 * self.chord)
         return max(1.0, 0.25 * self.chord)
 
-    def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
+    def prior_loss(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
         """Return the loss of log likelihood by the prior, with its standard deviation ``spread``,
         for an estimated size with its variance.
         """
@@ -126,7 +127,7 @@ class SensorFault:
 
     @property
     def name(self) -> str:
-        """Name of the effect in the library; ``bias:CH`` for a bias, which is no effect."""
+        """Name of the effect in the library. A bias, which is no effect, is ``bias:CHANNEL``."""
         if self.kind == BIAS:
             return f"bias:{self.channel}"
         if self.kind not in ARMS:
@@ -155,14 +156,14 @@ class SensorFault:
 
     @property
     def smallest_finding(self) -> float:
-        """Smallest size that counts as a finding. Errors of interpolation and of the airspeed cause
-        smaller ones.
+        """Smallest size that counts as a finding. Errors of interpolation and of the airspeed can
+        look like smaller faults.
         """
         return 0.1 * self.plausible
 
     @property
     def largest(self) -> float:
-        """Bound of the size, with either sign."""
+        """Bound of the absolute size."""
         of_kind = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
         return of_kind.get(self.kind, 1e6)
 
@@ -182,8 +183,8 @@ class SensorFault:
 
     @property
     def offset(self) -> float:
-        """Difference of the parameter of the effect and the size: 1 for a scale, where the
-        parameter is the factor 1 + size.
+        """Parameter of the effect minus the size: 1 for a scale, whose parameter is the factor
+        1 + size, else 0.
         """
         return 1.0 if self.kind == SCALE else 0.0
 
@@ -203,7 +204,8 @@ def faults_of(
 
 # ---- The kinematic relations, integrated over measured inputs
 
-# function of channel and kind that returns the P sizes (P, 1), zero for what is not fitted
+# function of channel and kind that returns the size in each of P sets, (P, 1), or zero (1, 1) for a
+# fault that is not fitted
 Values = Callable[[str, str], np.ndarray]
 # sweeps that solve for alpha, which is on both sides of its relation; each sweep reduces the error
 # by a factor of ten or more
@@ -211,61 +213,61 @@ _FIXED_POINT_SWEEPS = 5
 _SHORTEST_LAG = 1e-4  # s: a shorter lag acts to first order only
 
 
-def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
+def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
     """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
-    ``value`` gives the sizes of the faults. It also gives ``("start", STATE)``, ``("turn", "1")`` =
-    c1, ``("turn", "2")`` = c2 - 0.5, and ``("jump", "nz")``: how much the integral of a jumping nz
-    is wrong, as a share of half a sample.
+    ``value`` gives the sizes of the faults. It also gives the initial states ``("start", STATE)``,
+    ``("turn", "1")`` = c1, ``("turn", "2")`` = c2 - 0.5, and ``("jump", "nz")``, the error of the
+    integral of an nz that jumps between two samples, as a share of half a sampling interval.
     """
     h = s.steps
     speed = s.speed
     if "airspeed" in s.channels:
         speed = (speed - value("airspeed", BIAS)) / (1.0 + value("airspeed", SCALE))
-    over_speed = 1.0 / middle(speed)
+    inverse_speed = 1.0 / midpoints(speed)
     inputs = {
-        name: increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels
+        name: true_increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels
     }
     if "nz" in inputs and np.any(value("nz", ARM)):
-        # An accelerometer ahead also measures the pitch acceleration: nz + (arm/g0) q_dot.
-        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(samples(s, "q", value))
+        # Ahead of the centre of gravity an accelerometer measures nz + (arm/g0) q_dot.
+        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(true_samples(s, "q", value))
     states: dict[str, np.ndarray] = {}
     if "theta" in s.outputs or "theta" in s.channels:
-        states["theta"] = value("start", "theta") + summed(inputs["q"])
+        states["theta"] = value("start", "theta") + cumulative(inputs["q"])
     if "alpha" in s.outputs:
-        load = G0 * over_speed * inputs["nz"]
+        load = G0 * inverse_speed * inputs["nz"]
         if s.jumps.size:
-            load = load + value("jump", "nz") * G0 * over_speed * h * 0.5 * np.diff(s.jumps)
+            load = load + value("jump", "nz") * G0 * inverse_speed * h * 0.5 * np.diff(s.jumps)
         if "theta" in s.channels:
-            alpha = _with_theta(s, value, inputs, over_speed, load, states["theta"], h)
+            alpha = _alpha_with_theta(s, value, inputs, inverse_speed, load, states["theta"], h)
         else:
-            turn = summed(load)
+            turn = cumulative(load)
             gravity = (
                 s.gravity
-                * over_speed
+                * inverse_speed
                 * h
-                * middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
+                * midpoints(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
             )
-            alpha = value("start", "alpha") + summed(inputs["q"] - load + gravity)
+            alpha = value("start", "alpha") + cumulative(inputs["q"] - load + gravity)
         states["alpha"] = alpha
     if "airspeed" in s.outputs:
         a, climb = states["alpha"], states["theta"] - states["alpha"]
         change = (
-            middle(np.cos(a)) * inputs["ax"]
-            - G0 * middle(np.sin(a)) * inputs["nz"]
-            - s.gravity * h * middle(np.sin(climb))
+            midpoints(np.cos(a)) * inputs["ax"]
+            - G0 * midpoints(np.sin(a)) * inputs["nz"]
+            - s.gravity * h * midpoints(np.sin(climb))
         )
-        states["airspeed"] = value("start", "airspeed") + summed(change)
-    readings = [_read(s, name, states[name], value, speed) for name in s.outputs]
+        states["airspeed"] = value("start", "airspeed") + cumulative(change)
+    readings = [_reading_of_state(s, name, states[name], value, speed) for name in s.outputs]
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
 
-def _with_theta(
+def _alpha_with_theta(
     s: KinematicSignals,
     value: Values,
     inputs: dict[str, np.ndarray],
-    over_speed: np.ndarray,
+    inverse_speed: np.ndarray,
     load: np.ndarray,
     theta: np.ndarray,
     h: np.ndarray,
@@ -273,28 +275,28 @@ def _with_theta(
     """Return alpha ``(P, N)`` where theta is recorded, by fixed-point sweeps."""
     alpha = s.channels["alpha"][None]
     for _ in range(_FIXED_POINT_SWEEPS):
-        gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
+        gravity = s.gravity * inverse_speed * h * midpoints(np.cos(theta - alpha))
         if "ax" in inputs:
             change = (
                 inputs["q"]
-                - load * middle(np.cos(alpha))
-                - over_speed * inputs["ax"] * middle(np.sin(alpha))
+                - load * midpoints(np.cos(alpha))
+                - inverse_speed * inputs["ax"] * midpoints(np.sin(alpha))
                 + gravity
             )
         else:
             change = inputs["q"] - load + gravity
-        alpha = value("start", "alpha") + summed(change)
+        alpha = value("start", "alpha") + cumulative(change)
     return alpha
 
 
-def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` of the true signal over each interval, from its faulty
-    reading, which is taken as cubic between samples.
+def true_increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
+    """Return the integral ``(P, N - 1)`` of the true signal over each interval of length ``h
+    (N - 1,)``, s, from its faulty reading, which is taken as cubic between samples.
     """
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
-    # The trapezoidal rule with end correction integrates cubic pieces. But for two samples, the
-    # noise of the integral is that of the trapezoidal rule.
+    # The trapezoidal rule with end correction integrates cubic pieces exactly. Corrections cancel
+    # between equal intervals, so that only noise at both ends acts otherwise than without them.
     integral = np.concatenate(
         [[0.0], np.cumsum(0.5 * h * (x[1:] + x[:-1]) - h**2 / 12.0 * np.diff(_slopes(x, t)))]
     )
@@ -303,11 +305,11 @@ def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> 
         change = change + lag * np.diff(
             _shifted(t, x, _slopes(x, t), delay) if np.any(delay) else x[None]
         )
-    error = value(name, BIAS) + value(name, DRIFT) * (middle(t) - t[0])
+    error = value(name, BIAS) + value(name, DRIFT) * (midpoints(t) - t[0])
     return np.asarray((change - error * h) / (1.0 + value(name, SCALE)))
 
 
-def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
+def true_samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     """Return the true signal ``(P, N)`` at the samples, from its faulty reading."""
     signal, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -320,21 +322,21 @@ def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     )
 
 
-def _read(
+def _reading_of_state(
     s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
 ) -> np.ndarray:
-    """Return the reading ``(P, N)`` of the sensor of a state: the arm acts first, with the true
-    pitch rate, then the faults of `shown`.
+    """Return the reading ``(P, N)`` of the sensor of a state ``(P, N)``. The arm of a vane acts
+    first, with the true pitch rate, then the faults of `sensor_reading`.
     """
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
-        state = state - arm / speed * samples(s, "q", value)
-    return shown(s, name, state, value)
+        state = state - arm / speed * true_samples(s, "q", value)
+    return sensor_reading(s, name, state, value)
 
 
-def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
-    """Return the reading ``(P, N)`` of a sensor of the true signal ``y (P, N)``: lag, delay, scale,
-    bias and drift act in this order.
+def sensor_reading(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
+    """Return the reading ``(P, N)`` of a sensor whose true signal is ``y (P, N)``. Lag, delay,
+    scale, bias and drift act in this order.
     """
     t = s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -350,7 +352,8 @@ def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.nd
 def _lagged(y: np.ndarray, dy: np.ndarray, t: np.ndarray, lag: np.ndarray) -> np.ndarray:
     """Return a signal ``y (P, N)``, linear between samples, after first-order lags ``(P, 1)``, s.
 
-    It starts in the steady state of a ramp with the first slope ``dy``. A negative lag is a lead.
+    ``dy (P, N)`` are the slopes of y. The response starts in the steady state of a ramp with the
+    first slope. A negative lag is a lead.
     """
     lag = np.broadcast_to(lag, (max(len(y), len(lag)), 1))
     y, dy = np.broadcast_to(y, (len(lag), y.shape[1])), np.broadcast_to(dy, (len(lag), y.shape[1]))
@@ -370,9 +373,9 @@ def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np
     """Return y(t + by), ``(P, N)``, for times ``by (P, 1)``, s: cubic between samples with the
     slopes ``dy``, and linear beyond the ends.
     """
-    if y.ndim == 1:  # a single signal: most of its shifts are equal
+    if y.ndim == 1:  # one signal for all P shifts, most of which are equal
         shifts, which = np.unique(by[:, 0], return_inverse=True)
-        rows = [_moved(t, y[None], dy[None], float(shift)) for shift in shifts]
+        rows = [_shifted_by_one_time(t, y[None], dy[None], float(shift)) for shift in shifts]
         return np.concatenate(rows)[which.reshape(-1)]
     count = max(len(y), len(by))
     y, dy = np.broadcast_to(y, (count, len(t))), np.broadcast_to(dy, (count, len(t)))
@@ -380,12 +383,12 @@ def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np
     shifted = np.empty((count, len(t)))
     for shift in np.unique(by):
         equal = by == shift
-        shifted[equal] = _moved(t, y[equal], dy[equal], float(shift))
+        shifted[equal] = _shifted_by_one_time(t, y[equal], dy[equal], float(shift))
     return shifted
 
 
-def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarray:
-    """Return y(t + by) of rows ``y (P, N)`` as `_shifted` does, for one time ``by``, s."""
+def _shifted_by_one_time(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarray:
+    """Return y(t + by) for rows ``y (P, N)`` and one time ``by``, s, as `_shifted` does."""
     at = t + by
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     h = t[k + 1] - t[k]
@@ -398,12 +401,12 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
     return np.asarray((1.0 - w1) * y[:, k] + w1 * y[:, k + 1] + m0 * dy[:, k] + m1 * dy[:, k + 1])
 
 
-def middle(x: np.ndarray) -> np.ndarray:
+def midpoints(x: np.ndarray) -> np.ndarray:
     """Return the means of successive samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
-def summed(increments: np.ndarray) -> np.ndarray:
+def cumulative(increments: np.ndarray) -> np.ndarray:
     """Return the cumulative sum ``(P, N)``, with a first zero, of increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
     total = np.zeros((len(increments), increments.shape[1] + 1))
@@ -424,7 +427,7 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
 # ---- Unknowns of each record
 
 Key = tuple[str, str]
-# relative sigma of an airspeed that is given and not recorded; its error acts like a scale of nz
+# relative sigma of an airspeed that is declared and not recorded; its error acts like a scale of nz
 AIRSPEED_UNCERTAINTY = 0.015
 FIRST_SAMPLES = 5  # valid samples whose median is an initial state
 
@@ -435,7 +438,7 @@ class Unknown:
 
     Attributes
     ----------
-    key : the arguments of `Values` that give it.
+    key : the arguments with which `Values` returns it.
     step : step of its finite difference.
     prior : sigma of its prior about zero; infinite without one.
     """
@@ -448,9 +451,9 @@ class Unknown:
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     """Return the unknowns of a record.
 
-    They are the initial states and the biases of the inputs. Without theta, c1 and c2 are unknown;
-    without a recorded airspeed, the error of the given one; and where nz jumps with a held input,
-    the error of its integral.
+    They are the initial states and the biases of the inputs. Further unknowns are c1 and c2 where
+    theta is not recorded, the error of the declared airspeed where none is recorded, and the error
+    of the integral of nz where nz jumps with a held input.
     """
     unknowns = [Unknown(("start", name), 1e-3) for name in s.outputs]
     if "theta" in s.outputs:
@@ -469,10 +472,11 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """Return the starting values of the unknowns, zero but for initial states and the bias of nz.
+    """Return the starting values of the unknowns: zero except for initial states and the bias of
+    nz.
 
-    An initial state is the median of the first valid samples. The bias of nz is that of an
-    incremental load or of a total load, whichever is nearer.
+    An initial state starts at the median of the first valid samples. The bias of nz starts at 0 for
+    a total load and at -1 g for an incremental load, or at the mean of nz where theta is missing.
     """
     start = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):
@@ -496,15 +500,15 @@ def evaluate(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` for P sets of unknowns ``own (P, n)`` and ``sizes (P, k)``
-    of the faults.
+    """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
+    record and ``sizes (P, k)`` of the faults.
     """
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
         table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
     none = np.zeros((1, 1))
-    return reconstructed(s, lambda channel, kind: table.get((channel, kind), none))
+    return reconstructed_outputs(s, lambda channel, kind: table.get((channel, kind), none))
 
 
 def difference_step(fault: SensorFault) -> float:

@@ -1,9 +1,9 @@
-"""Records made ready for the kinematics: bridged gaps and the noise of each relation.
+"""Signals of a record for the kinematics, with bridged gaps, and the noise of each relation.
 
 A relation integrates noisy inputs, so that its residual is a random walk plus the noise of the
-output. Its differences from sample to sample are correlated with their neighbours only: one banded
-Cholesky factorisation gives the exact likelihood. The result equals that of a Kalman filter with
-the noise of the inputs as process noise.
+output. Differences of the residual between successive samples are correlated with their neighbours
+only, so that a banded Cholesky factorisation gives the exact likelihood. It equals the likelihood
+of a Kalman filter with the noise of the inputs as process noise.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ident.statistics.noise_levels import robust_sigma
 from sim.maths import G0
 from sim.record import Hold, Record
 
-# ---- A record made ready for the kinematics
+# ---- Signals of a record
 
-# time (s) at both ends of a record that gives no residuals: a delayed channel has no data there
+# time (s) at both ends of a record without residuals: a delayed channel has no data there
 IGNORED_ENDS = 0.1
 LEAST_RECORD_ENDS = 50.0  # a shorter record, in units of IGNORED_ENDS, is used as a whole
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
@@ -38,12 +38,12 @@ class KinematicSignals:
     name : name of the record.
     channels : ``(N,)`` each, the channels that a relation uses; straight lines bridge gaps.
     outputs : the m states whose measurement is compared with their reconstruction.
-    valid : ``(m, N)`` whether a sample of an output counts.
+    valid : ``(m, N)`` True where a sample of an output is used.
     speed : ``(N,)`` airspeed, m/s: measured, or a given constant.
     gravity : m/s2.
     vane_arm : known arm of the vane, m.
     jumps : ``(N,)`` part of nz (g) that jumps with the held inputs; empty without a held input.
-    spikes : channel -> number of isolated wrong samples that do not count.
+    spikes : channel -> number of isolated wrong samples, which are not used.
     instruments : ``(N, L)`` filtered controls; L is 0 where no control is recorded.
     """
 
@@ -66,7 +66,7 @@ class KinematicSignals:
 
     @cached_property
     def instrument_differences(self) -> np.ndarray:
-        """``differences (N m, m L)`` of `instruments_by_output`, which hold for any noise."""
+        """`differences` ``(N m, m L)`` of `instruments_by_output`, the same for any noise."""
         return np.asfortranarray(differences(self.instruments_by_output))
 
     @property
@@ -83,22 +83,22 @@ class KinematicSignals:
         return wide
 
 
-# beginning of the message that relations are missing
+# beginning of the note that relations cannot be used
 NO_AIRSPEED = "no airspeed is recorded or given"
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return the output of each kinematic relation that these channels close -> the channels of the
-    relation.
+    """Return output -> channels of its relation, for each kinematic relation whose channels are all
+    among ``names``.
     """
-    have, closed = set(names), {}
+    have, channels_by_output = set(names), {}
     if {"alpha", "q", "nz"} <= have:
-        closed["alpha"] = ("alpha", "q", "nz", *(["theta"] if "theta" in have else []))
+        channels_by_output["alpha"] = ("alpha", "q", "nz", *(["theta"] if "theta" in have else []))
     if {"theta", "q"} <= have:
-        closed["theta"] = ("theta", "q")
+        channels_by_output["theta"] = ("theta", "q")
     if {"airspeed", "ax", "theta", "alpha", "q", "nz"} <= have:
-        closed["airspeed"] = ("airspeed", "ax", "theta", "alpha", "nz")
-    return closed
+        channels_by_output["airspeed"] = ("airspeed", "ax", "theta", "alpha", "nz")
+    return channels_by_output
 
 
 def signals_of(
@@ -120,7 +120,7 @@ def signals_of(
     bridged, valid, spikes = {}, {}, {}
     for name in channels:
         values, mask = _channel(record, name)
-        wrong = isolated(record.time[mask], values[mask])
+        wrong = isolated_spikes(record.time[mask], values[mask])
         spikes[name] = int(np.count_nonzero(wrong))
         mask = mask.copy()
         mask[np.flatnonzero(mask)[wrong]] = False
@@ -157,7 +157,7 @@ def signals_of(
 
 
 def measured_channels(record: Record) -> tuple[str, ...]:
-    """Return the channels of a record that the kinematics use; az counts as nz."""
+    """Return the channels of a record that the kinematics use; az is listed as nz."""
     have = set(record.output_names)
     names = [
         name
@@ -168,17 +168,19 @@ def measured_channels(record: Record) -> tuple[str, ...]:
 
 
 def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(N,)`` of a channel and which of them are valid; az serves as nz."""
+    """Return the values ``(N,)`` of a channel and the mask of valid ones. Where nz is not recorded,
+    az gives it.
+    """
     if name == "nz" and "nz" not in record.output_names:
         return -record["az"].values / G0, record["az"].valid
     return record[name].values, record[name].valid
 
 
-def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return which samples ``x (N,)`` at times ``t (N,)`` are spikes.
+def isolated_spikes(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return a mask ``(N,)``, True where a sample of ``x (N,)`` at times ``t (N,)`` is a spike.
 
     A spike is a single sample far from the lines through its two neighbours on each side, and from
-    the mean of the neighbours. A corner of a signal is no spike, since one of the lines meets it.
+    the mean of its neighbours. A corner of a signal is no spike: it is on one of the lines.
     """
     spikes = np.zeros(len(x), dtype=bool)
     if len(x) < _FEWEST_SPIKE_SAMPLES:
@@ -199,6 +201,16 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
         near = slice(max(i - 2, 0), i + 3)
         spikes[i] = least[i] == least[near].max()
     return spikes
+
+
+def spike_notes(signals: Sequence[KinematicSignals]) -> list[str]:
+    """Return sentences on isolated wrong samples, which the check does not use."""
+    return [
+        f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
+        for s in signals
+        for name, count in s.spikes.items()
+        if count
+    ]
 
 
 def _load_jumps(record: Record, bridged: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -227,8 +239,8 @@ def _load_jumps(record: Record, bridged: Mapping[str, np.ndarray]) -> np.ndarray
 
 
 def differences(columns: np.ndarray) -> np.ndarray:
-    """Return the differences of successive samples of ``columns (m, N, c)``, after the first sample
-    itself: ``(N m, c)``, with the outputs of a sample together.
+    """Return the first sample of ``columns (m, N, c)``, then the differences of successive samples,
+    as ``(N m, c)``. The m outputs of one sample are in successive rows.
     """
     m, n, c = columns.shape
     flat = np.empty((n, m, c))
@@ -284,9 +296,9 @@ class RelationNoise:
         return RelationNoise(self.outputs, self.inputs, np.exp(logs[:m]), np.exp(logs[m:]))
 
 
-def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
+def inputs_with_estimated_noise(outputs: Sequence[str]) -> tuple[str, ...]:
     """Return the inputs whose noise can be estimated. Where alpha is the only output, the noise of
-    q stands for that of nz too.
+    q also represents that of nz: the residual shows only their sum.
     """
     if tuple(outputs) == ("alpha",):
         return ("q",)
@@ -302,10 +314,10 @@ def inputs_of(output: str) -> tuple[str, ...]:
     return _INPUTS[output]
 
 
-def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
+def noise_from_roughness(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
     """Return starting values of the noise from third differences, which suppress smooth motion."""
     outputs = all_signals[0].outputs
-    inputs = walking_inputs(outputs)
+    inputs = inputs_with_estimated_noise(outputs)
     rough = {
         name: float(np.mean([roughness(s.channels[name]) for s in all_signals]))
         for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
@@ -318,39 +330,44 @@ def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
     )
 
 
-def resolution(x: np.ndarray) -> float:
+def rounding_variance(x: np.ndarray) -> float:
     """Return the variance of the rounding of a column ``x (N,)``.
 
     A value rounded to steps of d has an error of variance d^2/12. No recorder is better than single
-    precision, which has steps of 2^-23 x at a value x. The step of a coarser column is its smallest
-    third difference that is larger than rounding to single precision makes it. In a column without
-    steps this value is far below the noise.
+    precision, whose steps are 2^-23 x at a value x. In a coarser column, the step is the smallest
+    third difference that exceeds the rounding of single precision. In a column without steps this
+    difference is far below the noise.
     """
-    single = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
+    single_precision = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
     third = np.abs(np.diff(x, 3))
-    steps = third[third > 8.0 * single]  # 8 is the sum of the weights 1, 3, 3, 1
+    steps = third[third > 8.0 * single_precision]  # 8 is the sum of the weights 1, 3, 3, 1
     step = float(np.min(steps)) if steps.size else 0.0
-    return max(step, single) ** 2 / 12.0
+    return max(step, single_precision) ** 2 / 12.0
 
 
-def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
-    """Return the variance of rounding of each channel, in the record with the finest steps."""
+def rounding_variances(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
+    """Return the variance of the rounding of each channel, ``(n,)``, from the record with the
+    finest steps.
+    """
     return np.array(
-        [max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names]
+        [
+            max(min(rounding_variance(s.channels[name]) for s in all_signals), 1e-20)
+            for name in names
+        ]
     )
 
 
 def roughness(x: np.ndarray) -> float:
     """Return the noise variance of a column ``x (N,)``, from its third differences."""
     third = np.diff(x, 3)
-    # The median is robust against the few switches of a held input. 0.6745 is the median of the
-    # size of a unit normal variable, and 20 the sum of the squares of the weights 1, 3, 3, 1.
+    # The median is robust against the few steps of a held input. 0.6745 is the median absolute
+    # value of a standard normal variable, and 20 the sum of the squared weights 1, 3, 3, 1.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
-    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), resolution(x), 1e-20)
+    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), rounding_variance(x), 1e-20)
 
 
 def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
-    """Return the change ``(m, n)`` of each output in one second by a unit of each input."""
+    """Return the rate ``(m, n)`` of each output, per second, for a unit of each input."""
     gains = np.zeros((len(noise.outputs), len(noise.inputs)))
     for i, output in enumerate(noise.outputs):
         for j, name in enumerate(noise.inputs):
@@ -360,7 +377,7 @@ def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
 
 
 def _gain(s: KinematicSignals, output: str, name: str) -> float:
-    """Return the rate of an output by a unit of an input."""
+    """Return the rate of an output for a unit of an input ``name``."""
     speed = float(np.mean(s.speed))
     if name in ("nz", "ny"):
         return s.gravity / speed
@@ -380,7 +397,7 @@ class RelationWhitener:
     Attributes
     ----------
     band : the factor in the band storage of LAPACK.
-    log_determinant : of the covariance, without missing samples.
+    log_determinant : logarithm of the determinant of the covariance, without missing samples.
     """
 
     band: np.ndarray
@@ -415,7 +432,7 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
     from scipy.linalg.lapack import dpbtrf
 
     m, n = s.valid.shape
-    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
+    white = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
     gains = walk_gains(s, noise)
     walk = (gains * noise.density) @ gains.T
     band = np.zeros((2 * m, n, m))
@@ -423,15 +440,15 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
     for lower in range(m):
         for j in range(m - lower):
             band[lower, :, j] = walk[j + lower, j] * h2
-    band[0] += own.T
-    band[0, 1:] += own.T[:-1]
-    band[m, :-1] -= own.T[:-1]
+    band[0] += white.T
+    band[0, 1:] += white.T[:-1]
+    band[m, :-1] -= white.T[:-1]
     # The diagonal at distance m runs from (k, i) to (k + 1, i); entries between belong to other
     # channels and are zero.
     factor, fault = dpbtrf(band.reshape(2 * m, n * m)[: m + 1], lower=1)
     if fault:
         raise np.linalg.LinAlgError("the covariance is not positive definite")
-    lost = float(np.sum(np.log(own[~s.valid])))
+    lost = float(np.sum(np.log(white[~s.valid])))
     return RelationWhitener(factor, 2.0 * float(np.sum(np.log(factor[0]))) - lost)
 
 
@@ -443,17 +460,17 @@ class NoiseEvidence:
     ----------
     signals : of each record.
     residuals : ``(m, N)`` of each record.
-    sensitivities : ``(m, N, n)`` of each record, to its own unknowns. Their fit has removed a part
-        of the noise.
-    priors : ``(n,)`` of each record, information of the priors of these unknowns.
-    begun : noise about which the densities have a prior.
+    sensitivities : ``(m, N, n)`` of each record, derivatives with respect to its n unknowns, whose
+        fit has removed a part of the noise.
+    priors : ``(n,)`` of each record, one over the prior variances of these unknowns.
+    prior_noise : noise about which the densities have a prior.
     """
 
     signals: tuple[KinematicSignals, ...]
     residuals: tuple[np.ndarray, ...]
     sensitivities: tuple[np.ndarray, ...]
     priors: tuple[np.ndarray, ...]
-    begun: RelationNoise
+    prior_noise: RelationNoise
 
     @cached_property
     def differences(self) -> tuple[np.ndarray, ...]:
@@ -466,17 +483,17 @@ class NoiseEvidence:
         )
 
 
-def settled_noise(
+def estimated_noise(
     evidence: NoiseEvidence, noise: RelationNoise, passes: int
 ) -> tuple[RelationNoise, float]:
     """Return the noise of greatest restricted likelihood, and minus the log likelihood, after at
     most ``passes`` Newton steps on the logarithms of the variances.
 
-    Second derivatives between two variances are neglected. No variance is below that of rounding
-    (`floors`).
+    Mixed second derivatives are neglected. No variance is below that of rounding
+    (`rounding_variances`).
     """
     cost = noise_cost(evidence, noise)
-    least = np.log(floors(evidence.signals, (*noise.outputs, *noise.inputs)))
+    least = np.log(rounding_variances(evidence.signals, (*noise.outputs, *noise.inputs)))
     for _ in range(passes):
         logs, before = noise.logs, cost
         above, below = np.empty(len(logs)), np.empty(len(logs))
@@ -503,9 +520,9 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
     """Return minus the log restricted likelihood (Patterson and Thompson, Biometrika 58(3), 1971)
     without constants; infinite where the covariance is not positive definite.
 
-    The density of an input has a prior about the noise in the third differences of its channel. It
-    is hardly less, since the differences include all white noise. It may be far more where a filter
-    has smoothed the channel.
+    The density of an input has a prior about the noise in the third differences of its channel. The
+    density is hardly smaller, since the differences include all white noise. It may be far larger
+    where a filter has smoothed the channel.
     """
     total = 0.0
     for s, flat, prior in zip(evidence.signals, evidence.differences, evidence.priors, strict=True):
@@ -518,17 +535,18 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
             return float("inf")
         total += 0.5 * white.log_determinant + 0.5 * float(np.sum(e**2))
         total += 0.5 * float(determinant) if sign > 0 else 0.0
-    log_ratio = np.log(noise.density / evidence.begun.density)
+    log_ratio = np.log(noise.density / evidence.prior_noise.density)
     std = np.where(log_ratio < 0, _LOWER_LOG_STD, _UPPER_LOG_STD)
     return total + 0.5 * float(np.sum((log_ratio / std) ** 2))
 
 
 def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
-    """Return the most likely random walk ``(m, N)`` by the noise of the inputs, given the
+    """Return the most likely random walk ``(m, N)`` that the noise of the inputs causes, given the
     ``residual (m, N)``.
 
-    This is a fixed-interval smoother in one solve: the residual r minus the expected measurement
-    noise R S^-1 r, with R the covariance of that noise and S the covariance of r.
+    One solution of linear equations replaces a fixed-interval smoother: the walk is the residual r
+    minus the expected measurement noise R S^-1 r, with R the covariance of that noise and S the
+    covariance of r.
     """
     from scipy.linalg.lapack import dpbtrs
 
@@ -537,5 +555,5 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
     y = solved.reshape(n, m).T
     back = y.copy()
     back[:, :-1] -= y[:, 1:]
-    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
-    return np.asarray(residual - own * back)
+    white = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
+    return np.asarray(residual - white * back)

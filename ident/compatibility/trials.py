@@ -21,9 +21,9 @@ from ident.compatibility.fitting import (
     smoother_sigmas,
     whitened,
 )
-from ident.compatibility.instruments import instrumented, weigher
+from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault, linearised, unknowns_of
-from ident.compatibility.signals import KinematicSignals
+from ident.compatibility.signals import KinematicSignals, smoothed_walk
 from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 
@@ -99,15 +99,15 @@ class SensorFinding:
     ----------
     value, std : parameter of the effect and its standard deviation; that of a scale is a factor.
     gain : gain of log likelihood.
-    stands : whether the fault is accepted, or may be confused with an accepted one.
+    supported : whether the fault is accepted, or may be confused with an accepted one.
     group : names of the faults that it may be confused with.
     name : name of the effect.
-    replicates : whether single records agree on it; True for one record.
-    lost : loss of log likelihood in place of an accepted fault, zero for the best fault of a group;
-        None where it is not in the place of one.
+    replicates : whether single records agree on the fault; True for one record.
+    lost : loss of log likelihood if the fault replaces an accepted one, zero for the best fault of
+        a group; None for a fault that was not tried as a replacement.
     probabilities : of the fault and its group by name, from likelihoods and priors.
-    instead_of : name of the accepted fault in whose place it was tried; empty for an accepted one
-        and for one that was tried beside all accepted ones.
+    instead_of : name of the accepted fault that it replaced in the trial; empty for an accepted
+        fault and for one that was tried in addition to all accepted ones.
     """
 
     channel: str
@@ -116,7 +116,7 @@ class SensorFinding:
     std: float
     unit: str
     gain: float
-    stands: bool
+    supported: bool
     group: tuple[str, ...]
     name: str = ""
     replicates: bool = True
@@ -181,7 +181,8 @@ class Compatibility:
     joint : result of all records together, with common sensor faults.
     single : result of each record alone; empty where it was not requested.
     reconstructions : one for each record.
-    cannot_tell : sentences on faults that the records do not determine.
+    unobservable : sentences on faults that the records do not determine, and on channels that
+        cannot be checked.
     notes : sentences on changes of the channels and on missing relations.
     """
 
@@ -190,13 +191,29 @@ class Compatibility:
     joint: CheckResult
     single: tuple[CheckResult, ...]
     reconstructions: tuple[Reconstruction, ...]
-    cannot_tell: tuple[str, ...]
+    unobservable: tuple[str, ...]
     notes: tuple[str, ...] = field(default=())
 
     @property
     def findings(self) -> tuple[SensorFinding, ...]:
         """Findings of all records together, accepted ones first."""
         return self.joint.findings
+
+
+def reconstructions_of(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
+    """Return the reconstruction of each record. ``base`` is the fit without faults, and ``final``
+    the fit with the accepted faults.
+    """
+    reconstructions = []
+    for s, without_faults, y, residual in zip(
+        final.signals, base.outputs, final.outputs, final.residuals, strict=True
+    ):
+        smooth = y + smoothed_walk(s, final.noise, residual)
+        measured = {name: s.channels[name] for name in s.outputs}
+        values_by_kind = (without_faults, y, smooth, s.valid)
+        by_output = [dict(zip(s.outputs, values, strict=True)) for values in values_by_kind]
+        reconstructions.append(Reconstruction(s.name, s.time, measured, *by_output))
+    return tuple(reconstructions)
 
 
 # ---- Trial of one fault in addition to others
@@ -213,16 +230,16 @@ class FaultTrial:
 
     Attributes
     ----------
-    fit : the fit with the fault, which is the last one.
+    fit : fit with the fault as the last one of its faults.
     size : estimated size.
-    white, variance : variance of the size for white and for coloured residuals.
+    white_variance, variance : variance of the size for white and for coloured residuals.
     gain, p_value : gain of log likelihood under coloured residuals, and its p-value.
     """
 
     fault: SensorFault
     fit: KinematicFit
     size: float
-    white: float
+    white_variance: float
     variance: float
     gain: float
     p_value: float
@@ -234,16 +251,16 @@ class FaultTrial:
 
     @property
     def quantity(self) -> FaultQuantity:
-        """The size that the sensor has, where it is not zero without a fault, and its sigma."""
+        """Parameter of the effect, which is the size plus `SensorFault.offset`, and its sigma."""
         return FaultQuantity(self.size + self.fault.offset, math.sqrt(max(self.variance, 0.0)))
 
 
-def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
-    """Return the trial of each fault in addition to those of ``base``. It is linearised; a fault
-    with a notable gain or size is fitted completely.
+def try_faults(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
+    """Return the trial of each fault in addition to those of ``base``. Trials are linearised, but a
+    fault with a notable gain or size is fitted completely.
     """
     trials = []
-    for fault, linearised_fit in zip(faults, one_step(base, faults), strict=True):
+    for fault, linearised_fit in zip(faults, linearised_fits(base, faults), strict=True):
         trial = _trial(base, fault, linearised_fit)
         if trial.gain > LEAST_PROJECTED_GAIN or abs(trial.size) > 0.5 * fault.plausible:
             trial = _trial(base, fault, fit(base.signals, (*base.faults, fault), base))
@@ -256,11 +273,11 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
     sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    # The likelihood includes the effect of gusts. With recorded controls, only the part of the
-    # residual that the controls explain counts.
+    # Gusts reduce the likelihood too. With recorded controls, only the part of the residual that
+    # the controls explain is compared.
     before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
-        whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
+        whiteners = [projected_whitener(s, kinematic_fit.noise) for s in kinematic_fit.signals]
         before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
     gain = max(before - after, 0.0) / widening
     return FaultTrial(
@@ -287,7 +304,7 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
 def estimate_of(trial: FaultTrial) -> SensorEstimate:
     """Return the estimate of a tried fault by both methods."""
     values, covariance = output_error(trial.fit)
-    widening = trial.variance / trial.white if trial.white > 0 else 1.0
+    widening = trial.variance / trial.white_variance if trial.white_variance > 0 else 1.0
     other_variance = float(covariance[-1, -1]) * widening
     difference = difference_in_sigmas(float(values[-1]), other_variance, trial.size, trial.variance)
     fault = trial.fault
@@ -339,45 +356,47 @@ def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
 def with_more_faults(
     base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
 ) -> KinematicFit:
-    """Return the fit of one record with the faults of all records, from their ``sizes``."""
+    """Return the fit of one record with the ``faults`` of the joint fit, whose ``sizes (k,)`` are
+    the starting values. Without faults the result is ``base``.
+    """
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
-def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Return whether the single records agree on a fault in addition to those of ``current``, and
-    their weighted mean has the sign of the trial and is significant. ``bases`` are the base fits of
-    each record.
+def records_agree(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
+    """Return whether single records agree on the size of a fault, and their weighted mean is
+    significant with the sign of the trial.
+
+    The fault is tried in each record in addition to the faults of ``current``. ``bases`` are the
+    fits of each record without faults.
     """
     from scipy.special import chdtrc
 
     if len(bases) < 2:
         return True
-    alone = [
-        tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
+    single_trials = [
+        try_faults(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
-    sizes = np.array([t.size for t in alone if t.determined])
-    weights = np.array([1.0 / t.variance for t in alone if t.determined])
+    sizes = np.array([t.size for t in single_trials if t.determined])
+    weights = np.array([1.0 / t.variance for t in single_trials if t.determined])
     if len(sizes) < 2:
         return False
     mean = float(np.sum(weights * sizes) / np.sum(weights))
-    agree = (
-        float(chdtrc(len(sizes) - 1.0, float(np.sum(weights * (sizes - mean) ** 2))))
-        > CONTRADICTION_P_VALUE
-    )
+    scatter = float(np.sum(weights * (sizes - mean) ** 2))
+    agree = float(chdtrc(len(sizes) - 1.0, scatter)) > CONTRADICTION_P_VALUE
     return agree and mean * math.copysign(1.0, trial.size) > LEAST_FAULT_SIGMAS / math.sqrt(
         float(np.sum(weights))
     )
 
 
-def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """Return for each fault the linearised fit with it in addition to those of ``base``, under the
+def linearised_fits(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
+    """Return for each fault the linearised fit with this fault and those of ``base``, under the
     noise of ``base``.
     """
-    white, at, slopes = whitened(base), positions(base), []
+    white, places, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
     gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))
-    for s, own, (e, jacobian), where in zip(base.signals, base.own, white, at, strict=True):
+    for s, own, (e, jacobian), where in zip(base.signals, base.own, white, places, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
         gradient[where] += J.T @ e.ravel()
@@ -390,42 +409,48 @@ def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Kinemati
     total = sum(len(own) for own in base.own)
     gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
     added = [
-        weigher(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
+        projected_whitener(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
         for s, slope in zip(base.signals, slopes, strict=True)
     ]
     return [
-        _with_step(base, fault, j, white, at, slopes, added, information, gradient)
+        _linearised_fit(base, fault, j, white, places, slopes, added, information, gradient)
         for j, fault in enumerate(faults)
     ]
 
 
-def _with_step(
+def _linearised_fit(
     base: KinematicFit,
     fault: SensorFault,
     j: int,
     white: Sequence[tuple[np.ndarray, np.ndarray]],
-    at: Sequence[np.ndarray],
+    places: Sequence[np.ndarray],
     slopes: Sequence[np.ndarray],
     added: Sequence[np.ndarray],
     information: np.ndarray,
     gradient: np.ndarray,
 ) -> KinematicFit:
-    """Return the linearised fit with fault ``j`` of `one_step`, from the normal equations without
-    it.
+    """Return the linearised fit with the fault at position ``j`` of `linearised_fits`.
+
+    Parameters
+    ----------
+    white, places : results of `whitened` and `positions` for ``base``.
+    slopes, added : ``(m, N, F)`` of each record, derivatives with respect to the F faults, plain
+        and whitened.
+    information, gradient : normal equations of ``base``.
     """
     n = len(gradient)
-    whole, right = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
-    whole[:n, :n] = information
-    for (e, jacobian), where, columns in zip(white, at, added, strict=True):
+    extended, extended_gradient = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
+    extended[:n, :n] = information
+    for (e, jacobian), where, columns in zip(white, places, added, strict=True):
         column = columns[:, :, j].ravel()
-        whole[n, n] += column @ column
-        whole[where, n] += jacobian.reshape(-1, jacobian.shape[2]).T @ column
-        right[n] += column @ e.ravel()
-    whole[n, :n] = whole[:n, n]
-    step = bounded_inverse(whole) @ right
+        extended[n, n] += column @ column
+        extended[where, n] += jacobian.reshape(-1, jacobian.shape[2]).T @ column
+        extended_gradient[n] += column @ e.ravel()
+    extended[n, :n] = extended[:n, n]
+    step = bounded_inverse(extended) @ extended_gradient
     step[n] = float(np.clip(step[n], -fault.largest, fault.largest))
     own, residuals, jacobians, outputs = [], [], [], []
-    for r, (s, where, slope) in enumerate(zip(base.signals, at, slopes, strict=True)):
+    for r, (s, where, slope) in enumerate(zip(base.signals, places, slopes, strict=True)):
         jacobian = np.concatenate([base.jacobians[r], slope[:, :, j : j + 1]], axis=2)
         change = jacobian @ np.append(step[where], step[n])
         own.append(base.own[r] + step[where[: len(base.own[r])]])
@@ -434,7 +459,7 @@ def _with_step(
         outputs.append(base.outputs[r] + change)
     total = sum(len(o) for o in own)
     sizes = np.append(base.sizes + step[total:n], step[n])
-    cost = base.cost - 0.5 * max(float(right @ step), 0.0)
+    cost = base.cost - 0.5 * max(float(extended_gradient @ step), 0.0)
     return KinematicFit(
         base.signals,
         (*base.faults, fault),
@@ -454,11 +479,11 @@ def _with_step(
 _TIMED = ("alpha", "q", "nz", "theta")
 
 
-def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Return the channels of which at least one must have no delay: a time reference.
+def time_references(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
+    """Return the channels of which at least one must have no delay: it is the time reference.
 
-    Without recorded controls the load is none of them. A gust changes it before the flight path, so
-    that alpha and q would seem late.
+    Without recorded controls the load is not among them. A gust changes the load before the flight
+    path, so that alpha and q would seem late.
     """
     return tuple(
         name
@@ -468,15 +493,15 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
 
 
 def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Return the time references that these faults delay."""
+    """Return the fast channels (``_TIMED``) that these faults delay."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
     }
 
 
-def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Return whether these faults leave one of the channels ``timed`` without a delay. Delays of
-    all of them are not determined, only their differences.
+def leaves_time_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
+    """Return whether these faults leave one of the channels ``timed`` without a delay. The
+    kinematics determine only differences of delays.
     """
     # An accelerometer ahead of the centre of gravity has the same effect as a lag of q.
     delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import weigher
+from ident.compatibility.instruments import projected_whitener
 from ident.compatibility.kinematics import (
     BIAS,
     DELAY,
@@ -23,7 +23,7 @@ from ident.compatibility.kinematics import (
 from ident.compatibility.signals import RelationNoise
 from ident.statistics.intervals import bounded_inverse
 
-_LEAST_PART = 0.2  # smallest part of a fault in a named combination, relative to the largest
+_LEAST_COEFFICIENT = 0.2  # smallest coefficient of a named fault, relative to the largest
 _LEAST_PIVOT = 0.3  # smallest pivot, relative to the largest entry of its row
 _CONFUSABLE_CORRELATION = 0.95  # faults whose signatures have a larger cosine are confusable
 # kinds of faults whose combinations may be unobservable
@@ -34,31 +34,32 @@ def unobservable_sentences(
     base: KinematicFit,
     noise: RelationNoise,
     channels: Sequence[str],
-    chance: float,
-    standing: Collection[str] = (),
+    chance_loss: float,
+    supported: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return sentences on faults that the records of a fit without faults do not determine.
 
     A fault is unobservable if its standard deviation exceeds its plausible size
-    (`SensorFault.plausible`). So is a combination of faults of one family (times, scales, biases
+    (`SensorFault.plausible`). So is a combination of faults of one family (delays, scales, biases
     and drifts). Two faults are confusable if the cosine of their projected signatures is large, and
-    one of plausible size loses at most ``chance`` of log likelihood to the other one. Faults that
-    are ``standing``, by name, have been compared by these records and are left out.
+    one of plausible size loses at most ``chance_loss`` of log likelihood if the other one replaces
+    it. ``supported`` are the names of faults that the check of these records has compared with
+    their alternatives already; they are left out.
     """
     faults = faults_of(channels, drifts=True, biases=True)
     information = fault_information(base, noise, faults)
-    return unobservable_faults(information, faults, channels, chance, standing)
+    return unobservable_faults(information, faults, channels, chance_loss, supported)
 
 
 def unobservable_faults(
     information: np.ndarray,
     faults: Sequence[SensorFault],
     channels: Sequence[str],
-    chance: float,
-    standing: Collection[str] = (),
+    chance_loss: float,
+    supported: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return sentences on the ``faults`` and their combinations that ``information (k, k)``, in
-    units of plausible sizes, does not determine; ``chance``, ``standing`` as in
+    units of plausible sizes, does not determine. ``chance_loss`` and ``supported`` are those of
     `unobservable_sentences`.
     """
     unobservable = np.diag(information) < 1.0
@@ -71,7 +72,7 @@ def unobservable_faults(
         ]
         if kinds:
             be = "is" if len(kinds) == 1 else "are"
-            sentences.append(f"{channel}: {_listed(kinds)} {be} not observable")
+            sentences.append(f"{channel}: {_joined(kinds)} {be} not observable")
     observable = np.flatnonzero(~unobservable)
     for family in FAMILIES:
         members = [i for i in observable.tolist() if faults[i].kind in family]
@@ -80,14 +81,14 @@ def unobservable_faults(
             values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
             sentences += [
                 _combination_sentence(row, family_faults)
-                for row in _simple_rows(vectors[:, values < 1.0].T, family_faults)
+                for row in _sparse_combinations(vectors[:, values < 1.0].T, family_faults)
             ]
-    compared = [i for i in observable.tolist() if faults[i].name not in standing]
+    compared = [i for i in observable.tolist() if faults[i].name not in supported]
     return (
         *dict.fromkeys(sentences),
         *(
-            f"{_listed([f.name for f in group])} cannot be told apart"
-            for group in _alike(information, faults, compared, chance)
+            f"{_joined([f.name for f in group])} cannot be distinguished"
+            for group in _confusable_groups(information, faults, compared, chance_loss)
         ),
     )
 
@@ -95,10 +96,11 @@ def unobservable_faults(
 def fault_information(
     base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
 ) -> np.ndarray:
-    """Return the information ``(k, k)`` on the faults, each in units of its plausible size. The
-    unknowns of each record but its biases are projected out.
+    """Return the information ``(k, k)`` on the faults, each in units of its plausible size. All
+    unknowns of each record except its biases are projected out.
 
-    The effect of a lag is that of its plausible size, since a small lag equals a delay.
+    The column of a lag is the finite effect of its plausible size, since to first order a lag
+    equals a delay.
     """
     k = len(faults)
     total = np.zeros((k, k))
@@ -116,7 +118,7 @@ def fault_information(
                 columns[:, :, len(free) + j] = (
                     evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
                 )
-        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
+        white = projected_whitener(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
             -1, columns.shape[2]
         )
         whole = white.T @ white
@@ -127,12 +129,12 @@ def fault_information(
     return total
 
 
-def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """Return combinations of few faults that span the same space as ``rows``: Gauss-Jordan, with
-    drifts as the first pivots.
+def _sparse_combinations(rows: np.ndarray, faults: Sequence[SensorFault]) -> list[np.ndarray]:
+    """Return combinations of few faults that span the same space as ``rows``, by Gauss-Jordan
+    elimination with drifts as the first pivots. Columns are those of ``faults``.
     """
     rows, done = rows.copy(), np.zeros(len(rows), dtype=bool)
-    order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
+    order = sorted(range(len(faults)), key=lambda i: faults[i].kind != DRIFT)
     for column in order:
         remaining = np.flatnonzero(~done)
         if not remaining.size:
@@ -148,53 +150,61 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
     return [row / np.abs(row).max() for row in rows]
 
 
-def _alike(
+def _confusable_groups(
     information: np.ndarray,
     faults: Sequence[SensorFault],
     observable: Sequence[int],
-    chance: float,
+    chance_loss: float,
 ) -> list[list[SensorFault]]:
-    """Return groups of confusable faults; a fault may be in several. Biases and drifts are left
-    out: their combinations are named instead.
+    """Return groups of confusable faults; a fault may be in several groups. Biases and drifts are
+    left out: `unobservable_faults` names their unobservable combinations instead.
+
+    ``observable`` are positions in ``faults``; the other arguments are those of
+    `unobservable_faults`.
     """
-    gains = np.maximum(np.diag(information), 1e-300)  # twice those at plausible sizes
+    # twice the gain of log likelihood by each fault at its plausible size
+    gains = np.maximum(np.diag(information), 1e-300)
     cosines = np.clip(information / np.outer(np.sqrt(gains), np.sqrt(gains)), -1.0, 1.0)
-    # Where both sizes must be positive, effects of opposite sign are told by it.
+    # Where both sizes must be positive, effects of opposite sign cannot be confused.
     one_sided = np.array([fault.one_sided for fault in faults])
-    likeness = np.where(np.logical_and.outer(one_sided, one_sided), cosines, np.abs(cosines))
+    similarity = np.where(np.logical_and.outer(one_sided, one_sided), cosines, np.abs(cosines))
     losses = 0.5 * np.maximum.outer(gains, gains) * (1.0 - cosines**2)
-    alike = (likeness >= _CONFUSABLE_CORRELATION) & (losses <= chance)
+    confusable = (similarity >= _CONFUSABLE_CORRELATION) & (losses <= chance_loss)
     candidates = [i for i in observable if faults[i].kind not in (BIAS, DRIFT)]
     groups: list[list[int]] = []
     for first in candidates:
         if not any(first in group for group in groups):
             group = [first]
             for i in candidates:
-                if i != first and all(alike[i, j] for j in group):
+                if i != first and all(confusable[i, j] for j in group):
                     group.append(i)
             if len(group) > 1:
                 groups.append(sorted(group))
     return [[faults[i] for i in group] for group in groups]
 
 
-def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
-    """Return the sentence on an unobservable combination, ``row``, of the faults ``named``."""
-    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
+def _combination_sentence(row: np.ndarray, faults: Sequence[SensorFault]) -> str:
+    """Return the sentence on an unobservable combination of ``faults``; ``row`` has its
+    coefficients.
+    """
+    members = [
+        (faults[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_COEFFICIENT
+    ]
     kinds = {fault.kind for fault, _ in members}
-    lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
+    only_delays = all(fault.kind in (DELAY, LAG) for fault, _ in members)
     channels = sorted(
-        {fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index
+        {fault.channel for fault, _ in members}, key=[fault.channel for fault in faults].index
     )
-    same = all(part * members[0][1] > 0 for _, part in members)
-    if lateness and same and len(channels) > 1:
-        return f"a delay common to {_listed(channels)} is not observable, only relative delays are"
-    if kinds == {SCALE} and same:
-        return f"a scale common to {_listed(channels)} is not observable, only ratios are"
+    same_sign = all(coefficient * members[0][1] > 0 for _, coefficient in members)
+    if only_delays and same_sign and len(channels) > 1:
+        return f"a delay common to {_joined(channels)} is not observable, only relative delays are"
+    if kinds == {SCALE} and same_sign:
+        return f"a scale common to {_joined(channels)} is not observable, only ratios are"
     names = sorted(fault.name for fault, _ in members)
     if len(names) == 1:
-        return f"{names[0]} is not determined beside the others"
-    return f"{_listed(names)}: only combinations are observable"
+        return f"{names[0]} is not determined together with the others"
+    return f"{_joined(names)}: only combinations are observable"
 
 
-def _listed(words: Sequence[str]) -> str:
+def _joined(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,5 +1,5 @@
-"""Criteria on the pitch attitude: bandwidth and phase delay of an estimated response, dropback of a
-fitted one, a pilot who closes the loop (Neal and Smith), and steps of a fitted response.
+"""Criteria of pitch attitude: bandwidth and phase delay of an estimated response, dropback and step
+response of a fitted one, and the pilot-in-the-loop criterion of Neal and Smith.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
 PARABOLA_HALF_WIDTH = 0.2  # half width in ln(omega) of the parabola about a crossing
 _FEWEST_PARABOLA_POINTS = 5
 _PHASE_DELAY_POINTS = 41  # points of the straight line of the phase delay
-_STARTING_PHASE = -60.0  # deg, about which the phase of an attitude begins; settles its sign
+_STARTING_PHASE = -60.0  # deg, usual phase of an attitude at low frequency; determines its sign
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,16 @@ class BandwidthQuantity:
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Bandwidth of an attitude response; None where the usable band does not show it.
+    """Bandwidth and phase delay of an attitude response. A quantity is None if the usable band does
+    not contain it.
 
     Attributes
     ----------
-    neutral : rad/s, where the phase is -180 deg.
-    phase : rad/s, phase bandwidth, where it is -135 deg.
-    gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
-    delay : s, phase delay, by a straight line between ``neutral`` and twice that.
-    notes : why something is None, one sentence each.
+    neutral : frequency, rad/s, at which the phase is -180 deg.
+    phase : phase bandwidth, rad/s, the frequency at which the phase is -135 deg.
+    gain : gain bandwidth, rad/s, the frequency at which the gain is 6 dB above that at ``neutral``.
+    delay : phase delay, s, by a straight line through the phase from ``neutral`` to twice that.
+    notes : sentences that say why a quantity is None.
     """
 
     neutral: BandwidthQuantity | None
@@ -58,15 +59,17 @@ class Bandwidth:
 
     @property
     def bandwidth(self) -> BandwidthQuantity | None:
-        """The lesser of phase and gain bandwidth, as for rate response types; for an attitude
-        command the phase bandwidth counts alone."""
+        """Smaller one of phase and gain bandwidth, which applies to rate response types; None if
+        one of them is None. For attitude response types, the phase bandwidth applies.
+        """
         both = [each for each in (self.phase, self.gain) if each is not None]
         return min(both, key=lambda each: each.value) if len(both) == 2 else None
 
 
 class FrequencyPoints(Protocol):
-    """Points over frequency whose errors neighbours share: rad/s ``(F,)``, and the effective length
-    of the windows, s."""
+    """Points at frequencies ``omega (F,)``, rad/s, whose errors are correlated between neighbours
+    according to the effective ``length`` of the windows, s.
+    """
 
     @property
     def omega(self) -> np.ndarray: ...
@@ -76,9 +79,9 @@ class FrequencyPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class AttitudeCurve:
-    """Gain in dB and phase in deg of an attitude over rad/s, with deviations of each, ``(F,)``.
-
-    ``length`` : s, effective one of the windows."""
+    """Gain, dB, and phase, deg, of an attitude response at F frequencies ``omega``, rad/s, with
+    their standard deviations, ``(F,)`` each. ``length`` is the effective length of the windows, s.
+    """
 
     omega: np.ndarray
     gain: np.ndarray
@@ -89,11 +92,11 @@ class AttitudeCurve:
 
 
 def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
-    """Bandwidth and phase delay from an estimated response along its usable band.
+    """Return bandwidth and phase delay from an estimated response in its usable band.
 
-    Each crossing is found on a parabola through the points about it, whose errors are
-    correlated between neighbours as the windows are. ``rate`` : the output is a rate, which is
-    integrated. A response of negative sign is turned.
+    Each crossing is found by a parabola through the points about it. Errors of neighbouring points
+    are correlated. ``rate`` says whether the output is a pitch rate, which is then integrated. The
+    sign of a response with negative gain is reversed.
     """
     curve = attitude_curve(target, rate=rate)
     notes: list[str] = []
@@ -109,9 +112,9 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
         notes.append(f"no gain bandwidth and phase delay: no phase of -180 deg; {band}")
         return Bandwidth(neutral, phase, gain, delay, tuple(notes))
     level, slope, spread = _line(curve, curve.gain, curve.gain_std, neutral.value)
-    extra = math.hypot(spread, slope * neutral.std / neutral.value)
+    level_std = math.hypot(spread, slope * neutral.std / neutral.value)
     gain = _crossing(
-        curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, extra, before=neutral.value
+        curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, level_std, before=neutral.value
     )
     if gain is None:
         notes.append(f"no gain bandwidth: the gain is nowhere 6 dB above that at -180 deg; {band}")
@@ -153,7 +156,9 @@ PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
 
 
 def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
-    """Return the level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
+    """Return the level, 1 to 3, for a bandwidth, rad/s, and a phase delay, s, of pitch in flight
+    phases of category A.
+    """
     for level, points in enumerate(PITCH_LEVELS, start=1):
         least, delays = (np.array(each) for each in zip(*points, strict=True))
         if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
@@ -162,10 +167,11 @@ def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
 
 
 def dropback(function: FittedResponse) -> BandwidthQuantity | None:
-    """Dropback over steady pitch rate, s: T_theta2 - 2 damping/frequency - delay, of a pitch rate
-    fitted by the form ``pitch``; negative is overshoot. None for any other form.
+    """Return the dropback over the steady pitch rate, s, of a fitted response of pitch rate; None
+    for a form other than ``pitch``.
 
-    When the stick returns after a step, the attitude falls back by this times the steady rate.
+    It is T_theta2 - 2 damping/frequency - delay. When the stick returns after a step, the attitude
+    falls back by this time multiplied by the steady rate. A negative value is an overshoot.
     """
     if function.form is not FORMS["pitch"]:
         return None
@@ -179,6 +185,9 @@ def dropback(function: FittedResponse) -> BandwidthQuantity | None:
 def _propagated(
     function: FittedResponse, value: Callable[[dict[str, float]], float]
 ) -> BandwidthQuantity | None:
+    """Return a function of the parameters of a fit with its standard deviation; None if 1/T_theta2
+    or the frequency is zero.
+    """
     p = dict(function.values)
     if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
@@ -192,8 +201,10 @@ def _propagated(
 
 
 def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
-    """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
-    turns are added until the phase begins near -60 deg."""
+    """Return the attitude response of a target. ``rate`` says whether the target is the response of
+    a rate, which is then integrated. Multiples of 180 deg are added so that the phase begins near
+    ``_STARTING_PHASE``.
+    """
     omega = target.omega
     response = target.response / (1j * omega) if rate else target.response
     phase = np.degrees(np.unwrap(np.angle(response)))
@@ -210,11 +221,13 @@ def _crossing(
     values: np.ndarray,
     std: np.ndarray,
     level: float,
-    extra: float,
+    level_std: float,
     before: float | None = None,
 ) -> BandwidthQuantity | None:
-    """Return the frequency where a curve falls through a level whose own deviation is ``extra``:
-    the first one, or the last one before a frequency.
+    """Return the first frequency at which a curve falls through a level, or the last one below the
+    frequency ``before``; None if there is none.
+
+    ``level_std`` is the standard deviation of the level itself.
     """
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
     if before is not None:
@@ -230,21 +243,28 @@ def _crossing(
     value, slope, spread = _line(curve, values, std, at)
     if not slope < 0.0:
         return None
-    return BandwidthQuantity(at, at * math.hypot(spread, extra) / abs(slope))
+    return BandwidthQuantity(at, at * math.hypot(spread, level_std) / abs(slope))
 
 
 def _line(
     curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
 ) -> tuple[float, float, float]:
-    """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
+    """Return the value of a curve at the frequency ``at``, its derivative with respect to
+    ln(omega), and the standard deviation of the value, from `parabola_at`.
+    """
     result = parabola_at(curve, values, std, at)
     return result.value, result.slope, result.std
 
 
 @dataclass(frozen=True)
 class Parabola:
-    """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the
-    value; ``weights`` ``(F,)`` : of the curve's points in the value.
+    """Local parabola of a curve in ln(omega).
+
+    Attributes
+    ----------
+    value, slope, curvature : value, first and second derivative with respect to ln(omega).
+    std : standard deviation of the value.
+    weights : ``(F,)`` weights of the points of the curve in the value.
     """
 
     value: float
@@ -255,10 +275,11 @@ class Parabola:
 
 
 def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
-    """Return the parabola through the points of a curve about ``at``, rad/s, in ln(omega).
+    """Return the parabola in ln(omega) through the points of a curve about the frequency ``at``,
+    rad/s.
 
-    ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
-    windows do.
+    ``values (F,)`` are those of the curve, and ``std (F,)`` their standard deviations. Errors of
+    neighbouring points are correlated.
     """
     gain, covariance, near = parabola_weights(curve, std, at)
     result = gain @ values[near]
@@ -271,8 +292,10 @@ def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at:
 def parabola_weights(
     curve: FrequencyPoints, std: np.ndarray, at: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
-    ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
+    """Return the weights ``(3, N)`` of the N points about the frequency ``at``, rad/s, in the
+    coefficients of a parabola in ln(omega), the covariance ``(3, 3)`` of the coefficients, and the
+    positions ``(N,)`` of these points.
+    """
     x = np.log(curve.omega / at)
     near = np.argsort(np.abs(x))[
         : max(_FEWEST_PARABOLA_POINTS, int(np.count_nonzero(np.abs(x) <= PARABOLA_HALF_WIDTH)))
@@ -284,8 +307,11 @@ def parabola_weights(
 
 
 def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
-    """Half of the slope of the phase, rad over rad/s, by the straight line through it between the
-    frequency of -180 deg and twice that, evenly weighted; the phase is joined by lines."""
+    """Return the phase delay, s: minus half of the slope of the phase, rad over rad/s.
+
+    The slope is that of the regression line from the frequency ``neutral`` of -180 deg to twice
+    this frequency. The phase is interpolated linearly at even distances.
+    """
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
     last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
     places = np.arange(first, last)
@@ -299,21 +325,25 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
 
 
 def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the covariance of errors that neighbours share."""
+    """Return the covariance ``(N, N)`` of the errors of the points at the positions ``places
+    (N,)``, from their standard deviations ``std (N,)`` and the correlation of neighbours.
+    """
     length = np.broadcast_to(curve.length, curve.omega.shape)
-    alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
-    return alike[np.ix_(places, places)] * np.outer(std, std)
+    correlation = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
+    return correlation[np.ix_(places, places)] * np.outer(std, std)
 
 
 @lru_cache(maxsize=8)
 def _correlation(omega: bytes, length: bytes) -> np.ndarray:
-    """Correlation ``(F, F)`` of the errors of a curve: the same for all parabolas through it."""
+    """Return the correlation ``(F, F)`` of the errors of a curve, from its frequencies and window
+    lengths as bytes. It is cached, since all parabolas of a curve use it.
+    """
     return shared_correlation(np.frombuffer(omega), np.frombuffer(length))
 
 
-LARGEST_DROOP = -3.0  # dB
-LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
-PILOT_DELAY = 0.25  # s
+LARGEST_DROOP = -3.0  # dB, smallest gain of the closed loop below the bandwidth
+LEVELS = (3.0, 9.0)  # dB, largest resonance of levels 1 and 2
+PILOT_DELAY = 0.25  # s, delay of the pilot
 RESPONSE_DRAWS = 100  # samples of the response for standard deviations
 SCAN_POINTS = 60  # frequencies of a scan
 SEED = 20  # seed of the random numbers
@@ -323,7 +353,9 @@ _COMPENSATION_POINTS = 69  # compensations that are tried
 
 @dataclass(frozen=True)
 class PilotDemand:
-    """Task of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
+    """Task of the pilot: the required closed-loop ``bandwidth``, rad/s, and the ``delay`` of the
+    pilot, s.
+    """
 
     bandwidth: float
     delay: float = PILOT_DELAY
@@ -331,19 +363,19 @@ class PilotDemand:
 
 @dataclass(frozen=True)
 class NealSmith:
-    """The pilot that the criterion finds.
+    """Result of the Neal-Smith criterion.
 
     Attributes
     ----------
-    demand : what was asked.
-    resonance : dB, the peak of the closed loop.
-    compensation : deg, phase of the pilot's lead (positive) or lag at the bandwidth, without the
+    demand : the task.
+    resonance : peak of the closed loop, dB.
+    compensation : phase of the pilot's lead (positive) or lag at the bandwidth, deg, without the
         delay.
-    level : 1, 2 or 3, by the resonance;
-    best, worst : within two standard deviations.
-    droop : dB, the least of the closed loop below the bandwidth.
-    correlation : of both errors.
-    notes : one sentence each.
+    level : level 1, 2 or 3 by the resonance.
+    best, worst : best and worst level within two standard deviations.
+    droop : smallest gain of the closed loop below the bandwidth, dB.
+    correlation : correlation of the errors of resonance and compensation.
+    notes : sentences on limits of the result.
     """
 
     demand: PilotDemand
@@ -358,16 +390,16 @@ class NealSmith:
 
 
 def resonance_level(resonance: float) -> int:
-    """Return the level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
+    """Return the level, 1 to 3, of a resonance, dB, by MIL-STD-1797A."""
     return 1 + int(resonance > LEVELS[0]) + int(resonance > LEVELS[1])
 
 
 def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
-    """Return the criterion for an attitude response along its usable band; a sentence where it
-    cannot be applied.
+    """Return the Neal-Smith criterion for an attitude response in its usable band, or a sentence
+    that says why it cannot be applied.
 
-    The response is smoothed by parabolas about each frequency. Its errors, which neighbours share,
-    are drawn 100 times, and the pilot is adjusted to each draw.
+    The response is smoothed by parabolas about each frequency. Standard deviations follow from
+    ``RESPONSE_DRAWS`` random samples of its correlated errors: the pilot is adjusted to each.
     """
     low, high = float(curve.omega[0]), float(curve.omega[-1])
     if not low * 2.0 <= demand.bandwidth <= high / 1.2:
@@ -377,19 +409,21 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
         )
     omega = np.unique(np.append(np.geomspace(low, high, SCAN_POINTS), demand.bandwidth))
     centre, draws = _smoothed(curve, omega)
-    result = _adjusted(omega, centre[None], demand)
+    result = _adjusted_pilots(omega, centre[None], demand)
     if result is None:
         return "no Neal-Smith pilot: no lead or lag gives the bandwidth"
     resonance, compensation, droop = (float(each[0]) for each in result)
-    sampled = _adjusted(omega, draws, demand)
+    sampled = _adjusted_pilots(omega, draws, demand)
     assert sampled is not None
     stds = [float(np.std(each)) for each in sampled[:2]]
-    alike = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
+    correlation = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
     levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
     notes = []
     if droop < LARGEST_DROOP - 0.05:
         notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
-    edge = int(np.argmax(_closed(omega, centre[None], demand, np.array([compensation]))[0]))
+    edge = int(
+        np.argmax(_closed_loop_gain(omega, centre[None], demand, np.array([compensation]))[0])
+    )
     if edge == omega.size - 1:
         notes.append("the resonance lies at the end of the usable band and may be larger")
     return NealSmith(
@@ -400,20 +434,22 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
         levels[0],
         levels[1],
         droop,
-        float(alike),
+        float(correlation),
         tuple(notes),
     )
 
 
 def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
+    """Return the complex attitude response at ``omega (F,)``, smoothed by parabolas, and D random
+    samples of it ``(D, F)``.
+    """
     rng = np.random.default_rng(SEED)
     places = np.arange(curve.omega.size)
     rows = []
     for values, std in ((curve.gain, curve.gain_std), (curve.phase, curve.phase_std)):
         covariance = shared_covariance(curve, std, places)
-        # Correlations that were estimated pair by pair need not be those of any variables: the
-        # symmetric root of the nearest covariance that is.
+        # The approximate correlations may form an indefinite matrix: negative eigenvalues are set
+        # to zero before the root is taken.
         sizes, turned = np.linalg.eigh(covariance)
         root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
         noisy = values + (root @ rng.standard_normal((values.size, RESPONSE_DRAWS))).T
@@ -421,18 +457,21 @@ def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.n
         matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])
         rows.append((matrix @ values, noisy @ matrix.T))
     gain, phase = rows
-    return _complex(gain[0], phase[0]), _complex(gain[1], phase[1])
+    return _complex_response(gain[0], phase[0]), _complex_response(gain[1], phase[1])
 
 
-def _complex(gain: np.ndarray, phase: np.ndarray) -> np.ndarray:
+def _complex_response(gain: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Return complex responses from gains, dB, and phases, deg."""
     return np.asarray(10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase)))
 
 
-def _closed(
+def _closed_loop_gain(
     omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand, compensation: np.ndarray
 ) -> np.ndarray:
-    """Gain of the closed loop ``(D, F)``, dB, under ``compensation`` ``(D,)``, deg at the
-    bandwidth, with the pilot's gain that gives a phase of -90 deg there; NaN where none does."""
+    """Return the gain ``(D, F)`` of the closed loop, dB, for the pilot's ``compensation (D,)``, deg
+    at the bandwidth. The gain of the pilot is such that the closed loop has a phase of -90 deg at
+    the bandwidth; the result is NaN if no gain has this effect.
+    """
     at = int(np.searchsorted(omega, demand.bandwidth))
     turn = np.tan(np.radians(np.abs(compensation)))[:, None] * omega / demand.bandwidth
     pilot = np.where(compensation[:, None] >= 0.0, 1.0 + 1j * turn, 1.0 / (1.0 + 1j * turn))
@@ -445,36 +484,40 @@ def _closed(
         return np.asarray(20.0 * np.log10(np.abs(loop) / np.abs(1.0 + loop)))
 
 
-def _adjusted(
+def _adjusted_pilots(
     omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Resonance, compensation and droop ``(D,)`` of the pilots; None where no compensation gives
-    the bandwidth."""
+    """Return resonance, compensation and droop, ``(D,)`` each, of the pilots adjusted to D
+    responses ``attitude (D, F)``; None if no compensation gives the bandwidth for the first one.
+    """
     below = omega <= demand.bandwidth * (1.0 + 1e-9)
     tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
     # The droop of every compensation on a grid.
     droops = []
     for each in tried:
-        closed = _closed(omega, attitude, demand, np.full(len(attitude), each))
+        closed = _closed_loop_gain(omega, attitude, demand, np.full(len(attitude), each))
         droops.append(np.min(closed[:, below], axis=1))
     table = np.array(droops)  # (C, D)
     if np.all(np.isnan(table[:, 0])):
         return None
-    out = np.array([_least(tried, column) for column in table.T])
-    closed = _closed(omega, attitude, demand, out)
+    out = np.array([_largest_allowed_lead(tried, column) for column in table.T])
+    closed = _closed_loop_gain(omega, attitude, demand, out)
     return np.max(closed, axis=1), out, np.min(closed[:, below], axis=1)
 
 
-def _least(tried: np.ndarray, droop: np.ndarray) -> float:
-    """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
-    resonates. Of none the one that droops least."""
+def _largest_allowed_lead(tried: np.ndarray, droop: np.ndarray) -> float:
+    """Return the largest lead, deg, for which the droop is at most 3 dB, interpolated between the
+    compensations ``tried (C,)``; or the compensation with the least droop if none is allowed.
+
+    More lead makes the closed loop droop, and less makes it resonate. ``droop (C,)`` is in dB.
+    """
     finite_rows = np.flatnonzero(np.isfinite(droop))
-    fit = finite_rows[droop[finite_rows] >= LARGEST_DROOP]
+    allowed = finite_rows[droop[finite_rows] >= LARGEST_DROOP]
     if not finite_rows.size:
         return math.nan
-    if not fit.size:
+    if not allowed.size:
         return float(tried[finite_rows[np.argmax(droop[finite_rows])]])
-    best = int(fit[-1])
+    best = int(allowed[-1])
     if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
         return float(tried[best])
     share = (LARGEST_DROOP - droop[best]) / (droop[best + 1] - droop[best])
@@ -486,8 +529,9 @@ def _least(tried: np.ndarray, droop: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """Response to a unit step of the stick, over its steady value: ``time`` s, ``value`` and
-    ``std`` ``(N,)``."""
+    """Response to a step of the stick, relative to its steady value: ``time``, s, ``value`` and
+    its standard deviation ``std``, ``(N,)`` each.
+    """
 
     time: np.ndarray
     value: np.ndarray
@@ -495,10 +539,10 @@ class StepResponse:
 
 
 def step_response(function: FittedResponse, duration: float | None = None) -> StepResponse | None:
-    """Return the step of a fitted response over its steady value, with deviations by linearisation;
-    None where it has no steady value.
+    """Return the step response of a fitted transfer function, relative to its steady value, with
+    standard deviations by linearisation; None if it has no steady value.
 
-    ``duration`` : s; None takes eight times the slowest mode's time constant, 10 s at most.
+    ``duration`` is in s; None takes eight time constants of the slowest mode, at most 10 s.
     """
     from scipy import signal
 
@@ -514,11 +558,13 @@ def step_response(function: FittedResponse, duration: float | None = None) -> St
         delayed = np.interp(time - p["delay"], time, out, left=0.0)
         return np.asarray(delayed * bottom[-1] / top[-1])
 
-    return StepResponse(time, value(function.values), _spread(function, value))
+    return StepResponse(time, value(function.values), _standard_deviations(function, value))
 
 
 def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
-    """Largest over steady pitch rate of a step, of the form ``pitch``; None for any other form."""
+    """Return the largest pitch rate over the steady one after a step; None for a form other than
+    ``pitch``, or without a steady value.
+    """
     if function.form is not FORMS["pitch"]:
         return None
     step = step_response(function)
@@ -528,10 +574,12 @@ def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
     return BandwidthQuantity(float(step.value[peak]), float(step.std[peak]))
 
 
-def _spread(
+def _standard_deviations(
     function: FittedResponse, value: Callable[[Mapping[str, float]], np.ndarray]
 ) -> np.ndarray:
-    """Deviations of a quantity ``(N,)`` by the covariance of a function's parameters."""
+    """Return the standard deviations ``(N,)`` of the quantities ``value``, from the covariance of
+    the parameters of a fitted transfer function.
+    """
     p, slopes = dict(function.values), []
     for name in function.std:
         step = 1e-5 * max(abs(p[name]), 1e-3)

@@ -1,42 +1,31 @@
-"""Levels of flying qualities of estimated models, with their probabilities.
+"""Levels of flying qualities of the short period of an estimated low-order equivalent system.
 
-With the states of the low-order equivalent system (L_alpha and so on, V the airspeed, g gravity):
-w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q); steady state of a held stick at
-constant speed gives n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta
-M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1; the control anticipation parameter
-is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
+With the derivatives of the low-order equivalent system (docs/nomenclature.md), airspeed V and
+gravity g, w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q). The steady state at a
+constant stick and speed gives
 
-Each Gaussian draw of the modes' characteristics is turned into damping, frequency and times, and
-compared with all limits of a mode at once. The probability of a level is the share of the draws
-that reach it.
+    n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta M_q/M_delta),
 
-Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
-compared with the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
-and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966).
-Limits of the levels: ``handling_qualities.toml``.
+which is -(V/g) L_alpha for L_delta = 0 and L_q = 1. The control anticipation parameter is CAP =
+w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966). The limits of the levels are in
+``handling_qualities.toml``.
 """
 
 from __future__ import annotations
 
-import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modes import Characteristics
-from ident.frequency_response.transfer_function import DELAY, FittedResponse
-from sim.errors import DeclarationError, ModelError
+from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
-
-# ---- Short-period flying qualities of an estimated low-order equivalent system
 
 UNITS = {
     "natural_frequency": "rad/s",
@@ -54,7 +43,9 @@ INTERVAL_SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Quality:
-    """A flying-qualities parameter: value and standard deviation (by linearisation) in ``unit``."""
+    """A flying-qualities parameter: its value and standard deviation, by linearisation, in
+    ``unit``.
+    """
 
     name: str
     value: float
@@ -64,11 +55,17 @@ class Quality:
 
 @dataclass(frozen=True)
 class LevelCriterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a parameter in one flight-phase category.
+    """Ranges of a flying-qualities parameter in one flight-phase category.
 
-    ``source``: paragraph of the specification; ``classes`` of aircraft it applies to.
-    ``raised_by``: increase of the low ends of a Dutch roll for each (rad/s)^2 by which its squared
-    frequency times |phi/beta| exceeds 20.
+    Attributes
+    ----------
+    quantity : name of the parameter.
+    category : flight-phase category, or ``"all"``.
+    levels : range ``(low, high)`` of levels 1, 2 and 3.
+    source : paragraph of the specification.
+    classes : classes of aircraft to which the criterion applies.
+    raised_by : for a Dutch roll, the increase of the lower end of each level for each (rad/s)^2 by
+        which its squared frequency times |phi/beta| exceeds 20; empty for others.
     """
 
     quantity: str
@@ -85,8 +82,8 @@ class QualityLevel:
 
     Attributes
     ----------
-    level : 1 to 3, or 4 for outside all of them.
-    best, worst : the range of levels within two standard deviations.
+    level : level of the value, 1 to 3, or 4 if it is outside all ranges.
+    best, worst : best and worst level within two standard deviations.
     """
 
     criterion: LevelCriterion
@@ -97,31 +94,31 @@ class QualityLevel:
 
     @property
     def uncertain(self) -> bool:
-        """Whether a boundary lies within two standard deviations."""
+        """Whether a boundary between levels is within two standard deviations."""
         return self.best != self.worst
 
 
 def qualities(
     estimate: Estimate, airspeed: float, gravity: float, fixed: Mapping[str, float] | None = None
 ) -> tuple[Quality, ...]:
-    """Natural frequency, damping, delays, n/alpha and CAP of an estimate that names the low-order
-    equivalent system's parameters.
+    """Return natural frequency, damping ratio, delays, n/alpha and CAP of an estimate of the
+    low-order equivalent system.
 
     Parameters
     ----------
     airspeed, gravity : m/s, m/s2.
-    fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry
-        no uncertainty.
+    fixed : parameter -> value, of parameters that were not estimated, such as ``{"delay": 0.125}``;
+        they have no uncertainty.
 
     Returns
     -------
-    ``delay`` is the pure delay, ``total_delay`` adds the lag's 1/inv_tau, which is its delay at low
-    frequency. A quantity that does not exist is left out: frequency, damping and CAP where the
-    short period does not oscillate (w^2 <= 0), the lag's where inv_tau <= 0.
+    ``delay`` is the pure delay. ``total_delay`` is the pure delay plus 1/inv_tau, the delay of the
+    lag at low frequency. Quantities that do not exist are left out: frequency, damping and CAP if
+    w^2 <= 0, and ``total_delay`` if inv_tau <= 0.
 
     Raises
     ------
-    ModelError : a parameter that is neither estimated nor fixed.
+    ModelError : if a parameter is neither estimated nor fixed.
     """
     values = {**(fixed or {}), **estimate.as_dict()}
     for name in _NEEDED:
@@ -135,11 +132,11 @@ def qualities(
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
         if name in _NEEDED:
-            moved = _evaluate(
+            stepped = _evaluate(
                 {**values, name: complex(values[name], COMPLEX_STEP)}, airspeed, gravity
             )
             for quantity in centre:
-                gradients[quantity][column] = np.imag(moved[quantity]) / COMPLEX_STEP
+                gradients[quantity][column] = np.imag(stepped[quantity]) / COMPLEX_STEP
     out = []
     for quantity, value in centre.items():
         variance = float(gradients[quantity] @ estimate.covariance @ gradients[quantity])
@@ -150,12 +147,13 @@ def qualities(
 
 
 def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
-    """Return the boundaries for an aircraft class of ``CLASSES``; class IV if none is given."""
-    return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
+    """Return the criteria for an aircraft class of ``CLASSES``."""
+    return tuple(criterion for criterion in _all_criteria() if aircraft_class in criterion.classes)
 
 
 @cache
-def _every() -> tuple[LevelCriterion, ...]:
+def _all_criteria() -> tuple[LevelCriterion, ...]:
+    """Return the criteria of ``handling_qualities.toml`` for all classes."""
     entries = tomllib.loads(
         (files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8")
     )["criteria"]
@@ -175,7 +173,10 @@ def _every() -> tuple[LevelCriterion, ...]:
 def levels(
     quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
 ) -> tuple[QualityLevel, ...]:
-    """Compare every parameter with every criterion for it, in the order of the criteria."""
+    """Return the level of each parameter in each of its criteria, in the order of the criteria.
+
+    ``against`` are the criteria; None takes those of class IV.
+    """
     by_name = {quality.name: quality for quality in quality_values}
     out = []
     for criterion in criteria() if against is None else against:
@@ -189,9 +190,9 @@ def levels(
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
-        spots = sorted([low, *edges, high])
-        # Levels change at edges only: one point inside each piece, and the ends, see them all.
-        inside = [0.5 * (a + b) for a, b in pairwise(spots)]
+        ends = sorted([low, *edges, high])
+        # Levels change at edges only: one point between successive edges, and both ends, suffice.
+        inside = [0.5 * (a + b) for a, b in pairwise(ends)]
         reached = [level_of(value, criterion) for value in (low, *inside, high)]
         out.append(
             QualityLevel(
@@ -202,7 +203,7 @@ def levels(
 
 
 def level_of(value: float, criterion: LevelCriterion) -> int:
-    """Return the best level whose range contains the value, 4 if none does."""
+    """Return the best level whose range contains the value; 4 if none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
             return number
@@ -210,6 +211,7 @@ def level_of(value: float, criterion: LevelCriterion) -> int:
 
 
 def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str, Any]:
+    """Return quantity -> value for parameters ``p``, of which one may be complex."""
     stiffness = p["L_alpha"] * p["M_q"] - p["L_q"] * p["M_alpha"]
     ratio = p["L_delta"] / p["M_delta"] if p["M_delta"] else 0.0
     slope = (
@@ -229,347 +231,3 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
     if np.real(stiffness) > 0 and np.real(slope) > 0:
         out["control_anticipation"] = stiffness / slope
     return out
-
-
-# ---- Levels of flying qualities of a model's modes
-
-STANDARD = "MIL-F-8785C"
-# the probability from which a level is told without its neighbours: that of two sigmas
-DETERMINED_PROBABILITY = 0.95
-LEVEL_DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
-WORST_LEVEL = 4  # none of the three levels is met
-# (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
-STEADY_COUPLING = 20.0
-MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "short period": (
-            "damping_ratio",
-            "natural_frequency",
-            "control_anticipation",
-            "load_factor_slope",
-        ),
-        "phugoid": ("phugoid_damping", "phugoid_time_to_double"),
-        "Dutch roll": ("dutch_roll_damping", "dutch_roll_damping_rate", "dutch_roll_frequency"),
-        "roll mode": ("roll_time_constant",),
-        "spiral": ("spiral_time_to_double",),
-        "roll-spiral oscillation": ("roll_spiral_damping_rate",),
-        "delay": ("delay",),
-    }
-)
-
-
-@dataclass(frozen=True)
-class FlightPhase:
-    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared.
-
-    ``uncrewed_mass``: kg, of an aircraft too light for a crew whose class nobody declared; it has
-    no levels. None of others.
-    """
-
-    aircraft_class: str = "II-L"
-    category: str = "B"
-    assumed: tuple[str, ...] = ("class", "category")
-    uncrewed_mass: float | None = None
-
-
-@dataclass(frozen=True)
-class ModeLevel:
-    """The level of one mode.
-
-    Attributes
-    ----------
-    mode : one of ``MODES``.
-    level : the most probable, ``WORST_LEVEL`` below level 3.
-    probabilities : of levels 1, 2, 3 and of none of them.
-    decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
-        ``value`` and ``limit`` are its own.
-    sources : paragraphs of the standard.
-    """
-
-    mode: str
-    level: int
-    probabilities: tuple[float, ...]
-    decided_by: str
-    value: float
-    limit: float
-    sources: tuple[str, ...]
-
-    @property
-    def probability(self) -> float:
-        """Probability of the most probable level."""
-        return self.probabilities[self.level - 1]
-
-    @property
-    def determined(self) -> bool:
-        """Whether one level is clearly the most probable."""
-        return self.probability >= DETERMINED_PROBABILITY
-
-
-LIGHTEST_CREWED = 100.0  # kg: lighter aircraft carry no pilot
-
-
-def flight_phase_of(
-    aircraft_class: str | None, category: str | None, mass: float | None = None
-) -> FlightPhase:
-    """Return a declared class (II means II-L, land-based) and category, assumed where None.
-
-    ``mass`` in kg, if known: without a declared class, an aircraft too light for a crew has none.
-
-    Raises DeclarationError for an unknown one.
-    """
-    assumed = tuple(
-        name for name, given in (("class", aircraft_class), ("category", category)) if given is None
-    )
-    default = FlightPhase()
-    chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
-    chosen, phase = (
-        "II-L" if chosen == "II" else chosen,
-        default.category if category is None else category.strip().upper(),
-    )
-    if chosen not in CLASSES:
-        raise DeclarationError(
-            f"there is no class {aircraft_class!r}",
-            where="--class",
-            remedy="use I, II, III or IV, or II-C from a carrier",
-        )
-    if phase not in CATEGORIES:
-        raise DeclarationError(
-            f"there is no category {category!r}",
-            where="--category",
-            remedy="use A rapid, B gradual or C terminal",
-        )
-    light = aircraft_class is None and mass is not None and mass < LIGHTEST_CREWED
-    return FlightPhase(chosen, phase, assumed, mass if light else None)
-
-
-def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
-    """Return the level of each mode of a model, in the order of ``MODES``.
-
-    The random samples of the characteristics are the same at every call.
-    """
-    if flown.uncrewed_mass is not None:
-        return ()
-    rules = [
-        rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
-    ]
-    centre = _quantities(characteristics.names, characteristics.values[:, None])
-    sampled = _quantities(characteristics.names, _draws(characteristics))
-    out = []
-    for mode, names in MODES.items():
-        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
-        if mine:
-            out.append(_level(mode, mine, centre, sampled))
-    return tuple(out)
-
-
-def _level(
-    mode: str,
-    rules: Sequence[LevelCriterion],
-    centre: Mapping[str, np.ndarray],
-    sampled: Mapping[str, np.ndarray],
-) -> ModeLevel:
-    reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
-    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
-    level = int(np.argmax(shares)) + 1
-    worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
-    decided, value, limit = "", 0.0, 0.0
-    at = int(_reached(worst, centre)[0])
-    if at > 1:
-        decided, value = worst.quantity, float(centre[worst.quantity][0])
-        low, high = (float(np.broadcast_to(edge, 1)[0]) for edge in _range(worst, at - 1, centre))
-        limit = low if value < low else high
-    return ModeLevel(
-        mode,
-        level,
-        shares,
-        decided,
-        value,
-        limit,
-        tuple(dict.fromkeys(rule.source for rule in rules)),
-    )
-
-
-def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Best level that each random sample ``(N,)`` meets."""
-    value = quantities[rule.quantity]
-    reached = np.full(value.shape, WORST_LEVEL)
-    for number in range(len(rule.levels), 0, -1):
-        low, high = _range(rule, number, quantities)
-        reached[(value >= low) & (value <= high)] = number
-    return reached
-
-
-def _range(
-    rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray | float, float]:
-    low, high = rule.levels[number - 1]
-    if not rule.raised_by:
-        return low, high
-    excess = quantities["dutch_roll_frequency"] ** 2 * quantities["bank_ratio"] - STEADY_COUPLING
-    return low + rule.raised_by[number - 1] * np.maximum(excess, 0.0), high
-
-
-def _draws(characteristics: Characteristics) -> np.ndarray:
-    """Random samples ``(k, LEVEL_DRAWS)`` of a Gaussian, the same at every call, in antithetic
-    pairs.
-    """
-    scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    half = root @ np.random.default_rng(0).standard_normal((len(scale), LEVEL_DRAWS // 2))
-    return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
-
-
-def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
-    """Parameters of the limits for each sample ``(k, N)`` of the characteristics ``names``."""
-    values = dict(zip(names, draws, strict=True))
-    out: dict[str, np.ndarray] = {}
-    for mode, prefix in (
-        ("short_period", ""),
-        ("phugoid", "phugoid_"),
-        ("dutch_roll", "dutch_roll_"),
-        ("roll_spiral", "roll_spiral_"),
-    ):
-        if f"{mode}_rate" in values:
-            out |= {
-                f"{prefix}{name}": value
-                for name, value in _of_pair(
-                    values[f"{mode}_rate"], values[f"{mode}_stiffness"]
-                ).items()
-            }
-    if "natural_frequency" in out and "load_factor_slope" in values:
-        slope = values["load_factor_slope"]
-        out["load_factor_slope"] = slope
-        out["control_anticipation"] = np.divide(
-            out["natural_frequency"] ** 2,
-            slope,
-            out=np.full_like(slope, -math.inf),
-            where=slope > 0,
-        )
-    if "roll_root" in values:
-        root = values["roll_root"]
-        out["roll_time_constant"] = np.divide(
-            -1.0, root, out=np.full_like(root, math.inf), where=root < 0
-        )
-        out["spiral_time_to_double"] = _doubling(values["spiral_root"])
-    if "delay" in values:
-        out["delay"] = np.maximum(values["delay"], 0.0)  # a draw below zero is as good as none
-    return out | {name: values[name] for name in ("bank_ratio",) if name in values}
-
-
-def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real
-    roots of opposite sign has no frequency and negative damping.
-    """
-    frequency = np.sqrt(np.maximum(stiffness, 0.0))
-    damping = np.divide(
-        0.5 * rate, frequency, out=np.full_like(rate, -math.inf), where=frequency > 0
-    )
-    growth = -0.5 * rate + np.sqrt(np.maximum(0.25 * rate**2 - stiffness, 0.0))
-    damped = np.where(stiffness > 0, 0.5 * rate, -growth)
-    of_short = {"natural_frequency": frequency, "damping_ratio": damping}
-    return {
-        **of_short,
-        "frequency": frequency,
-        "damping": damping,
-        "damping_rate": damped,
-        "time_to_double": _doubling(growth),
-    }
-
-
-def _doubling(growth: np.ndarray) -> np.ndarray:
-    return np.divide(math.log(2.0), growth, out=np.full_like(growth, math.inf), where=growth > 0)
-
-
-GRAVITY = 9.80665
-EVERY = "all"  # category of a criterion that holds for all
-UNITS_OF_FORMS = {
-    "natural_frequency": "rad/s",
-    "damping_ratio": "1",
-    "load_factor_slope": "g/rad",
-    "control_anticipation": "1/(g s2)",
-    "roll_time_constant": "s",
-    "dutch_roll_frequency": "rad/s",
-    "dutch_roll_damping": "1",
-    "dutch_roll_damping_rate": "rad/s",
-    "total_delay": "s",
-}
-Values = Mapping[str, float]
-
-
-def form_qualities(
-    function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
-) -> tuple[Quality, ...]:
-    """Return the parameters of a fitted low-order form with standard deviations by linearisation;
-    none for transfer functions given by their orders.
-
-    Parameters
-    ----------
-    airspeed : m/s, for n/alpha and CAP of the form ``pitch``; None leaves them out.
-    dutch_roll : whether the form ``dutch-roll`` is a Dutch roll, and no angle of attack.
-    """
-    out = []
-    for name, value in _quantities_of_form(
-        function.form.name, airspeed, dutch_roll=dutch_roll
-    ).items():
-        result = _propagated(function, value)
-        if result is not None:
-            out.append(Quality(name, *result, UNITS_OF_FORMS[name]))
-    return tuple(out)
-
-
-def form_levels(
-    quality_values: tuple[Quality, ...], aircraft_class: str, category: str
-) -> tuple[QualityLevel, ...]:
-    """Compare parameters with the limits for an aircraft class and a flight-phase category."""
-    chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
-    return levels(quality_values, chosen)
-
-
-def _quantities_of_form(
-    form: str, airspeed: float | None, *, dutch_roll: bool
-) -> dict[str, Callable[[Values], float]]:
-    delay: dict[str, Callable[[Values], float]] = {"total_delay": lambda p: p[DELAY]}
-    dutch: dict[str, Callable[[Values], float]] = {
-        "dutch_roll_frequency": lambda p: p["frequency"],
-        "dutch_roll_damping": lambda p: p["damping"],
-        "dutch_roll_damping_rate": lambda p: p["damping"] * p["frequency"],
-    }
-    roll: dict[str, Callable[[Values], float]] = {
-        "roll_time_constant": lambda p: 1.0 / p["inv_T_roll"]
-    }
-    if form == "pitch":
-        out: dict[str, Callable[[Values], float]] = {
-            "natural_frequency": lambda p: p["frequency"],
-            "damping_ratio": lambda p: p["damping"],
-        }
-        if airspeed is not None:
-            over = GRAVITY / airspeed
-            out["load_factor_slope"] = lambda p: p["inv_T_theta2"] / over
-            out["control_anticipation"] = lambda p: p["frequency"] ** 2 * over / p["inv_T_theta2"]
-        return {**out, **delay}
-    if form == "roll":
-        return {**roll, **delay}
-    if form == "roll-and-dutch-roll":
-        return {**roll, **dutch, **delay}
-    return {**dutch, **delay} if form == "dutch-roll" and dutch_roll else {}
-
-
-def _propagated(
-    function: FittedResponse, value: Callable[[Values], float]
-) -> tuple[float, float] | None:
-    """Return the value and standard deviation of a function of estimates; None if not finite."""
-    p = dict(function.values)
-    slopes = []
-    try:
-        centre = value(p)
-        for name in function.std:
-            step = 1e-6 * max(abs(p[name]), 1e-3)
-            ends = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
-            slopes.append((ends[0] - ends[1]) / (2.0 * step))
-    except ZeroDivisionError:
-        return None
-    row = np.array(slopes)
-    spread = math.sqrt(max(float(row @ function.covariance @ row), 0.0))
-    return (centre, spread) if math.isfinite(centre) and math.isfinite(spread) else None

@@ -1,18 +1,14 @@
-"""Modes of an estimated model: matrices about a point, frequencies, dampings, time constants, with
-covariance.
+"""Modes of an estimated model: frequencies, damping ratios and time constants, with covariance.
 
-Roots of the equations about wings-level, level flight (Etkin and Reid, Dynamics of Flight, 3rd ed.,
-sections 6.2 and 6.7). States that effects add do not move: what is asked for are the modes of the
-airframe.
+The modes are the roots of the equations about wings-level, level flight (Etkin and Reid, Dynamics
+of Flight, 3rd ed., sections 6.2 and 6.7). States that effects add are held constant, so that the
+modes are those of the airframe.
 
-A pair of roots is told by the coefficients of s^2 + rate s + stiffness, rate = 2 zeta omega and
-stiffness = omega^2: they stay smooth where an oscillation becomes two real roots, and a Gaussian of
-them is no Gaussian of damping and frequency. Levels of flying qualities are read from draws of
-these numbers (``mode_levels``).
-
-dx_dot = A dx + B du, dy = C dx + D du, with dx = x - x0 and likewise u and y: a complex step
-through the same f and h that the fits use, so exact to rounding. Pure delays of inputs are no part
-of the matrices; ``to_control`` puts a Pade approximation of them in front.
+A pair of roots is described by the coefficients of s^2 + rate s + stiffness, with
+rate = 2 zeta omega and stiffness = omega^2. Unlike damping and frequency, they are smooth functions
+of the parameters where an oscillation becomes two real roots, so that a Gaussian distribution
+describes them better. Levels of flying qualities follow from random samples of these numbers
+(`ident.flying_qualities.mode_levels`).
 """
 
 from __future__ import annotations
@@ -20,43 +16,41 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.statistics.intervals import variance_along
-from sim.declaration.effect import Signal
 from sim.declaration.model import System
-from sim.errors import ModelError
 from sim.maths import G0, complex_step_jacobian
 
 if TYPE_CHECKING:
-    import control
+    pass
 
 
 # ---- Modes of a whole axis of motion
 
 LATERAL_STATES = ("beta", "p", "r", "phi")
 LONGITUDINAL_STATES = ("airspeed", "alpha", "theta", "q")
-TRIMMED_BY = ("elevator", "thrust")
-TRIM_STEPS = 20
-SETTLED_SHARE = 1e-10
-START_ALPHA = 0.05  # rad, from which the trim is looked for
+TRIMMED_BY = ("elevator", "thrust")  # inputs that trim level flight
+TRIM_STEPS = 20  # most Newton steps towards the trim
+SETTLED_SHARE = 1e-10  # largest last step, relative to the unknowns or absolute
+START_ALPHA = 0.05  # rad, angle of attack at which the search for the trim begins
 
 
 def lateral_modes(system: System, p: np.ndarray) -> dict[str, float]:
-    """``dutch_roll_frequency`` (rad/s), ``dutch_roll_damping``, ``roll_time_constant`` and
-    ``spiral_time_constant`` (s).
+    """Return the lateral modes by name: ``dutch_roll_frequency`` (rad/s), ``dutch_roll_damping``,
+    ``roll_time_constant`` and ``spiral_time_constant`` (s).
 
-    A time constant is -1/root, negative where the mode grows; the time to half or double is its
-    size times ln 2. Where roll and spiral are one oscillation, slower than the Dutch roll, they
-    have no time constants. ``p`` are all parameters of the System.
+    A time constant is -1/root, negative for a growing mode. Its absolute value times ln 2 is the
+    time to half or to double the amplitude. If roll and spiral are one oscillation, slower than the
+    Dutch roll, the time constants are left out. ``p`` has all parameters of the System.
     """
     roots = _roots(
         system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES
     )
-    pairs, real = _pairs(roots), _real(roots)
+    pairs, real = _complex_pairs(roots), _real_roots(roots)
     modes = _oscillation("dutch_roll", pairs[-1]) if pairs else {}
     if len(real) == 2 and pairs and np.all(real != 0.0):
         spiral, roll = sorted(real, key=abs)
@@ -68,17 +62,18 @@ def lateral_modes(system: System, p: np.ndarray) -> dict[str, float]:
 
 
 def longitudinal_modes(system: System, p: np.ndarray) -> dict[str, float]:
-    """``short_period_frequency``, ``phugoid_frequency`` (rad/s), ``short_period_damping`` and
-    ``phugoid_damping`` at the reference airspeed.
+    """Return the longitudinal modes by name: ``short_period_frequency``, ``phugoid_frequency``
+    (rad/s), ``short_period_damping`` and ``phugoid_damping``.
 
-    About level flight, for which angle of attack, elevator and thrust are solved; empty where there
-    is none. A motion that does not oscillate is left out. ``p`` are all parameters of the System.
+    They are those about level flight at the reference airspeed (`level_flight`); the result is
+    empty if there is no such flight. A mode that does not oscillate is left out. ``p`` has all
+    parameters of the System.
     """
     trim = level_flight(system, p)
     if trim is None:
         return {}
     roots = _roots(system, *trim, p, LONGITUDINAL_STATES)
-    pairs, real = _pairs(roots), _real(roots)
+    pairs, real = _complex_pairs(roots), _real_roots(roots)
     if len(pairs) == 2:
         return {**_oscillation("short_period", pairs[1]), **_oscillation("phugoid", pairs[0])}
     if len(pairs) == 1:
@@ -88,8 +83,8 @@ def longitudinal_modes(system: System, p: np.ndarray) -> dict[str, float]:
 
 
 def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float]] | None:
-    """States and inputs of steady level flight at the parameter ``reference_airspeed``; None where
-    no elevator and thrust hold it.
+    """Return the states and inputs of steady level flight at the parameter
+    ``reference_airspeed``; None if no elevator and thrust trim the aircraft.
     """
     states, inputs = list(system.state_names), list(system.input_names)
     if "reference_airspeed" not in system.parameters or not set(TRIMMED_BY) <= set(inputs):
@@ -127,22 +122,26 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
 def _roots(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
-    """Return the eigenvalues of the rates of the states ``names`` among themselves."""
+    """Return the eigenvalues of the motion of the states ``names``, with all other states constant;
+    empty if the derivatives are not finite.
+    """
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return np.linalg.eigvals(F) if np.all(np.isfinite(F)) else np.zeros(0)
 
 
-def _pairs(roots: np.ndarray) -> list[complex]:
+def _complex_pairs(roots: np.ndarray) -> list[complex]:
     """Return one root of each oscillation, sorted by frequency."""
     return sorted((complex(root) for root in roots if root.imag > 1e-9), key=abs)
 
 
-def _real(roots: np.ndarray) -> np.ndarray:
+def _real_roots(roots: np.ndarray) -> np.ndarray:
+    """Return the real ones of some roots."""
     return np.array([root.real for root in roots if abs(root.imag) <= 1e-9])
 
 
 def _oscillation(name: str, root: complex) -> dict[str, float]:
+    """Return frequency and damping ratio of a complex root, with names that begin with ``name``."""
     return {f"{name}_frequency": abs(root), f"{name}_damping": -root.real / abs(root)}
 
 
@@ -167,12 +166,13 @@ MODAL_UNITS: Mapping[str, str] = MappingProxyType(
 def slowest_oscillation(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> tuple[float, float] | None:
-    """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest;
-    None if all roots are real, or there is no rest.
+    """Return the undamped natural frequency (rad/s) and the damping ratio of the slowest complex
+    pair of roots at zero states and inputs; None if all roots are real or the derivatives are not
+    finite.
 
-    For a short-period model this is the short period, also when elastic modes are present.
-    ``fixed_states``: names of states held constant, those of slower motion than the wanted mode (a
-    phugoid: its speed and attitude).
+    For a short-period model this is the short period, also if the model has elastic modes.
+    ``fixed_states`` are names of states that are held constant because they belong to a slower
+    mode, such as airspeed and attitude of the phugoid.
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
@@ -189,16 +189,15 @@ def slowest_oscillation(
 def modal_estimate(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> dict[str, tuple[float, float]]:
-    """Return the modes with standard deviations, by name (``MODAL_UNITS``); those that the model
-    does not have are left out.
+    """Return name of a number of a mode -> its value and standard deviation, in ``MODAL_UNITS``.
 
-    ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where
-    the states are those of a lateral or a whole longitudinal motion. Standard deviations by
-    linearisation in the estimated parameters, as TM-101722 does for its figure 8. ``fixed_states``
-    as in ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are
-    declared, not estimated.
+    A model with all states of the lateral or the longitudinal motion has the numbers of
+    `lateral_modes` or `longitudinal_modes`. Any other model has ``natural_frequency`` and
+    ``damping_ratio`` of the short period (`slowest_oscillation`, with the same ``fixed_states``).
+    Standard deviations follow by linearisation in the estimated parameters, as in NASA TM-101722,
+    figure 8. Numbers on which no estimated parameter has an effect are left out.
     """
-    names, centre, gradient = propagated(_modes_of(system, fixed_states), system, estimate)
+    names, centre, gradient = propagated(_modes_function(system, fixed_states), system, estimate)
     std = np.sqrt(variance_along(estimate.covariance, gradient))
     return {
         name: (float(value), float(sigma))
@@ -210,11 +209,12 @@ def modal_estimate(
 def propagated(
     numbers: Callable[[np.ndarray], Mapping[str, float]], system: System, estimate: Estimate
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Return the names and values ``(k,)`` of what follows from all parameters at an estimate, and
-    its gradient ``(k, n)`` by the estimated ones.
+    """Return the names and values ``(k,)`` of numbers that are functions of the parameters, at an
+    estimate, and their derivatives ``(k, n)`` with respect to the n estimated parameters.
 
-    Central differences, to either side by a ten-thousandth of a sigma, or of the value where the
-    sigma is larger; a number that is not there on both sides is left out.
+    ``numbers`` returns name -> value for given values of all parameters. The derivatives are
+    central differences over a ten-thousandth of a sigma, or of the value where the sigma is larger.
+    A number that does not exist on both sides is left out.
     """
     p = system.parameters.values()
     index = [system.parameters.index(name) for name in estimate.names]
@@ -224,7 +224,7 @@ def propagated(
     for column, (i, sigma) in enumerate(zip(index, estimate.std, strict=True)):
         size = min(sigma, abs(p[i])) if p[i] else min(sigma, 1.0)
         step = max(1e-4 * size, 1e-9 * abs(p[i]), 1e-300)
-        above, below = (numbers(_moved(p, i, by)) for by in (step, -step))
+        above, below = (numbers(_with_change(p, i, by)) for by in (step, -step))
         gradient = {name: row for name, row in gradient.items() if name in above and name in below}
         for name, row in gradient.items():
             row[column] = (above[name] - below[name]) / (2.0 * step)
@@ -235,10 +235,10 @@ def propagated(
     )
 
 
-def _modes_of(
+def _modes_function(
     system: System, fixed_states: Collection[str]
 ) -> Callable[[np.ndarray], dict[str, float]]:
-    """Function from all parameters to the modes of the system."""
+    """Return the function that returns the modes of the System for values of all parameters."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         return lambda p: lateral_modes(system, p)
@@ -256,25 +256,35 @@ def _modes_of(
     return short_period
 
 
-def _moved(p: np.ndarray, i: int, by: float) -> np.ndarray:
-    moved = p.copy()
-    moved[i] += by
-    return moved
+def _with_change(p: np.ndarray, i: int, change: float) -> np.ndarray:
+    """Return the parameters with ``change`` added to parameter ``i``."""
+    changed = p.copy()
+    changed[i] += change
+    return changed
 
 
-# ---- Numbers of an estimated model's modes that move smoothly with its derivatives
+# ---- Characteristics of modes that are smooth functions of the derivatives
 
-LARGEST_ROUNDED_IMAGINARY = 1e-9  # rad/s, below which an imaginary part is rounding
-CONTROLS = ("elevator", "stick")
+LARGEST_ROUNDED_IMAGINARY = 1e-9  # rad/s: a smaller imaginary part is rounding
+CONTROLS = ("elevator", "stick")  # pitch controls, the preferred one first
 
 
 @dataclass(frozen=True, eq=False)
 class Characteristics:
-    """``values (k,)`` with ``covariance (k, k)`` by ``names``: ``short_period_rate`` (1/s),
-    ``short_period_stiffness`` (1/s2), likewise ``phugoid``, ``dutch_roll`` and ``roll_spiral``
-    (roll and spiral in one oscillation); ``roll_root``, ``spiral_root`` (1/s, growing above zero);
-    ``bank_ratio`` |phi/beta| of the Dutch roll; ``load_factor_slope`` (g/rad) and ``delay`` (s) of
-    a held stick."""
+    """Characteristics of the modes of a model.
+
+    The names are ``short_period_rate`` (1/s) and ``short_period_stiffness`` (1/s2), the same for
+    ``phugoid``, ``dutch_roll`` and ``roll_spiral`` (roll and spiral as one oscillation);
+    ``roll_root`` and ``spiral_root`` (1/s, positive for growth); ``bank_ratio``, |phi/beta| of the
+    Dutch roll; ``load_factor_slope`` (g/rad), n/alpha at a constant control; and ``delay`` (s) of
+    the stick.
+
+    Attributes
+    ----------
+    names : names of the k characteristics.
+    values : ``(k,)``.
+    covariance : ``(k, k)``.
+    """
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -284,17 +294,19 @@ class Characteristics:
 def characteristics(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> Characteristics | None:
-    """Return the characteristics of the model at an estimate of its parameters; None if it has
-    none, or if the data leave a parameter open.
+    """Return the characteristics of a model at an estimate of its parameters; None if it has none,
+    or if the data do not determine a parameter.
 
-    Linearised in the estimated parameters. ``fixed_states``: states that do not move, as for
-    ``modal_estimate``.
+    The covariance follows by linearisation in the estimated parameters. ``fixed_states`` are those
+    of `slowest_oscillation`.
     """
     finite = np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
     if not finite or estimate.outcome is Outcome.NOT_IDENTIFIABLE:
         return None
     names, values, gradient = propagated(
-        lambda p: _without(characteristics_at(system, p, fixed_states), estimate), system, estimate
+        lambda p: _without_declared_delay(characteristics_at(system, p, fixed_states), estimate),
+        system,
+        estimate,
     )
     if not names or not np.all(np.isfinite(gradient)):
         return None
@@ -304,7 +316,7 @@ def characteristics(
 def characteristics_at(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """Return the characteristics at parameters ``p`` of the System, without covariance."""
+    """Return characteristic -> value at parameters ``p`` of the System."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         out = _lateral(system, p)
@@ -321,7 +333,7 @@ def characteristics_at(
     return out
 
 
-def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
+def _without_declared_delay(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
     """Return the characteristics without a delay that was not estimated."""
     return {
         name: value for name, value in values.items() if name != "delay" or name in estimate.names
@@ -329,6 +341,7 @@ def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
 
 
 def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
+    """Return the characteristics of the lateral motion."""
     F, _ = _slopes(
         system, [0.0] * len(system.states), [0.0] * len(system.inputs), p, LATERAL_STATES
     )
@@ -341,11 +354,11 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
     )
     if not pairs:
         return {}
-    quick = pairs[-1]
-    ratio = abs(vectors[LATERAL_STATES.index("phi"), quick]) / abs(
-        vectors[LATERAL_STATES.index("beta"), quick]
+    fast = pairs[-1]
+    ratio = abs(vectors[LATERAL_STATES.index("phi"), fast]) / abs(
+        vectors[LATERAL_STATES.index("beta"), fast]
     )
-    out = {**_pair("dutch_roll", roots[quick], roots[quick].conj()), "bank_ratio": float(ratio)}
+    out = {**_pair("dutch_roll", roots[fast], roots[fast].conj()), "bank_ratio": float(ratio)}
     if len(pairs) == 2:
         return {**out, **_pair("roll_spiral", roots[pairs[0]], roots[pairs[0]].conj())}
     spiral, roll = sorted(
@@ -355,22 +368,24 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
 
 
 def _longitudinal(system: System, p: np.ndarray) -> dict[str, float]:
+    """Return the characteristics of the longitudinal motion about level flight."""
     trim = level_flight(system, p)
     if trim is None:
         return {}
     F, _ = _slopes(system, *trim, p, LONGITUDINAL_STATES)
     if not np.all(np.isfinite(F)):
         return {}
-    slow, quick = np.split(np.array(sorted(np.linalg.eigvals(F), key=abs)), 2)
+    slow, fast = np.split(np.array(sorted(np.linalg.eigvals(F), key=abs)), 2)
     slope = _load_factor_slope(system, trim, p, ("alpha", "q"))
-    # a pair between them belongs to neither
-    split = [abs(np.sum(two).imag) > LARGEST_ROUNDED_IMAGINARY for two in (slow, quick)]
+    # A complex pair whose roots are split between the two motions belongs to neither.
+    split = [abs(np.sum(two).imag) > LARGEST_ROUNDED_IMAGINARY for two in (slow, fast)]
     return (
-        {} if any(split) else {**_pair("short_period", *quick), **slope, **_pair("phugoid", *slow)}
+        {} if any(split) else {**_pair("short_period", *fast), **slope, **_pair("phugoid", *slow)}
     )
 
 
 def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str, float]:
+    """Return the characteristics of the short period, with the states ``moving``."""
     rest = [0.0] * len(system.states), [0.0] * len(system.inputs)
     F, _ = _slopes(system, *rest, p, moving)
     if not np.all(np.isfinite(F)):  # a model of totals may have no rest
@@ -386,8 +401,11 @@ def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str,
 def _load_factor_slope(
     system: System, about: tuple[list[float], list[float]], p: np.ndarray, moving: Collection[str]
 ) -> dict[str, float]:
-    """n/alpha (g/rad) of a control that is held, at constant speed: V/g times the steady pitch rate
-    for each radian of angle of attack.
+    """Return ``load_factor_slope``, n/alpha (g/rad) at constant control and speed: V/g times the
+    steady pitch rate per radian of angle of attack; empty if it does not exist.
+
+    ``about`` has the states and inputs of the trim, and ``moving`` the names of the states that are
+    not held constant.
     """
     control = next((name for name in CONTROLS if name in system.input_names), None)
     speed = next(
@@ -412,170 +430,17 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes of the rates of ``names``: by these states, and by all inputs."""
+    """Return the derivatives of the rates of the states ``names`` with respect to these states, and
+    with respect to all inputs.
+    """
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
 
 
 def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
+    """Return rate and stiffness of a pair of roots, with names that begin with ``name``."""
     return {
         f"{name}_rate": float(-(one + other).real),
         f"{name}_stiffness": float((one * other).real),
     }
-
-
-# ---- A model linearised about a point
-
-# order of the approximation of a delay: within two degrees of phase up to omega delay = 5
-PADE_ORDER = 4
-DELAY = "delay"  # parameter of a low-order equivalent system
-DELAY_STAGE = "input-delay"  # effect that the delay belongs to
-
-
-@dataclass(frozen=True, eq=False)
-class StateSpace:
-    """A linear model.
-
-    Attributes
-    ----------
-    A, B, C, D : ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
-    states, inputs, outputs : names and units of the n, m and k signals.
-    x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there,
-        zero in equilibrium.
-    delays : pure delay (s) of each input that has one.
-    left_out : effects with a memory of their own on the way of inputs or outputs, which no matrix
-        here holds.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    states: tuple[Signal, ...]
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    x0: np.ndarray
-    u0: np.ndarray
-    y0: np.ndarray
-    rates: np.ndarray
-    delays: Mapping[str, float]
-    left_out: tuple[str, ...] = ()
-
-    @property
-    def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of A (1/s), sorted by magnitude."""
-        return np.array(sorted(np.linalg.eigvals(self.A), key=lambda root: (abs(root), root.imag)))
-
-
-def state_space(
-    system: System,
-    values: Mapping[str, float],
-    x0: Sequence[float] | None = None,
-    u0: Sequence[float] | None = None,
-) -> StateSpace:
-    """Linearise a System with parameters ``values`` (others as declared) about states ``x0`` and
-    inputs ``u0``, zero where None.
-
-    Raises ModelError for a point at which the rates or their slopes are not finite.
-    """
-    p = (
-        system.parameters.with_values(
-            {name: value for name, value in values.items() if name in system.parameters}
-        )
-        .values()
-        .tolist()
-    )
-    x = [0.0] * len(system.states) if x0 is None else [float(value) for value in x0]
-    u = [0.0] * len(system.inputs) if u0 is None else [float(value) for value in u0]
-    try:
-        with np.errstate(all="ignore"):
-            (A, B, rates), (C, D, y0) = (_linear(g, x, u, p) for g in (system.f, system.h))
-            finite = all(np.all(np.isfinite(some)) for some in (A, B, C, D, rates, y0))
-    except ArithmeticError:
-        finite = False
-    if not finite:
-        at = ", ".join(
-            f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True)
-        )
-        raise ModelError(
-            f"no finite slopes at {at}", where="state_space", remedy="choose another point"
-        )
-    delays = (
-        {"stick": p[system.parameters.index(DELAY)]}
-        if DELAY in system.parameters and "stick" in system.input_names
-        else {}
-    )
-    stages = tuple(
-        name
-        for name in (*system.input_stages, *system.sensor_stages)
-        if not (delays and name == DELAY_STAGE)
-    )
-    return StateSpace(
-        A,
-        B,
-        C,
-        D,
-        system.states,
-        system.inputs,
-        system.outputs,
-        np.array(x),
-        np.array(u),
-        y0,
-        rates,
-        delays,
-        stages,
-    )
-
-
-def _linear(
-    g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the slopes of ``f`` or ``h`` by states and by inputs, and its value."""
-    value = np.array(g(0.0, x, u, p), dtype=float)
-    by_inputs = (
-        complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
-    )
-    return complex_step_jacobian(lambda a: g(0.0, a, u, p), x), by_inputs, value
-
-
-def to_control(space: StateSpace, pade: int = PADE_ORDER) -> control.StateSpace:
-    """Return the model as python-control's, with its names; each delay as a Pade approximation of
-    this order, left out when it is zero.
-
-    The states of an approximation follow those of the model, named after the input. Raises
-    ModelError of a model without inputs.
-    """
-    import control
-
-    if not space.inputs:
-        raise ModelError(
-            "a model without an input is none for python-control",
-            where="to_control",
-            remedy="take its matrices A and C themselves",
-        )
-    A, B, C, D = space.A, space.B, space.C, space.D
-    names = [signal.name for signal in space.states]
-    for i, signal in enumerate(space.inputs):
-        delay = space.delays.get(signal.name, 0.0)
-        if pade < 1 or not delay > 0.0:
-            continue
-        delay_system = control.tf2ss(*control.pade(delay, pade))
-        order, old = delay_system.nstates, len(A)
-        column, through = B[:, i : i + 1].copy(), D[:, i : i + 1].copy()
-        A = np.block([[A, column @ delay_system.C], [np.zeros((order, old)), delay_system.A]])
-        B = np.vstack([B, np.zeros((order, B.shape[1]))])
-        B[:, i : i + 1] = np.vstack([column @ delay_system.D, delay_system.B])
-        C, D = np.hstack([C, through @ delay_system.C]), D.copy()
-        D[:, i : i + 1] = through @ delay_system.D
-        names += [f"{signal.name}_delay_{k + 1}" for k in range(order)]
-    named: dict[str, Any] = {
-        "states": names,
-        "inputs": _names(space.inputs),
-        "outputs": _names(space.outputs),
-    }
-    return control.ss(A, B, C, D, **named)
-
-
-def _names(signals: Sequence[Signal]) -> list[str]:
-    return [signal.name for signal in signals]

@@ -27,10 +27,10 @@ from ident.frequency_response.transfer_function import ResponseTarget
 REQUIRED_GAIN = 6.0  # dB, below the first structural mode
 REQUIRED_PHASE = 45.0  # deg, below the first structural mode
 CONFIDENCE = 0.95  # probability of an interval
-NORMAL_HALF_WIDTH = 1.959964  # its half width, standard deviations of a normal distribution
-_NEWTON_STEPS = 6  # of Newton's method towards a crossing
-_LARGEST_SCAN_STEP = 0.02  # largest step of the scan of an interval, ln(omega)
-_SCAN_STEP_SHARE = 0.2  # step as a share of the standard deviation of the crossing
+NORMAL_HALF_WIDTH = 1.959964  # half width of this interval of a normal distribution, in sigmas
+_NEWTON_STEPS = 6  # steps of Newton's method towards a crossing
+_LARGEST_SCAN_STEP = 0.02  # largest step of the scan for an interval, in ln(omega)
+_SCAN_STEP_SHARE = 0.2  # step of this scan, over the standard deviation of the crossing
 _DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 
 
@@ -40,12 +40,13 @@ class Margin:
 
     Attributes
     ----------
-    kind : ``"gain"`` in dB, ``"phase"`` in deg, ``"delay"`` in s, ``"distance"`` from -1, no unit.
+    kind : ``"gain"`` in dB, ``"phase"`` in deg, ``"delay"`` in s, or ``"distance"`` from -1,
+        without unit.
     size : the margin and its standard deviation. A gain margin is the change of the loop gain that
-        makes the loop unstable: positive where it may rise, negative where it may fall.
-    frequency : rad/s, of the crossing.
+        makes the loop unstable: positive for an increase, negative for a decrease.
+    frequency : frequency of the crossing, rad/s.
     low, high : ends of the 95 % interval.
-    open : the interval reaches an end of the usable band, so that it may be wider.
+    open : whether the interval reaches an end of the usable band, so that it may be wider.
     """
 
     kind: str
@@ -62,12 +63,12 @@ class StabilityMargins:
 
     Attributes
     ----------
-    gains : at every phase of -180 deg (and whole turns from it).
-    phases : at every gain of one.
-    delay : of the gain crossing that bears the least delay.
-    distance : least distance of the response from -1, the inverse of the peak of the sensitivity;
-        None where it lies at an end of the usable band.
-    notes : why something is not known, one sentence each.
+    gains : gain margins at all crossings of a phase of -180 deg, or -180 deg plus whole turns.
+    phases : phase margins at all crossings of a gain of one.
+    delay : smallest delay margin of the gain crossings; None without one.
+    distance : smallest distance of the response from -1, the inverse of the peak of the
+        sensitivity; None if it is at an end of the usable band.
+    notes : sentences that say why a margin is not known.
     """
 
     gains: tuple[Margin, ...]
@@ -78,22 +79,30 @@ class StabilityMargins:
 
     @property
     def gain_increase(self) -> Margin | None:
-        """The least rise of the gain that makes the loop unstable."""
-        return min((each for each in self.gains if each.size.value > 0.0), key=_size, default=None)
+        """Smallest increase of the gain that makes the loop unstable."""
+        return min(
+            (each for each in self.gains if each.size.value > 0.0), key=_absolute_size, default=None
+        )
 
     @property
     def gain_decrease(self) -> Margin | None:
-        """The least fall of the gain that makes the loop unstable; its size is negative."""
-        return min((each for each in self.gains if each.size.value <= 0.0), key=_size, default=None)
+        """Smallest decrease of the gain that makes the loop unstable; its size is negative."""
+        return min(
+            (each for each in self.gains if each.size.value <= 0.0),
+            key=_absolute_size,
+            default=None,
+        )
 
     @property
     def phase(self) -> Margin | None:
-        """The phase margin of least size."""
-        return min(self.phases, key=_size, default=None)
+        """Phase margin with the smallest absolute value."""
+        return min(self.phases, key=_absolute_size, default=None)
 
     @property
     def named(self) -> dict[str, Margin]:
-        """The margins that are known, by ``"gain_increase"`` and so on."""
+        """Name -> margin, for the known ones of ``"gain_increase"``, ``"gain_decrease"``,
+        ``"phase_margin"``, ``"delay_margin"`` and ``"distance"``.
+        """
         every = {
             "gain_increase": self.gain_increase,
             "gain_decrease": self.gain_decrease,
@@ -104,16 +113,23 @@ class StabilityMargins:
         return {name: each for name, each in every.items() if each is not None}
 
 
-def _size(margin: Margin) -> float:
+def _absolute_size(margin: Margin) -> float:
+    """Return the absolute value of a margin."""
     return abs(margin.size.value)
 
 
 @dataclass(frozen=True, eq=False)
 class LoopCurve:
-    """A broken-loop response ``(F,)`` over rad/s: gain in dB, phase in deg about -180 deg (zero on
-    the negative real axis), distance from -1 in dB, and the deviations of each.
+    """A broken-loop response at F frequencies.
 
-    ``length`` : s, effective one of the windows.
+    Attributes
+    ----------
+    omega : ``(F,)`` frequencies, rad/s.
+    gain : ``(F,)`` dB.
+    phase : ``(F,)`` deg, relative to -180 deg, so that it is zero on the negative real axis.
+    distance : ``(F,)`` distance from -1, dB.
+    gain_std, phase_std, distance_std : ``(F,)`` their standard deviations.
+    length : effective length of the windows, s, one or ``(F,)``.
     """
 
     omega: np.ndarray
@@ -127,7 +143,9 @@ class LoopCurve:
 
 
 def loop_curve(target: ResponseTarget) -> LoopCurve:
-    """Return the curve of a broken-loop response L; 1 + L = 0 closes the loop."""
+    """Return the curve of a broken-loop response L. The closed loop has the characteristic equation
+    1 + L = 0.
+    """
     share = target.std / np.abs(target.response)
     away = np.abs(1.0 + target.response)
     return LoopCurve(
@@ -143,27 +161,30 @@ def loop_curve(target: ResponseTarget) -> LoopCurve:
 
 
 def stability_margins(target: ResponseTarget) -> StabilityMargins:
-    """Return the margins of a broken-loop response along its usable band.
+    """Return the margins of a broken-loop response in its usable band.
 
-    At a crossing gain and phase are parabolas in ln(omega) through the points about it. The errors
-    of gain and phase are independent (a circle in the complex plane), those of neighbours
-    correlated as the windows are.
+    About a crossing, gain and phase are approximated by parabolas in ln(omega). The errors of gain
+    and phase are independent, since the error region in the complex plane is a circle. Errors of
+    neighbouring points are correlated according to the windows.
 
     Parameters
     ----------
-    target : the response L of the returned signal to the one that enters, with its sign turned
-        where the loop adds it, so that 1 + L = 0 closes the loop.
+    target : response L from the signal that enters the loop to the signal that it returns, for
+        negative feedback, so that the closed loop has the characteristic equation 1 + L = 0. For
+        positive feedback, see `turned`.
     """
     curve = loop_curve(target)
-    whole = 360.0 * np.arange(
+    whole_turns = 360.0 * np.arange(
         math.ceil(curve.phase.min() / 360.0), math.floor(curve.phase.max() / 360.0) + 1
     )
-    every = [_crossings(curve, curve.phase - level, curve.phase_std) for level in whole]
-    turns, vague = _determined([each for crossings in every for each in crossings])
-    gains = [_across(curve, "gain", *each) for each in turns]
-    crossings, lost = _determined(_crossings(curve, curve.gain, curve.gain_std))
-    phases = [_across(curve, "phase", *each) for each in crossings]
-    delays = [_across(curve, "delay", *each) for each in crossings]
+    every = [_crossings(curve, curve.phase - level, curve.phase_std) for level in whole_turns]
+    phase_crossings, undetermined_phases = _determined(
+        [each for crossings in every for each in crossings]
+    )
+    gains = [_margin_at_crossing(curve, "gain", *each) for each in phase_crossings]
+    gain_crossings, undetermined_gains = _determined(_crossings(curve, curve.gain, curve.gain_std))
+    phases = [_margin_at_crossing(curve, "phase", *each) for each in gain_crossings]
+    delays = [_margin_at_crossing(curve, "delay", *each) for each in gain_crossings]
     distance = _least_distance(target)
     band = f"the usable band is {curve.omega[0]:.3g} to {curve.omega[-1]:.3g} rad/s"
     notes = []
@@ -171,22 +192,27 @@ def stability_margins(target: ResponseTarget) -> StabilityMargins:
         notes.append(f"no gain margin: no phase of -180 deg; {band}")
     if not phases:
         notes.append(f"no phase margin: no gain of 0 dB; {band}")
-    for what, places in (("phase of -180 deg", vague), ("gain of 0 dB", lost)):
+    for what, places in (
+        ("phase of -180 deg", undetermined_phases),
+        ("gain of 0 dB", undetermined_gains),
+    ):
         for at in places:
-            notes.append(f"a {what} near {at:.3g} rad/s is not determined, and no margin there")
+            notes.append(f"no margin at the {what} near {at:.3g} rad/s: it is not determined")
     if distance is None:
-        notes.append(f"no least distance from -1: it falls towards an end of the band; {band}")
+        notes.append(f"no least distance from -1: it decreases towards an end of the band; {band}")
     ordered = [sorted(each, key=lambda margin: margin.frequency.value) for each in (gains, phases)]
-    delay = min(delays, key=_size, default=None)
+    delay = min(delays, key=_absolute_size, default=None)
     return StabilityMargins(tuple(ordered[0]), tuple(ordered[1]), delay, distance, tuple(notes))
 
 
 def _crossings(
     curve: LoopCurve, values: np.ndarray, std: np.ndarray
 ) -> list[tuple[float, float, float]]:
-    """Frequency, slope by ln(omega) and deviation of the value, wherever a curve crosses zero.
+    """Return for each crossing of zero by a curve the frequency, rad/s, the derivative with respect
+    to ln(omega), and the standard deviation of the value.
 
-    Points that scatter about zero at one crossing lead to the same root of their parabola.
+    Several sign changes by scatter about one crossing lead to the same root of the parabola, which
+    is returned once.
     """
     low, high = float(curve.omega[0]), float(curve.omega[-1])
     out: list[tuple[float, float, float]] = []
@@ -211,8 +237,8 @@ def _crossings(
 def _determined(
     crossings: list[tuple[float, float, float]],
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
-    """Crossings whose frequency is known to within the reach of the parabola, and where the others
-    are.
+    """Return the crossings whose frequency is known to within the half width of the parabola, and
+    the frequencies of the others.
     """
     determined = [
         (at, slope, std) for at, slope, std in crossings if std <= PARABOLA_HALF_WIDTH * abs(slope)
@@ -222,51 +248,59 @@ def _determined(
     ]
 
 
-def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
-    """Return a gain margin at a phase crossing, a phase or delay margin at a gain crossing.
+def _margin_at_crossing(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
+    """Return a gain margin at a phase crossing, or a phase or delay margin at a gain crossing.
 
-    ``slope``, ``std`` : of the curve that crosses. The deviation follows by the slopes of both
-    curves; the interval holds every margin whose point of the critical line, at some frequency, is
-    no further from the response than its error allows (likelihood ratio with one degree).
+    ``at`` is the frequency of the crossing, ``slope`` and ``std`` are those of the curve that
+    crosses. The standard deviation of the margin follows from the slopes of both curves. The
+    interval contains all margins that some frequency makes consistent with the response and its
+    errors, by the likelihood ratio with one degree of freedom.
     """
     from scipy.stats import chi2
 
     limit = float(chi2.ppf(CONFIDENCE, 1))
-    middle = _at(curve, kind, at)
-    # Of a delay margin the crossing moves the angle and the frequency it is divided by.
-    turn = middle.own_slope / slope * std
+    middle = _margin_at(curve, kind, at)
+    # An error of the crossing frequency changes the margin by the slope of the other curve.
+    turn = middle.slope / slope * std
     spread = math.hypot(middle.std, turn)
     step = min(_LARGEST_SCAN_STEP, _SCAN_STEP_SHARE * std / abs(slope))
     low, high, open_ = middle.value, middle.value, False
     for direction in (-1.0, 1.0):
-        there = at
+        frequency = at
         while True:
-            if not curve.omega[0] <= there <= curve.omega[-1]:
+            if not curve.omega[0] <= frequency <= curve.omega[-1]:
                 open_ = True
                 break
-            near = _at(curve, kind, there)
+            near = _margin_at(curve, kind, frequency)
             spare = limit - near.sigmas_from_crossing**2
             if spare < 0.0:
                 break
             half = near.std * math.sqrt(spare)
             low, high = min(low, near.value - half), max(high, near.value + half)
-            there *= math.exp(direction * step)
+            frequency *= math.exp(direction * step)
     where = BandwidthQuantity(at, at * std / abs(slope))
     return Margin(kind, BandwidthQuantity(middle.value, spread), where, low, high, open_)
 
 
 @dataclass(frozen=True)
 class _CrossingMargin:
-    """A margin if the curve crossed at a frequency: its value and deviation, its slope by
-    ln(omega), and how many deviations the other curve is from crossing there."""
+    """Margin under the assumption of a crossing at a given frequency.
+
+    Attributes
+    ----------
+    value, std : the margin and its standard deviation.
+    slope : derivative of the margin with respect to ln(omega).
+    sigmas_from_crossing : distance of the crossing curve from zero, in standard deviations.
+    """
 
     value: float
     std: float
-    own_slope: float
+    slope: float
     sigmas_from_crossing: float
 
 
-def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
+def _margin_at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
+    """Return the margin of a ``kind`` if the other curve crosses at the frequency ``at``, rad/s."""
     gain = parabola_at(curve, curve.gain, curve.gain_std, at)
     phase = parabola_at(curve, curve.phase, curve.phase_std, at)
     turned_by = math.remainder(phase.value, 360.0)
@@ -280,12 +314,13 @@ def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
 
 
 def _least_distance(target: ResponseTarget) -> Margin | None:
-    """Return the least distance from -1, where the slope of the smoothed distance is zero.
+    """Return the smallest distance from -1, at which the slope of the smoothed distance is zero;
+    None if it is at an end of the usable band.
 
-    Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
-    from distance and slope of the response than their errors allow: the likelihood ratio with one
-    degree, in which the frequency is a nuisance. It reaches further up than down, for the least of
-    a noisy curve lies low.
+    The interval contains all distances d for which, at some frequency, the pair (d, slope 0) is
+    consistent with distance and slope of the response and their errors: by the likelihood ratio
+    with one degree of freedom, with the frequency as nuisance parameter. The interval extends
+    further up than down, since noise makes the minimum of a curve smaller.
     """
     from scipy.stats import chi2
 
@@ -312,7 +347,7 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
         abs(math.log(at / start)) > PARABOLA_HALF_WIDTH
         or _critical_distance(target, at).value > _critical_distance(target, start).value
     ):
-        at = start  # the parabola turned elsewhere
+        at = start  # Newton's method has left the minimum
     middle = _critical_distance(target, at)
     limit, std = float(chi2.ppf(CONFIDENCE, 1)), math.sqrt(middle.variance)
     low, high, open_ = (
@@ -323,12 +358,12 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
     spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
     step = min(_LARGEST_SCAN_STEP, max(_SCAN_STEP_SHARE * spread, 1e-4))
     for direction in (-step, step):
-        there = at
+        frequency = at
         while True:
-            if not first <= there <= last:
+            if not first <= frequency <= last:
                 open_ = True
                 break
-            near = _critical_distance(target, there)
+            near = _critical_distance(target, frequency)
             spare = limit - near.slope**2 / max(near.slope_variance, 1e-300)
             if spare < 0.0:
                 break
@@ -336,7 +371,7 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
             centre = near.value - shared * near.slope
             half = math.sqrt(max(near.variance - shared * near.covariance, 0.0) * spare)
             low, high = min(low, centre - half), max(high, centre + half)
-            there *= math.exp(direction)
+            frequency *= math.exp(direction)
     size = BandwidthQuantity(middle.value, std)
     where = BandwidthQuantity(at, at * min(spread, PARABOLA_HALF_WIDTH))
     return Margin("distance", size, where, max(low, 0.0), high, open_)
@@ -344,8 +379,14 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
 
 @dataclass(frozen=True)
 class _CriticalDistance:
-    """Distance of a smoothed response from -1 at a frequency, its slope and curvature by ln(omega),
-    the variances of distance and slope, and their covariance."""
+    """Distance of a smoothed response from -1 at a frequency.
+
+    Attributes
+    ----------
+    value, slope, curvature : the distance, its first and second derivative with respect to
+        ln(omega).
+    variance, slope_variance, covariance : variances of distance and slope, and their covariance.
+    """
 
     value: float
     slope: float
@@ -356,10 +397,11 @@ class _CriticalDistance:
 
 
 def _critical_distance(target: ResponseTarget, at: float) -> _CriticalDistance:
-    """1 + L as a complex parabola in ln(omega) through the points about ``at``, rad/s.
+    """Return the distance |1 + L| at the frequency ``at``, rad/s, from a complex parabola of 1 + L
+    in ln(omega) through the points about it.
 
-    The distance itself is no parabola where the response passes -1 closely, the response is. Its
-    errors along the distance and across it are independent.
+    Near -1 the response L is well approximated by a parabola, but its distance from -1 is not. The
+    errors in the direction of the distance and across it are independent.
     """
     gain, covariance, near = parabola_weights(target, target.std, at)
     a = gain @ (1.0 + target.response[near])
@@ -379,17 +421,17 @@ def _critical_distance(target: ResponseTarget, at: float) -> _CriticalDistance:
 
 @dataclass(frozen=True)
 class WorstMargin:
-    """The least of one margin over several maneuvers.
+    """Smallest value of one margin in several maneuvers.
 
     Attributes
     ----------
-    name : ``"phase_margin"`` and so on.
-    margin : the least.
-    maneuver : its number, from 0.
-    half : half width of its interval that holds for all maneuvers together with 95 %.
-    values : of every maneuver, None where it does not show the margin.
-    p_value : chance that maneuvers of one and the same margin differ as much; one where fewer than
-        two show it.
+    name : name of the margin, a key of `StabilityMargins.named`.
+    margin : smallest margin.
+    maneuver : number of its maneuver, from 0.
+    half : half width of its 95 % interval, simultaneous for all maneuvers.
+    values : margin in each maneuver; None if the maneuver does not show it.
+    p_value : probability that the margins of the maneuvers differ as much by chance; one if fewer
+        than two maneuvers show it.
     """
 
     name: str
@@ -401,8 +443,9 @@ class WorstMargin:
 
 
 def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, ...]:
-    """The least of every margin over maneuvers, with intervals that hold for all together
-    (Bonferroni), and whether the maneuvers agree (chi-square)."""
+    """Return the smallest value of each margin over all maneuvers, with simultaneous intervals
+    (Bonferroni) and the p-value of the agreement of the maneuvers (chi-square).
+    """
     from scipy.stats import chi2, norm
 
     out = []
@@ -411,14 +454,14 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
         known = [(n, each) for n, each in enumerate(values) if each is not None]
         if not known:
             continue
-        number, least = min(known, key=lambda pair: _size(pair[1]))
-        wide = float(norm.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / len(known)))
+        number, least = min(known, key=lambda pair: _absolute_size(pair[1]))
+        sigmas = float(norm.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / len(known)))
         sizes = np.array([each.size.value for _, each in known])
         weights = np.array([max(each.size.std, 1e-300) for _, each in known]) ** -2.0
         mean = float(weights @ sizes / weights.sum())
         spread = float(weights @ (sizes - mean) ** 2)
         p = float(chi2.sf(spread, len(known) - 1)) if len(known) > 1 else 1.0
-        out.append(WorstMargin(name, least, number, wide * least.size.std, tuple(values), p))
+        out.append(WorstMargin(name, least, number, sigmas * least.size.std, tuple(values), p))
     return tuple(out)
 
 

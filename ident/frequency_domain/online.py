@@ -3,13 +3,13 @@
 Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control, and
 Dynamics 23(5), 2000; Klein and Morelli, "Aircraft System Identification", AIAA 2006, chapter 11.
 
-Over the step from sample i to i + 1 an equation of motion says x_{i+1} - x_i = integral of f(x, u)
-dt. Both sides, times exp(-j omega t_i), are summed up as the samples come, so that no sample is
-kept and neither the beginning nor the end of the motion needs a term of its own. For equations that
-are linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regression at each frequency;
-a constant for each equation takes up biases and what the trim leaves. Unlike Morelli's, integrals
-are those of Hermite and Simpson, exact to fourth order for inputs that are held or linear between
-samples; the regression is in `ident.frequency_domain.online_regression`.
+The integrated equation of motion from sample i to i + 1 is x_{i+1} - x_i = integral of f(x, u) dt.
+Both sides, times exp(-j omega t_i), are summed as the samples arrive, so that no sample is stored
+and no extra term is needed for the beginning and the end of the motion. For equations that are
+linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regression at each frequency. A
+constant in each equation represents biases and errors of the trim. Unlike in Morelli's method, the
+integrals are computed by Simpson's rule with Hermite interpolation, to fourth order for inputs that
+are held or linear between samples. The regression is in `ident.frequency_domain.online_regression`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sim.record import Hold
 LOWEST_FREQUENCY = 0.1  # Hz, as Morelli's: above slow drifts
 HIGHEST_FREQUENCY = 2.0  # Hz, as Morelli's: below structural modes
 FREQUENCY_SPACING = 0.04  # Hz
-_THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of a third difference of white noise of variance one
+_THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of a third difference of unit white noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,16 @@ class OnlineEquations:
 
     Attributes
     ----------
-    system : the identified model.
-    names : of its parameters, ``(q,)``; ``positions`` among all.
-    states : rows of the System's states whose equations are used.
-    readings : rows of its outputs that are no states.
-    sources : of each state, the row of the output that measures it, -1 where the caller computes
-        it.
-    omega : rad/s, ``(F,)``, evenly spaced.
-    unmixed : ``(n, n)``, states from their outputs: a vane ahead of the centre of gravity reads the
-        pitch rate as well.
+    system : the model.
+    names : names of the q free parameters.
+    positions : positions of these parameters among all parameters of the System.
+    states : positions of the states whose equations are used.
+    readings : positions of the outputs that are not states.
+    sources : for each state, the position of the output that measures it; -1 if the caller computes
+        the state.
+    omega : ``(F,)`` evenly spaced frequencies, rad/s.
+    states_from_outputs : ``(n, n)`` matrix that computes states from the outputs with their names,
+        since a vane ahead of the centre of gravity also measures the pitch rate.
     hold : behaviour of the inputs between rows.
     """
 
@@ -60,7 +61,7 @@ class OnlineEquations:
     readings: tuple[int, ...]
     sources: tuple[int, ...]
     omega: np.ndarray
-    unmixed: np.ndarray
+    states_from_outputs: np.ndarray
     hold: Hold = Hold.PREVIOUS
 
     @property
@@ -72,44 +73,49 @@ class OnlineEquations:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums over the rows so far, e equations and F frequencies.
+    """Sums over the rows of a stream so far, for e equations and F frequencies.
+
+    A regressor is the derivative of the right-hand side with respect to a parameter. The known side
+    is the left-hand side minus the terms without free parameters.
 
     Attributes
     ----------
     rows : number of rows used.
-    time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
-    left : ``(e, F)``, known sides.
-    regressors : ``(e, q, F)``.
-    constant : ``(e, F)``, transform of one.
-    apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums of
-        two frequencies.
-    noisy : ``(e, n, q + 1, q + 1)``, squares of the slopes by each state of the regressors and,
-        last, of the known side, over all samples.
-    noise : ``(n + m,)``, sums of the noise deviations of the states and of the outputs that are no
-        states, times the samples ``counted``.
-    recent : ``(n + m, 3)``, the last samples of these.
-    first : s, time of the first row.
+    time : time of the last row, s.
+    x, u : states ``(n,)`` and inputs ``(r,)`` of the last row; None before the first row.
+    known_side : ``(e, F)`` transforms of the known sides.
+    regressors : ``(e, q, F)`` transforms of the regressors.
+    constant : ``(e, F)`` transforms of a constant one.
+    at_differences, at_sums : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) over the rows,
+        with omega the differences and the sums of two frequencies.
+    squared_slopes : ``(e, n, q + 1, q + 1)`` sums of products of the derivatives of the regressors
+        and, last, of the known side with respect to each state.
+    noise : ``(n + m,)`` for each state, and for each output that is not a state, the sum of
+        estimates of the noise standard deviation, each weighted by its number of samples.
+    noise_counts : ``(n + m,)`` sums of these numbers.
+    recent : ``(n + m, 3)`` the last samples of these signals.
+    first : time of the first row, s.
     """
 
     rows: int
     time: float
     x: np.ndarray | None
     u: np.ndarray | None
-    left: np.ndarray
+    known_side: np.ndarray
     regressors: np.ndarray
     constant: np.ndarray
-    apart: np.ndarray
-    beside: np.ndarray
-    noisy: np.ndarray
+    at_differences: np.ndarray
+    at_sums: np.ndarray
+    squared_slopes: np.ndarray
     noise: np.ndarray
-    counted: np.ndarray
+    noise_counts: np.ndarray
     recent: np.ndarray
     first: float = 0.0
 
     @property
     def noise_variance(self) -> np.ndarray:
         """Variance of the noise of a sample of each state and reading, ``(n + m,)``."""
-        return np.asarray((self.noise / np.maximum(self.counted, 1.0)) ** 2)
+        return np.asarray((self.noise / np.maximum(self.noise_counts, 1.0)) ** 2)
 
 
 def frequencies(
@@ -117,7 +123,9 @@ def frequencies(
     high: float = HIGHEST_FREQUENCY,
     spacing: float = FREQUENCY_SPACING,
 ) -> np.ndarray:
-    """Evenly spaced frequencies, rad/s, from ``low`` to ``high``, Hz."""
+    """Return evenly spaced frequencies, rad/s, from ``low`` to ``high``, Hz, about ``spacing``, Hz,
+    apart.
+    """
     count = max(round((high - low) / spacing), 3)
     return 2.0 * math.pi * np.linspace(low, high, count + 1)
 
@@ -129,12 +137,14 @@ def online_equations(
 
     Parameters
     ----------
-    measured : names of the outputs that the stream has.
-    computed : states that the caller computes from the inputs; their equations are left out.
+    omega : ``(F,)`` evenly spaced frequencies, rad/s.
+    measured : names of the outputs in the stream.
+    computed : names of states that the caller computes from the inputs; their equations are left
+        out.
 
     Raises
     ------
-    ModelError : a state that is not measured, an effect with a memory, no free parameter.
+    ModelError : if a state is not measured, an effect has a memory, or no parameter is free.
     """
     where = "equation error on line"
     for stage in (*(() if computed else system.input_stages), *system.sensor_stages):
@@ -161,16 +171,18 @@ def online_equations(
         k for k, name in enumerate(outputs) if name not in system.state_names and name in measured
     )
     positions = tuple(system.parameters.index(name) for name in names)
-    unmixed = _unmixed(system, positions, sources)
+    states_from_outputs = _states_from_outputs(system, positions, sources)
     return OnlineEquations(
-        system, names, positions, states, readings, tuple(sources), omega, unmixed
+        system, names, positions, states, readings, tuple(sources), omega, states_from_outputs
     )
 
 
-def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -> np.ndarray:
-    """States from the outputs of their names, ``(n, n)``.
+def _states_from_outputs(
+    system: System, positions: Sequence[int], sources: Sequence[int]
+) -> np.ndarray:
+    """Return the matrix ``(n, n)`` that computes states from the outputs with their names.
 
-    Raises ModelError where a free parameter, or a state that is computed, acts on these outputs.
+    Raises ModelError if a free parameter acts on these outputs.
     """
     n, rest = len(sources), [0.0] * len(system.inputs)
     known = [k for k, source in enumerate(sources) if source >= 0]
@@ -197,15 +209,15 @@ def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -
     return out
 
 
-def begin(equations: OnlineEquations) -> Sums:
-    """Empty sums."""
+def empty_sums(equations: OnlineEquations) -> Sums:
+    """Return the sums of a stream without rows."""
     e, q = len(equations.states) + len(equations.readings), len(equations.names)
     n, f = len(equations.system.states), equations.omega.size
-    watched = n + len(equations.readings)
+    signal_count = n + len(equations.readings)
     zero = np.zeros((e, f), dtype=complex)
     wide = np.zeros((e, q, f), dtype=complex)
-    noisy, blank = np.zeros((e, n, q + 1, q + 1)), np.full((watched, 3), np.nan)
-    differences, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
+    squared_slopes, blank = np.zeros((e, n, q + 1, q + 1)), np.full((signal_count, 3), np.nan)
+    differences, at_sums = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
     return Sums(
         0,
         -math.inf,
@@ -215,10 +227,10 @@ def begin(equations: OnlineEquations) -> Sums:
         wide,
         zero,
         differences,
-        beside,
-        noisy,
-        np.zeros(watched),
-        np.zeros(watched),
+        at_sums,
+        squared_slopes,
+        np.zeros(signal_count),
+        np.zeros(signal_count),
         blank,
     )
 
@@ -236,49 +248,55 @@ def advance(
 
     Parameters
     ----------
-    time : s, ``(N,)``, increasing.
-    inputs : ``(r, N)``, held or linear between rows as ``equations`` say.
-    outputs : ``(m, N)`` in the System's order, NaN where a sample is missing; a row without one of
-        the states is bridged.
-    values : the last estimate of the parameters, for the curvature within a step; None for the
-        start.
-    computed : ``(n, N)``, states that the caller computes, in their rows.
+    time : ``(N,)`` increasing times, s.
+    inputs : ``(r, N)``, held or linear between rows according to ``equations.hold``.
+    outputs : ``(m, N)`` in the order of the System, NaN where a sample is missing. A row in which a
+        state is missing is skipped: the step then leads to the next complete row.
+    values : ``(q,)`` last estimate of the parameters, for the states at the middle of a step; None
+        takes the values of the System.
+    computed : ``(n, N)`` states that the caller computes; the rows of other states are not used.
     """
     n = len(equations.system.states)
     rows = [outputs[source] if source >= 0 else np.zeros(time.size) for source in equations.sources]
-    x = equations.unmixed @ np.array(rows)
+    x = equations.states_from_outputs @ np.array(rows)
     if computed is not None:
         for k, source in enumerate(equations.sources):
             x[k] = computed[k] if source < 0 else x[k]
-    there = np.all(np.isfinite(x), axis=0)
-    if not there.any():
+    complete = np.all(np.isfinite(x), axis=0)
+    if not complete.any():
         return sums
     linear = equations.hold is Hold.LINEAR
-    mean = _means_between(time, inputs, there, linear=linear)
+    mean = _means_between(time, inputs, complete, linear=linear)
     has_rows = sums.x is not None and sums.u is not None
-    times = np.concatenate([[sums.time] if has_rows else [], time[there]])
+    times = np.concatenate([[sums.time] if has_rows else [], time[complete]])
     states = np.concatenate(
-        [sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1
+        [sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, complete]], axis=1
     )
     before = sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0))
-    u = np.concatenate([before, inputs[:, there] if linear else mean], axis=1)
-    within = np.repeat(u[None, :, :-1], 3, axis=0)
+    u = np.concatenate([before, inputs[:, complete] if linear else mean], axis=1)
+    step_inputs = np.repeat(u[None, :, :-1], 3, axis=0)
     if linear and times.size > 1:
-        # Simpson's rule gets the mean over interpolated rows as its middle value.
+        # The middle value is such that Simpson's rule gives the mean input over skipped rows.
         means = np.concatenate([0.5 * (before + u[:, 1:2]) if has_rows else before, mean], axis=1)
         middle = 1.5 * means[:, : times.size - 1] - 0.25 * (u[:, :-1] + u[:, 1:])
-        within = np.array([u[:, :-1], middle, u[:, 1:]])
-    points = Points(equations, values)
-    out = _with_steps(equations, sums, points, times, states, within)
+        step_inputs = np.array([u[:, :-1], middle, u[:, 1:]])
+    points = LinearParts(equations, values)
+    out = _with_steps(equations, sums, points, times, states, step_inputs)
     out = _with_readings(
-        equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there]
+        equations,
+        out,
+        points,
+        time[complete],
+        x[:, complete],
+        inputs[:, complete],
+        outputs[:, complete],
     )
-    came = np.concatenate([x, outputs[list(equations.readings)]])[:, there]
-    out = _with_noise(equations, out, points, times, states, u, came)
-    kept = np.concatenate([sums.recent, came], axis=1)[:, -3:]
+    new_samples = np.concatenate([x, outputs[list(equations.readings)]])[:, complete]
+    out = _with_noise(equations, out, points, times, states, u, new_samples)
+    kept = np.concatenate([sums.recent, new_samples], axis=1)[:, -3:]
     return replace(
         out,
-        rows=out.rows + int(there.sum()),
+        rows=out.rows + int(complete.sum()),
         time=float(times[-1]),
         x=states[:, -1],
         u=u[:, -1],
@@ -288,12 +306,12 @@ def advance(
 
 
 def _means_between(
-    time: np.ndarray, inputs: np.ndarray, there: np.ndarray, *, linear: bool
+    time: np.ndarray, inputs: np.ndarray, complete: np.ndarray, *, linear: bool
 ) -> np.ndarray:
-    """Return the mean inputs between successive used rows, over interpolated rows as well; ``(r,
-    K)``.
+    """Return the mean inputs ``(r, K)`` between successive ones of the K complete rows, skipped
+    rows included. The last column has the inputs of the last complete row.
     """
-    at = np.flatnonzero(there)
+    at = np.flatnonzero(complete)
     steps = 0.5 * (inputs[:, :-1] + inputs[:, 1:]) if linear else inputs[:, :-1]
     gained = np.cumsum(steps * np.diff(time), axis=1)
     whole = np.concatenate([np.zeros((len(inputs), 1)), gained], axis=1)
@@ -303,16 +321,21 @@ def _means_between(
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
-    """The System's rates and readings with their slopes by the parameters, at samples."""
+class LinearParts:
+    """Rates and outputs of a System, split into terms without and with free parameters.
+
+    ``values (q,)`` is the last estimate of the parameters; None takes the values of the System.
+    """
 
     equations: OnlineEquations
     values: np.ndarray | None
 
-    def of(
+    def split(
         self, function: Any, time: np.ndarray, x: np.ndarray, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Parts ``(rows, N)`` without parameters and slopes ``(rows, q, N)`` by them."""
+        """Return the terms ``(rows, N)`` of ``function``, f or h of the System, without free
+        parameters, and its derivatives ``(rows, q, N)`` with respect to these parameters.
+        """
         system, q = self.equations.system, len(self.equations.names)
         p: list[Any] = list(system.parameters.values())
         start = np.array([p[position] for position in self.equations.positions])
@@ -324,7 +347,7 @@ class Points:
         return full.real[:, :, 0] - np.einsum("kqn,q->kn", slopes, start), slopes
 
     def rate(self, time: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Rates ``(n, N)`` with the last estimate."""
+        """Return the rates ``(n, N)`` of the states at the last estimate."""
         system = self.equations.system
         p = list(system.parameters.values())
         for k, position in enumerate(self.equations.positions):
@@ -337,29 +360,30 @@ class Points:
 def _with_steps(
     equations: OnlineEquations,
     sums: Sums,
-    points: Points,
+    points: LinearParts,
     times: np.ndarray,
     states: np.ndarray,
-    within: np.ndarray,
+    step_inputs: np.ndarray,
 ) -> Sums:
-    """Sums with the increments of the states between the rows, and the integrals of their rates.
+    """Return the sums with the increments of the states between N rows, and with the integrals of
+    their rates.
 
-    ``within`` : ``(3, r, N - 1)``, inputs at the beginning, the middle and the end of each step.
+    ``step_inputs (3, r, N - 1)`` are the inputs at the begin, the middle and the end of each step.
     """
     if times.size < 2:
         return sums
     step = np.diff(times)
     first, last = states[:, :-1], states[:, 1:]
-    begin_ = points.rate(times[:-1], first, within[0])
-    end = points.rate(times[1:], last, within[2])
-    middle = 0.5 * (first + last) + 0.125 * step * (begin_ - end)
+    rate_at_begin = points.rate(times[:-1], first, step_inputs[0])
+    rate_at_end = points.rate(times[1:], last, step_inputs[2])
+    middle = 0.5 * (first + last) + 0.125 * step * (rate_at_begin - rate_at_end)
     f = equations.system.f
     parts = [
-        points.of(f, t, x, u)
+        points.split(f, t, x, u)
         for t, x, u in zip(
             (times[:-1], times[:-1] + 0.5 * step, times[1:]),
             (first, middle, last),
-            within,
+            step_inputs,
             strict=True,
         )
     ]
@@ -368,76 +392,76 @@ def _with_steps(
         for k in (0, 1)
     )
     if not (np.all(np.abs(known) < LARGEST_NUMBER) and np.all(np.abs(slopes) < LARGEST_NUMBER)):
-        what = "a rate is no finite number at the measured states"
+        what = "a rate is not finite at the measured states"
         raise ModelError(
             what, where="equation error on line", remedy="check units and start values"
         )
-    if not np.any(sums.apart):
-        _refuse_nonlinear(equations, times[:-1], first, within[0])
+    if not np.any(sums.at_differences):
+        _refuse_nonlinear(equations, times[:-1], first, step_inputs[0])
     rows = list(equations.states)
-    turns = np.exp(-1j * np.outer(times[:-1], equations.omega))
-    spaced = equations.omega[1] - equations.omega[0]
+    phasors = np.exp(-1j * np.outer(times[:-1], equations.omega))
+    spacing = equations.omega[1] - equations.omega[0]
     f_count = equations.omega.size
     e = len(rows)
     out = replace(
         sums,
-        left=sums.left.copy(),
+        known_side=sums.known_side.copy(),
         regressors=sums.regressors.copy(),
         constant=sums.constant.copy(),
     )
-    out.left[:e] += (last - first - known)[rows] @ turns
-    out.regressors[:e] += slopes[rows] @ turns
-    out.constant[:e] += step @ turns
-    near = np.exp(-1j * np.outer(times[:-1], spaced * np.arange(f_count))).sum(axis=0)
+    out.known_side[:e] += (last - first - known)[rows] @ phasors
+    out.regressors[:e] += slopes[rows] @ phasors
+    out.constant[:e] += step @ phasors
+    near = np.exp(-1j * np.outer(times[:-1], spacing * np.arange(f_count))).sum(axis=0)
     far = np.exp(
-        -1j * np.outer(times[:-1], 2.0 * equations.omega[0] + spaced * np.arange(2 * f_count - 1))
+        -1j * np.outer(times[:-1], 2.0 * equations.omega[0] + spacing * np.arange(2 * f_count - 1))
     ).sum(axis=0)
-    return replace(out, apart=sums.apart + near, beside=sums.beside + far)
+    return replace(out, at_differences=sums.at_differences + near, at_sums=sums.at_sums + far)
 
 
 def _with_readings(
     equations: OnlineEquations,
     sums: Sums,
-    points: Points,
+    points: LinearParts,
     time: np.ndarray,
     x: np.ndarray,
     u: np.ndarray,
     outputs: np.ndarray,
 ) -> Sums:
-    """Return the sums with the outputs that are no states, sample by sample."""
+    """Return the sums with further samples of the outputs that are not states."""
     if not equations.readings:
         return sums
-    known, slopes = points.of(equations.system.h, time, x, u)
-    turns = np.exp(-1j * np.outer(time, equations.omega))
+    known, slopes = points.split(equations.system.h, time, x, u)
+    phasors = np.exp(-1j * np.outer(time, equations.omega))
     out = replace(
         sums,
-        left=sums.left.copy(),
+        known_side=sums.known_side.copy(),
         regressors=sums.regressors.copy(),
         constant=sums.constant.copy(),
     )
     for row, k in enumerate(equations.readings, start=len(equations.states)):
-        there = np.isfinite(outputs[k])
-        out.left[row] += (outputs[k] - known[k])[there] @ turns[there]
-        out.regressors[row] += slopes[k][:, there] @ turns[there]
-        out.constant[row] += turns[there].sum(axis=0)
+        complete = np.isfinite(outputs[k])
+        out.known_side[row] += (outputs[k] - known[k])[complete] @ phasors[complete]
+        out.regressors[row] += slopes[k][:, complete] @ phasors[complete]
+        out.constant[row] += phasors[complete].sum(axis=0)
     return out
 
 
 def _with_noise(
     equations: OnlineEquations,
     sums: Sums,
-    points: Points,
+    points: LinearParts,
     times: np.ndarray,
     states: np.ndarray,
     inputs: np.ndarray,
-    came: np.ndarray,
+    new_samples: np.ndarray,
 ) -> Sums:
-    """Return the sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third
-    differences, and the states' share of the regressors and of the known side.
+    """Return the sums with the noise of ``new_samples (n + m, N)``, estimated from their third
+    differences, and with the derivatives of the regressors and known sides with respect to states.
     """
-    rows = np.concatenate([sums.recent, came], axis=1)
+    rows = np.concatenate([sums.recent, new_samples], axis=1)
     third = np.diff(rows, 3, axis=1)
-    noise, counted = sums.noise.copy(), sums.counted.copy()
+    noise, noise_counts = sums.noise.copy(), sums.noise_counts.copy()
     for k, row in enumerate(third):
         finite = row[np.isfinite(row)]
         if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
@@ -447,17 +471,17 @@ def _with_noise(
                 * float(np.median(np.abs(finite)))
                 / math.sqrt(_THIRD_DIFFERENCE_VARIANCE)
             )
-            counted[k] += finite.size
+            noise_counts[k] += finite.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], inputs[:, -1:]
-    noisy = sums.noisy.copy()
+    squared_slopes = sums.squared_slopes.copy()
     step = float(np.median(np.diff(times))) if times.size > 1 else 0.0
 
-    def both(function: Any, x: np.ndarray) -> np.ndarray:
-        known, slopes = points.of(function, at, x, u)
+    def slopes_and_known(function: Any, x: np.ndarray) -> np.ndarray:
+        known, slopes = points.split(function, at, x, u)
         return np.asarray(np.concatenate([slopes, known[:, None]], axis=1))
 
-    f, h = both(system.f, x), both(system.h, x)
+    f, h = slopes_and_known(system.f, x), slopes_and_known(system.h, x)
     for s in range(n):
         moved = x.copy()
         size = 1e-3 * max(abs(float(x[s, 0])), 1e-3)
@@ -466,37 +490,40 @@ def _with_noise(
             (system.f, f, equations.states, 0, step**2),
             (system.h, h, equations.readings, len(equations.states), 1.0),
         ):
-            slope = (both(function, moved) - base)[:, :, 0] / size
+            slope = (slopes_and_known(function, moved) - base)[:, :, 0] / size
             for row, k in enumerate(which, start=first):
-                noisy[row, s] += came.shape[1] * weight * np.outer(slope[k], slope[k])
-    return replace(sums, noisy=noisy, noise=noise, counted=counted)
+                squared_slopes[row, s] += (
+                    new_samples.shape[1] * weight * np.outer(slope[k], slope[k])
+                )
+    return replace(sums, squared_slopes=squared_slopes, noise=noise, noise_counts=noise_counts)
 
 
 def _refuse_nonlinear(
     equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> None:
-    """Raise ModelError for a parameter in which a rate or reading is nonlinear."""
+    """Raise ModelError if a rate or output is not linear in a free parameter."""
     system, few = equations.system, slice(0, 8)
     p = list(system.parameters.values())
 
-    def at(values: list[float]) -> np.ndarray:
+    def evaluated(values: list[float]) -> np.ndarray:
         given = (times[few], list(x[:, few]), list(u[:, few]), values)
         rows = (*system.f(*given), *system.h(*given))
         return np.array([np.broadcast_to(row, times[few].shape) for row in rows], dtype=float)
 
-    base = at(p)
+    base = evaluated(p)
     for name, position in zip(equations.names, equations.positions, strict=True):
         size = 0.1 * max(abs(p[position]), 1e-3)
-        ones = []
+        both_sides = []
         for sign in (1.0, -1.0):
-            moved = list(p)
-            moved[position] = p[position] + sign * size
-            ones.append(at(moved))
-        bent = np.abs(ones[0] + ones[1] - 2.0 * base)
+            varied = list(p)
+            varied[position] = p[position] + sign * size
+            both_sides.append(evaluated(varied))
+        above, below = both_sides
+        nonlinearity = np.abs(above + below - 2.0 * base)
         tolerance = (
-            NONLINEARITY_TOLERANCE * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+            NONLINEARITY_TOLERANCE * np.maximum(np.abs(above - below), np.abs(base)) + 1e-300
         )
-        if np.any(bent > tolerance):
+        if np.any(nonlinearity > tolerance):
             what = f"the equations are not linear in {name}"
             raise ModelError(
                 what, where="equation error on line", remedy=f"fix {name}, or use flightid identify"

@@ -1,12 +1,13 @@
 """The low-order equivalent system on line: equation error with a pseudo-control after a lag and a
 delay.
 
-The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and
-delay are the two parameters by which the equations are not linear. Given both, it follows
-from the stick alone. In the Gauss-Newton steps its derivatives with respect to them are two more
-regressors, so that the covariance of all parameters counts their uncertainty. Low-order equivalents
-in the frequency domain: Morelli, "Identification of Low Order Equivalent System Models from Flight
-Test Data", NASA TM-2000-210117.
+The pseudo-control delta with delta_dot = (stick(t - delay) - delta) / tau is not measured. Given
+the time constant tau of the lag and the delay, it follows from the stick alone. These are the two
+parameters in which the equations are not linear. In Gauss-Newton steps, the derivatives of the
+pseudo-control with respect to them are two further regressors, so that the covariance of all
+parameters includes their uncertainty. Low-order equivalent systems in the frequency domain are
+those of Morelli, "Identification of Low Order Equivalent System Models from Flight Test Data", NASA
+TM-2000-210117.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.frequency_domain.online import (
+    LinearParts,
     OnlineEquations,
-    Points,
     Sums,
     advance,
-    begin,
+    empty_sums,
     online_equations,
 )
 from ident.frequency_domain.online_regression import OnlineEstimate, estimate
@@ -32,7 +33,7 @@ SHORTEST_LAG = 0.005  # s, smallest time constant of the lag
 LONGEST_LAG = 2.0  # s, largest time constant of the lag
 LONGEST_DELAY = 0.5  # s, largest delay
 FACTORS = (1.0, 0.4, 2.5)  # factors on the lag where a search starts
-GROWTH_BEFORE_FULL_SEARCH = 2  # growth of the number of rows that triggers a search from all starts
+GROWTH_BEFORE_FULL_SEARCH = 2  # factor of the number of rows after which all starts are tried again
 MOST_STEPS = 8  # most steps of a search
 SHARES = (1.0, 0.3, 0.1, 0.03)  # shares of a step that are tried
 MOST_ROWS = 6000  # most rows of the pseudo-control: two and a half minutes at 40 Hz
@@ -44,13 +45,13 @@ class LagStream:
 
     Attributes
     ----------
-    equations : with lag and delay held.
-    sums : of the rows so far, the pseudo-control at zero.
-    times, stick : of the rows, ``(N,)``.
-    phasors : ``(N, F)``, exp(-j omega t).
-    slopes : ``(e, q)``, derivatives of the regressors with respect to the pseudo-control.
-    place : the last time constant of the lag and delay, s; ``searched``: rows at the last search
-        from everywhere.
+    equations : the equations with fixed lag and delay.
+    sums : sums over the rows so far, with a pseudo-control of zero.
+    times, stick : ``(N,)`` times, s, and stick of the rows.
+    phasors : ``(N, F)`` exp(-j omega t), zero for rows without a complete state.
+    slopes : ``(e, q)`` derivatives of the regressors with respect to the pseudo-control.
+    lag_and_delay : last estimates of the time constant of the lag and of the delay, s.
+    rows_at_last_search : number of rows at the last search from all starts.
     """
 
     equations: OnlineEquations
@@ -59,8 +60,8 @@ class LagStream:
     stick: np.ndarray
     phasors: np.ndarray
     slopes: np.ndarray
-    place: tuple[float, float]
-    searched: int = 0
+    lag_and_delay: tuple[float, float]
+    rows_at_last_search: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,8 +70,13 @@ class LagStream:
 
 
 def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
-    """Return a stream without rows. ``system`` : the low-order equivalent, its start where it is
-    searched from.
+    """Return a stream without rows.
+
+    Parameters
+    ----------
+    system : low-order equivalent system; its lag and delay start the search.
+    omega : ``(F,)`` evenly spaced frequencies, rad/s.
+    measured : names of the outputs in the stream.
     """
     lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST_LAG)
     start = (max(lag, SHORTEST_LAG), system.parameters[DELAY].value)
@@ -79,7 +85,7 @@ def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> La
     empty = np.zeros(0)
     phasors = np.zeros((0, omega.size), dtype=complex)
     slopes = _slopes(equations)
-    return LagStream(equations, begin(equations), empty, empty, phasors, slopes, start)
+    return LagStream(equations, empty_sums(equations), empty, empty, phasors, slopes, start)
 
 
 def with_rows(
@@ -89,9 +95,14 @@ def with_rows(
     outputs: np.ndarray,
     values: np.ndarray | None,
 ) -> LagStream:
-    """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``;
-    ``values`` : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are
-    left out."""
+    """Return the stream after further rows. Rows beyond ``MOST_ROWS`` are left out.
+
+    Parameters
+    ----------
+    time, stick : ``(N,)`` times, s, and stick.
+    outputs : ``(m, N)`` in the order of the System, NaN where a sample is missing.
+    values : last estimate of all parameters, for the states at the middle of a step; or None.
+    """
     free_rows = slice(0, max(MOST_ROWS - stream.times.size, 0))
     time, stick, outputs = time[free_rows], stick[free_rows], outputs[:, free_rows]
     if not time.size:
@@ -100,118 +111,125 @@ def with_rows(
     sums = advance(stream.equations, stream.sums, time, stick[None], outputs, without_lag)
     complete = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
     phasors = np.exp(-1j * np.outer(time, stream.equations.omega)) * complete[:, None]
-    joined = [
+    extended = [
         np.concatenate(each)
         for each in ((stream.times, time), (stream.stick, stick), (stream.phasors, phasors))
     ]
-    return replace(stream, sums=sums, times=joined[0], stick=joined[1], phasors=joined[2])
+    return replace(stream, sums=sums, times=extended[0], stick=extended[1], phasors=extended[2])
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
-    """Return the estimate, lag and delay after the other parameters, and the stream with their
-    last values.
+    """Return the estimate and the stream with its lag and delay. In the estimate, the inverse time
+    constant of the lag and the delay follow the other parameters. It is None if the rows do not
+    determine it.
     """
     if stream.times.size < 4:
         return None, stream
-    starts = [stream.place]
-    if stream.times.size >= GROWTH_BEFORE_FULL_SEARCH * stream.searched:
+    starts = [stream.lag_and_delay]
+    if stream.times.size >= GROWTH_BEFORE_FULL_SEARCH * stream.rows_at_last_search:
         step = float(np.median(np.diff(stream.times)))
         delays = np.arange(0.0, 0.3, max(0.03, step))
         starts += [
-            (factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays
+            (factor * stream.lag_and_delay[0], float(delay))
+            for factor in FACTORS
+            for delay in delays
         ]
-        stream = replace(stream, searched=stream.times.size)
-    outcome = [(each, one) for one in starts if (each := _regression_at(stream, *one)) is not None]
-    if not outcome:
+        stream = replace(stream, rows_at_last_search=stream.times.size)
+    fits = [(fit, start) for start in starts if (fit := _regression(stream, *start)) is not None]
+    if not fits:
         return None, stream
-    best, place = min(outcome, key=lambda pair: pair[0].cost)
+    best, point = min(fits, key=lambda pair: pair[0].cost)
     q = len(stream.equations.names)
     for _ in range(MOST_STEPS):
-        with_slopes = _regression_at(stream, *place, best.values[:q])
+        with_slopes = _regression(stream, *point, best.values[:q])
         if with_slopes is None:
             return None, stream
         moved = False
         for share in SHARES:
             change = share * with_slopes.values[q:]
-            lag, delay = place[0] + change[0], place[1] + change[1]
-            place_tried = (
+            lag, delay = point[0] + change[0], point[1] + change[1]
+            trial_point = (
                 float(np.clip(lag, SHORTEST_LAG, LONGEST_LAG)),
                 float(np.clip(delay, 0.0, LONGEST_DELAY)),
             )
-            trial = _regression_at(stream, *place_tried)
+            trial = _regression(stream, *trial_point)
             if trial is not None and trial.cost < best.cost:
-                gained, best, place, moved = best.cost - trial.cost, trial, place_tried, True
+                gained, best, point, moved = best.cost - trial.cost, trial, trial_point, True
                 break
         if not moved or gained < 1e-3:
             break
-    with_slopes = _regression_at(stream, *place, best.values[:q])
+    with_slopes = _regression(stream, *point, best.values[:q])
     if with_slopes is None:
         return None, stream
-    # From the time constant to its inverse, which the parameter is.
+    # The parameter is the inverse of the time constant.
     to_inverse = np.ones(q + 2)
-    to_inverse[q] = -1.0 / place[0] ** 2
-    values = np.concatenate([best.values[:q], [1.0 / place[0], place[1]]])
+    to_inverse[q] = -1.0 / point[0] ** 2
+    values = np.concatenate([best.values[:q], [1.0 / point[0], point[1]]])
     result = replace(
         with_slopes,
         values=values,
         covariance=with_slopes.covariance * np.outer(to_inverse, to_inverse),
         cost=best.cost,
     )
-    return result, replace(stream, place=place)
+    return result, replace(stream, lag_and_delay=point)
 
 
-def _regression_at(
-    stream: LagStream, time: float, delay: float, values: np.ndarray | None = None
+def _regression(
+    stream: LagStream, time_constant: float, delay: float, values: np.ndarray | None = None
 ) -> OnlineEstimate | None:
-    """The regression with time constant of the lag and delay given, s; with ``values`` of the other
-    parameters also over small changes of the two, whose coefficients follow."""
+    """Return the regression for a given time constant of the lag and a given ``delay``, s.
+
+    With ``values (q,)`` of the other parameters, the regression also has the derivatives with
+    respect to time constant and delay as regressors. Their coefficients follow the others.
+    """
     sums = stream.sums
-    filled = (
-        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, delay)[:, None, :]
-    )
-    whole = replace(sums, regressors=filled)
+    pseudo_control_part = _transforms(stream, time_constant, delay)[:, None, :]
+    regressors = sums.regressors + stream.slopes[:, :, None] * pseudo_control_part
+    with_lag = replace(sums, regressors=regressors)
     if values is None:
-        return estimate(stream.equations, whole)
+        return estimate(stream.equations, with_lag)
     size = stream.slopes @ values
     columns = []
-    for k, reach in enumerate((1e-3 * time, 1e-4)):
+    for k, reach in enumerate((1e-3 * time_constant, 1e-4)):
         ends = []
         for sign in (1.0, -1.0):
-            moved = [time, delay]
-            moved[k] += sign * reach
-            ends.append(_transforms(stream, *moved))
+            varied = [time_constant, delay]
+            varied[k] += sign * reach
+            ends.append(_transforms(stream, *varied))
         columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
-    more = np.stack(columns, axis=1)
-    return estimate(stream.equations, whole, more)
+    further = np.stack(columns, axis=1)
+    return estimate(stream.equations, with_lag, further)
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
     """Return the derivatives ``(e, q)`` of the regressors of all equations with respect to the
     pseudo-control.
     """
-    system, points = equations.system, Points(equations, None)
-    n, at = len(system.states), np.zeros(1)
+    system, points = equations.system, LinearParts(equations, None)
+    n, time = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
     unit[system.state_names.index(STATE)] = 1.0
     still = np.zeros((len(system.inputs), 1))
     rows = []
     for function, which in ((system.f, equations.states), (system.h, equations.readings)):
-        slope = (
-            points.of(function, at, unit, still)[1] - points.of(function, at, 0.0 * unit, still)[1]
+        at_one, at_zero = (
+            points.split(function, time, state, still)[1] for state in (unit, 0.0 * unit)
         )
+        slope = at_one - at_zero
         rows += [slope[k, :, 0] for k in which]
     return np.array(rows)
 
 
-def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
-    """Return the transforms of the pseudo-control ``(e, F)``: its integrals over the rows for
-    rates, itself for outputs.
+def _transforms(stream: LagStream, time_constant: float, delay: float) -> np.ndarray:
+    """Return the transforms ``(e, F)`` of the pseudo-control: of its integrals over the steps for
+    equations of states, and of its samples for equations of outputs. ``time_constant`` of the lag
+    and ``delay`` are in s.
     """
-    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
+    delta, integral = pseudo_control(stream.times, stream.stick, 1.0 / time_constant, delay)
     recorded = np.abs(stream.phasors[:, 0]) > 0.0
     phasors, e = stream.phasors[recorded], len(stream.equations.states)
     out = np.empty((len(stream.slopes), phasors.shape[1]), dtype=complex)
-    out[:e] = np.diff(whole[recorded]) @ phasors[:-1]
+    out[:e] = np.diff(integral[recorded]) @ phasors[:-1]
     out[e:] = delta[recorded] @ phasors
     return out
 
@@ -219,24 +237,33 @@ def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
 def pseudo_control(
     times: np.ndarray, stick: np.ndarray, lag: float, delay: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pseudo-control and its integral at the rows, ``(N,)`` each, of a stick that is held.
+    """Return the pseudo-control and its integral at the rows, ``(N,)`` each, for a stick that is
+    constant between rows.
 
-    Before the first row it is at rest at the first stick. Exact where the rows are evenly spaced;
-    else by lines on even steps.
+    Parameters
+    ----------
+    times, stick : ``(N,)`` times, s, and stick.
+    lag : inverse time constant of the lag, 1/s.
+    delay : s.
+
+    Before the first row the pseudo-control equals the first stick. The result is exact for even
+    steps; otherwise it is interpolated linearly between even steps.
     """
     from scipy.signal import lfilter
 
     step = float(np.median(np.diff(times)))
     count = int(np.ceil((times[-1] - times[0]) / step - 1e-6)) + 1
     grid = times[0] + step * np.arange(count)
-    at = np.clip(np.searchsorted(times, grid + 1e-6 * step, side="right") - 1, 0, times.size - 1)
-    u = stick[at] - stick[0]
-    whole, rest = divmod(max(delay, 0.0), step)
-    before = np.concatenate([np.zeros(int(whole) + 1), u])[:count]
-    now = np.concatenate([np.zeros(int(whole)), u])[:count]
-    first, second = np.exp(-lag * rest), np.exp(-lag * (step - rest))
-    gained = second * (1.0 - first) * before + (1.0 - second) * now
-    delta = np.concatenate([[0.0], lfilter([1.0], [1.0, -first * second], gained)[:-1]])
+    last_row = np.clip(
+        np.searchsorted(times, grid + 1e-6 * step, side="right") - 1, 0, times.size - 1
+    )
+    u = stick[last_row] - stick[0]
+    whole_samples, rest = divmod(max(delay, 0.0), step)
+    before = np.concatenate([np.zeros(int(whole_samples) + 1), u])[:count]
+    now = np.concatenate([np.zeros(int(whole_samples)), u])[:count]
+    first_decay, second_decay = np.exp(-lag * rest), np.exp(-lag * (step - rest))
+    change = second_decay * (1.0 - first_decay) * before + (1.0 - second_decay) * now
+    delta = np.concatenate([[0.0], lfilter([1.0], [1.0, -first_decay * second_decay], change)[:-1]])
     area = np.concatenate([[0.0], np.cumsum(rest * before + (step - rest) * now)[:-1]])
     integral = area - delta / lag
     rows = [np.interp(times, grid, each) for each in (delta, integral)]

@@ -1,21 +1,23 @@
-"""Records as Fourier transforms, responses of linear models with slopes, and noise levels in
-frequency.
+"""Fourier transforms of records, responses of linear models and their derivatives, and noise levels
+over frequency.
 
-At these frequencies, w_k = 2 pi k / (N dt), transforms of white noise are independent of each
-other, constant biases leave nothing, and the beginning and the end of a motion enter through one
-vector, x(0) - x(N dt). Transforms are divided by sqrt(N): their noise has the variance of a
-sample's, whatever the record.
+The transforms are taken at the harmonics w_k = 2 pi k / (N dt) of the length of a record. There,
+transforms of white noise are independent of each other, those of constant biases are zero, and the
+initial and final states of a motion enter through one vector, x(0) - x(N dt). Transforms are
+divided by sqrt(N), so that the variance of their noise is that of a sample for any length.
 
-With inputs held or linear between samples the samples of the motion obey x[k+1] = Phi x[k] + G
-(u[k-1], u[k], u[k+1]), exactly. The sum of that over a record of N samples, each times exp(-j w k
-dt), is
+If inputs are held or linear between samples, the sampled motion obeys exactly
+x[k+1] = Phi x[k] + G (u[k-1], u[k], u[k+1]). Times exp(-j w k dt) and summed over the N samples of
+a record, this is
 
     exp(j w dt) (X - (x[0] - x[N])) = Phi X + G U
 
-at its harmonics: a motion that neither begins nor ends in trim adds one vector, which is estimated.
-No simulation, hence no trouble with a motion that grows. Klein and Morelli, Aircraft System
-Identification, ch. 7, have the same with integrals in the place of sums; Pintelon, Schoukens and
-Vandersteen, IEEE Trans. Automatic Control 42(12), 1997, the ends.
+at the harmonics. The vector x[0] - x[N], here called the end vector, is estimated, since a motion
+need not begin or end in trim. Nothing is simulated, so that unstable motion is no difficulty.
+
+Klein and Morelli, Aircraft System Identification, ch. 7, derive the same with integrals instead of
+sums. The end vector is that of Pintelon, Schoukens and Vandersteen, IEEE Trans. Automatic Control
+42(12), 1997.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ from sim.errors import RecordError
 from sim.maths import COMPLEX_STEP
 from sim.record import Hold, Record
 
-# ---- Records as Fourier transforms at the harmonics of their own length, in a band
+# ---- Fourier transforms of records at the harmonics of their length, within a band
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # largest error of a sample's time, relative to the interval
+EVEN_SAMPLING_TOLERANCE = 0.01  # largest deviation of a sampling interval, relative to the median
 MOST_BRIDGED_SHARE = 0.05  # largest share of missing, interpolated samples of a channel
 BAND_POWER_SHARE = 0.95  # share of every input's power in the default band
 _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
@@ -41,16 +43,20 @@ _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
 
 @dataclass(frozen=True, eq=False)
 class TransformedRecord:
-    """A record's transforms.
+    """Fourier transforms of a record of N samples at f harmonics.
 
     Attributes
     ----------
-    omega : ``(f,)`` rad/s.
+    record : the record.
+    step : sampling interval dt, s.
+    hold : behaviour of the inputs between samples.
+    bins : ``(f,)`` numbers of the harmonics.
+    omega : ``(f,)`` their frequencies, rad/s.
     ahead : ``(f,)`` exp(j omega dt).
-    bins : ``(f,)`` harmonics that these are.
-    outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``.
-    inputs : ``(r, N)`` samples, of which a delay may shift any.
-    filled : samples of the outputs that were bridged.
+    outputs : ``(m, f)`` complex transforms, zero for an output that is not recorded.
+    usable : ``(m,)`` whether an output is recorded.
+    inputs : ``(r, N)`` samples of the inputs.
+    bridged : number of missing samples of the outputs that were interpolated.
     """
 
     record: Record
@@ -62,25 +68,24 @@ class TransformedRecord:
     outputs: np.ndarray
     usable: np.ndarray
     inputs: np.ndarray
-    filled: int
+    bridged: int
 
-    def shifted(self, i: int, late: int) -> np.ndarray:
-        """Transform ``(f,)`` of input ``i`` as it was ``late`` samples before: exp(-j omega late
-        dt) times its own, and its end terms.
+    def shifted(self, i: int, delay: int) -> np.ndarray:
+        """Return the transform ``(f,)`` of input ``i`` delayed by ``delay`` samples.
 
-        Before its first sample the input has that value; values after the last one are part of the
-        end vector.
+        Before its first sample the input has the value of this sample. Values after the last sample
+        are part of the end vector.
         """
         count = self.inputs.shape[1]
-        at = np.clip(np.arange(count) - late, 0, count - 1)
+        at = np.clip(np.arange(count) - delay, 0, count - 1)
         return np.asarray(np.fft.rfft(self.inputs[i, at])[self.bins] / np.sqrt(count))
 
 
-def usual_band(
+def default_band(
     records: Sequence[Record], inputs: Sequence[str], fewest: int
 ) -> tuple[float, float]:
-    """Band from the first harmonic to where 95 % of every input's power lies, Hz, and up to
-    ``fewest`` harmonics of all records.
+    """Return the default band, Hz: from the first harmonic to the frequency below which every input
+    has 95 % of its power. The band has at least ``fewest`` harmonics of all records together.
     """
     high, steps, spans = 0.0, [], []
     for record in records:
@@ -100,26 +105,26 @@ def usual_band(
 
 
 def transformed(record: Record, system: System, band: tuple[float, float]) -> TransformedRecord:
-    """Return the record's harmonics within a band, Hz.
+    """Return the transforms of a record at its harmonics within a band, Hz.
 
     Raises
     ------
-    RecordError : uneven samples, too many missing ones, or no harmonic within the band.
+    RecordError : if samples are uneven, too many are missing, or no harmonic is within the band.
     """
     step, count = step_of(record), len(record)
     rows, valid = record.output_array(system.output_names)
     usable = np.asarray(valid.any(axis=1))
-    filled = 0
+    bridged = 0
     for i in np.flatnonzero(usable & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
         if lost > MOST_BRIDGED_SHARE * count:
             what = (
-                f"{lost} of {count} samples of {system.output_names[i]} are missing: a Fourier "
-                "transform needs them"
+                f"{lost} of {count} samples of {system.output_names[i]} are missing: too many to "
+                "interpolate for a Fourier transform"
             )
             raise RecordError(what, where=record.name, remedy=_REMEDY)
         rows[i] = np.interp(record.time, record.time[valid[i]], rows[i][valid[i]])
-        filled += lost
+        bridged += lost
     harmonics = np.arange(1, (count + 1) // 2)
     frequency = harmonics / (count * step)
     bins = harmonics[(frequency >= band[0] * (1.0 - 1e-9)) & (frequency <= band[1] * (1.0 + 1e-9))]
@@ -145,12 +150,12 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
         outputs,
         usable,
         inputs,
-        filled,
+        bridged,
     )
 
 
 def step_of(record: Record) -> float:
-    """Return the sampling interval, s. Raises RecordError where samples are uneven."""
+    """Return the sampling interval, s. Raises RecordError if samples are uneven."""
     steps = np.diff(record.time)
     step = float(np.median(steps))
     if not np.all(np.abs(steps - step) <= EVEN_SAMPLING_TOLERANCE * step):
@@ -162,19 +167,20 @@ def step_of(record: Record) -> float:
     return float((record.time[-1] - record.time[0]) / (len(record) - 1))
 
 
-# ---- The matrices of a linear System and their slopes by its parameters
+# ---- Matrices of a linear System and their derivatives with respect to parameters
 
-# largest nonlinearity by rounding, relative to the change of a rate or reading
+# largest nonlinearity due to rounding, relative to the change of a rate or output
 NONLINEARITY_TOLERANCE = 1e-7
-_TRIAL_POINTS = 6  # points at which a System is compared with its matrices
+_TRIAL_POINTS = 6  # points at which a System is compared with its linear model
 
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """x_dot = A x + B u, y = C x + D u less constants: ``A (n, n)``, ``B (n, r)``, ``C (m, n)``,
-    ``D (m, r)``.
+    """Matrices of x_dot = A x + B u, y = C x + D u without constant terms: ``A (n, n)``, ``B (n,
+    r)``, ``C (m, n)`` and ``D (m, r)``.
 
-    ``dA (q, n, n)`` and so on are the slopes by each of the wanted parameters.
+    ``dA (q, n, n)``, ``dB``, ``dC`` and ``dD`` are their derivatives with respect to each of the q
+    free parameters.
     """
 
     A: np.ndarray
@@ -188,11 +194,11 @@ class LinearModel:
 
 
 def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearModel:
-    """Return the matrices of a System that is linear in states and inputs, at parameters ``p``,
-    with slopes by those at the positions ``free``.
+    """Return the matrices of a System that is linear in states and inputs, at parameters ``p``, and
+    their derivatives with respect to the parameters at the positions ``free``.
 
-    One call each of ``f`` and ``h``: a row a unit step of a state or input, a column a complex step
-    of a parameter. Effects on the input and sensor paths are left out.
+    f and h are called once each, for unit values of each state and input (rows) and complex steps
+    of each parameter (columns). Effects on the input and sensor paths are left out.
     """
     n, r, q = len(system.states), len(system.inputs), max(len(free), 1)
     rows: list[Any] = [complex(value) for value in p]
@@ -221,18 +227,20 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
     )
 
 
-def bent(system: System, records: Sequence[Record]) -> str:
-    """Return the first rate or output that is no time-invariant linear function of states and
-    inputs within the records' range; else empty.
+def first_nonlinear(system: System, records: Sequence[Record]) -> str:
+    """Return the name of the first rate or output that is not a linear function of states and
+    inputs, or depends on time, within the range of the records; empty if there is none.
     """
     p = system.parameters.values()
     with np.errstate(all="ignore"):  # non-finite values at rest are not linear
         model = linear_model(system, p, ())
     names = [f"the rate of {name}" for name in system.state_names] + list(system.output_names)
     matrix = np.block([[model.A, model.B], [model.C, model.D]])
-    sizes = np.array([_size(name, records) for name in (*system.state_names, *system.input_names)])
+    sizes = np.array(
+        [_largest_value(name, records) for name in (*system.state_names, *system.input_names)]
+    )
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
-    # Points on sines without a common period, which cover a few dimensions, and at rest.
+    # Points on sines without a common period, so that they cover all dimensions; and at rest.
     points = [
         *(
             sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
@@ -254,16 +262,20 @@ def bent(system: System, records: Sequence[Record]) -> str:
 
 
 def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Rates and outputs ``(n + m, T)`` at a point at all times."""
+    """Return rates and outputs ``(n + m, T)`` at a ``point (n + r,)`` of states and inputs, at all
+    ``times (T,)``.
+    """
     n = len(system.states)
-    # numbers of NumPy, whose division by zero is no exception
+    # NumPy numbers: their division by zero raises no exception.
     x, u = list(point[:n]), list(point[n:])
     rows = (*system.f(times, x, u, p.tolist()), *system.h(times, x, u, p.tolist()))
     return np.array([np.broadcast_to(row, times.shape) for row in rows], dtype=float)
 
 
-def _size(name: str, records: Sequence[Record]) -> float:
-    """Return the largest recorded value of a signal, one where it is not recorded."""
+def _largest_value(name: str, records: Sequence[Record]) -> float:
+    """Return the largest absolute value of a signal in the records, or one if it is not recorded or
+    always zero.
+    """
     result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
@@ -275,14 +287,14 @@ def _size(name: str, records: Sequence[Record]) -> float:
 
 # ---- Response of a linear model to recorded inputs at the harmonics of a record
 
-# neighbours of the last sample before a delayed interval that act on the state
+# Samples of a delayed input that act on the state over an interval, relative to its first sample.
 NEIGHBOURS = (-1, 0, 1)
 
 
 @dataclass(frozen=True)
 class Delay:
-    """Delay of an input: ``seconds``, and the position of its parameter among the wanted ones, None
-    if fixed.
+    """Delay of an input in ``seconds``, and the ``position`` of its parameter among the free ones;
+    None if it is fixed.
     """
 
     seconds: float = 0.0
@@ -291,8 +303,13 @@ class Delay:
 
 @dataclass(frozen=True, eq=False)
 class TransformedResponse:
-    """``y (m, f)`` of motion from rest to rest; ``by_parameter (m, f, q)`` and ``by_ends (m, f,
-    n)``, the last of any x[0] - x[N].
+    """Transforms of the outputs of a linear model.
+
+    Attributes
+    ----------
+    y : ``(m, f)`` transforms of the outputs.
+    by_parameter : ``(m, f, q)`` derivatives with respect to the free parameters.
+    by_ends : ``(m, f, n)`` derivatives with respect to the end vector x[0] - x[N].
     """
 
     y: np.ndarray
@@ -303,18 +320,22 @@ class TransformedResponse:
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
 ) -> TransformedResponse:
-    """Return the response to a record's inputs, with ``delays`` by position of the input; ``ends
-    (n,)`` is x[0] - x[N].
+    """Return the response of a model to the inputs of a record.
+
+    Parameters
+    ----------
+    delays : position of an input -> its delay.
+    ends : ``(n,)`` end vector x[0] - x[N].
     """
     n, q = len(model.A), len(model.dA)
-    Phi, dPhi, forced, d_forced = _stepped(model, record, delays)
+    Phi, dPhi, forced, d_forced = _discretised(model, record, delays)
     M = record.ahead[:, None, None] * np.eye(n) - Phi
     unit = np.broadcast_to(record.ahead[:, None, None] * np.eye(n), M.shape)
     solved = np.linalg.solve(M, np.concatenate([forced[:, :, None], unit], axis=2))
     X = solved[:, :, 0] + solved[:, :, 1:] @ ends
-    pushed = np.einsum("qij,fj->fiq", dPhi, X) + d_forced
-    dX = np.linalg.solve(M, pushed) if q else np.zeros((len(X), n, 0))
-    U, dU = _read(model, record, delays)
+    right_sides = np.einsum("qij,fj->fiq", dPhi, X) + d_forced
+    dX = np.linalg.solve(M, right_sides) if q else np.zeros((len(X), n, 0))
+    U, dU = _output_inputs(model, record, delays)
     y = (X @ model.C.T + U @ model.D.T).T
     direct = (
         np.einsum("qmn,fn->mfq", model.dC, X)
@@ -325,11 +346,11 @@ def response(
     return TransformedResponse(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
 
 
-def _stepped(
+def _discretised(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi ``(n, n)``, its slopes ``(q, n, n)``, the effect of the inputs on the state ``(f, n)``
-    and its slopes ``(f, n, q)``.
+    """Return the matrix Phi ``(n, n)``, its derivatives ``(q, n, n)``, the transforms ``(f, n)`` of
+    G U, and their derivatives ``(f, n, q)``.
     """
     n, q = len(model.A), len(model.dA)
     width = max(q, 1)
@@ -340,7 +361,7 @@ def _stepped(
     forced = np.zeros((len(record.omega), n), dtype=complex)
     d_forced = np.zeros((len(record.omega), n, q), dtype=complex)
     for i in range(model.B.shape[1]):
-        delay, part = _parted(delays.get(i, Delay()), record.step, width)
+        delay, part = _whole_and_rest(delays.get(i, Delay()), record.step, width)
         for offset, G in zip(NEIGHBOURS, _gains(A, B[:, :, i], part, record), strict=True):
             if not np.any(G):
                 continue
@@ -350,9 +371,9 @@ def _stepped(
     return Phi[0].real, Phi[:q].imag / COMPLEX_STEP, forced, d_forced
 
 
-def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
-    """Whole samples of a delay, and the rest of it as a share of one, ``(width,)``, with a complex
-    step where the delay is wanted.
+def _whole_and_rest(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
+    """Return the number of whole samples of a delay, and the remaining share of a sample,
+    ``(width,)``, with a complex step if the delay is a free parameter.
     """
     whole = int(np.floor(delay.seconds / step + 1e-12))
     rest = np.full(width, max(delay.seconds / step - whole, 0.0), dtype=complex)
@@ -364,11 +385,10 @@ def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
 def _gains(
     A: np.ndarray, b: np.ndarray, part: np.ndarray, record: TransformedRecord
 ) -> Sequence[np.ndarray]:
-    """Return the contributions ``(q, n)`` of the samples u[k-1], u[k], u[k+1] of an input to
-    x[k+1], if the input is late by ``part`` of a sample.
+    """Return the factors ``(q, n)`` of the samples u[k-1], u[k], u[k+1] of an input in x[k+1], if
+    the input is delayed by ``part (q,)`` of a sample.
 
-    During the first ``part`` of the interval the input is still that between the two previous
-    samples.
+    During this part of the interval the input is still that of the previous interval.
     """
     dt = record.step
     _, step1, ramp1 = _transition(A, b, part * dt)
@@ -391,8 +411,8 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _transition(
     A: np.ndarray, b: np.ndarray, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the transition ``(q, n, n)`` over ``time (q,)``, and the effects of a constant input
-    and of a ramp, ``(q, n)``.
+    """Return the transition matrix ``(q, n, n)`` over ``time (q,)``, s, and the effects on the
+    state, ``(q, n)`` each, of a unit step and of a ramp with unit slope in this time.
     """
     from scipy.linalg import expm
 
@@ -403,18 +423,18 @@ def _transition(
     return result[:, :n, :n], result[:, :n, n], result[:, :n, n + 1]
 
 
-def _read(
+def _output_inputs(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inputs of the output equations at the samples ``(f, r)``, and their derivatives by
-    the wanted parameters ``(f, r, q)``.
+    """Return the transforms ``(f, r)`` of the delayed inputs at the samples, which act directly on
+    the outputs, and their derivatives ``(f, r, q)`` with respect to the free parameters.
     """
     q, count = len(model.dA), model.B.shape[1]
     U = np.zeros((len(record.omega), count), dtype=complex)
     dU = np.zeros((len(record.omega), count, q), dtype=complex)
     for i in range(count):
         delay = delays.get(i, Delay())
-        delay_value, rest = _parted(Delay(delay.seconds), record.step, 1)
+        delay_value, rest = _whole_and_rest(Delay(delay.seconds), record.step, 1)
         share = float(rest[0].real)
         now, before = record.shifted(i, delay_value), record.shifted(i, delay_value + 1)
         if record.hold is Hold.PREVIOUS:
@@ -433,19 +453,19 @@ LEAST_UNIFORM_NOISE_PROBABILITY = 1e-3
 FEWEST_HARMONICS = 12  # fewest harmonics of a band: its level is then known to 20 %
 # most bands: noise of sensors and slow turbulence changes by decades, not from line to line
 MOST_NOISE_BANDS = 6
-# harmonics on either side for a local level: seven give it to 40 %, which the sum over all averages
-# out
+# Harmonics on either side that give a local level. Seven harmonics determine it to 40 %; these
+# errors average out in sums over all harmonics.
 NEIGHBOURING_HARMONICS = 3
 
 
 def one_band(count: int) -> np.ndarray:
-    """Band of each of ``count`` frequencies: the same."""
+    """Return the number of the band, 0, for each of ``count`` frequencies: all are in one band."""
     return np.zeros(count, dtype=int)
 
 
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the band of each frequency of each record; bands hold equal numbers, as many as
-    ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
+    """Return the number of the band of each frequency, by record. Bands contain equal numbers of
+    frequencies, and there are as many as ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
     """
     every = np.sort(np.concatenate(omegas))
     count = int(np.clip(len(every) // FEWEST_HARMONICS, 1, MOST_NOISE_BANDS))
@@ -453,14 +473,21 @@ def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [np.searchsorted(edges, omega, side="right") for omega in omegas]
 
 
-def levels(
+def noise_levels(
     residuals: Sequence[np.ndarray],
     usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below
-    ``floor (m,)``, and how many there are.
+    """Return the mean square ``(m, b)`` of the residuals by output and band, and their numbers
+    ``(m, b)``.
+
+    Parameters
+    ----------
+    residuals : complex ``(m, f)`` of each record.
+    usable : ``(m,)`` of each record, whether an output is recorded.
+    bands : ``(f,)`` of each record, band of each frequency.
+    floor : ``(m,)`` smallest mean square.
     """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
@@ -475,21 +502,23 @@ def levels(
     ), count
 
 
-def coloured(
+def levels_differ(
     residuals: Sequence[np.ndarray],
     usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> bool:
-    """Return whether the bands' levels differ by more than chance, in any output.
+    """Return whether the noise levels of the bands differ significantly in any output. The
+    arguments are those of `noise_levels`.
 
-    Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level
-    to several is chi-squared with as many degrees as there are further levels.
+    Squared transforms of noise have exponential distributions. Twice the log likelihood ratio of
+    several levels to one level is therefore chi-squared distributed; its degrees of freedom are the
+    number of levels minus one.
     """
     from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
-    split_levels, count = levels(residuals, usable, bands, floor)
-    together, _ = levels(residuals, usable, [np.zeros_like(band) for band in bands], floor)
+    split_levels, count = noise_levels(residuals, usable, bands, floor)
+    together, _ = noise_levels(residuals, usable, [np.zeros_like(band) for band in bands], floor)
     degrees = split_levels.shape[1] - 1
     if degrees == 0:
         return False
@@ -504,8 +533,10 @@ def coloured(
     )
 
 
-def about_each(power: np.ndarray) -> np.ndarray:
-    """Return means of powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
+def means_over_neighbours(power: np.ndarray) -> np.ndarray:
+    """Return the means ``(k, f)`` of powers or cross powers ``(k, f)`` over each frequency and its
+    neighbours.
+    """
     width = min(2 * NEIGHBOURING_HARMONICS + 1, power.shape[1])
     kernel = np.ones(width)
     count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")

@@ -1,10 +1,9 @@
-"""Frequency responses of records: composite over window lengths, several inputs, feedback; default
-choices.
+"""Frequency responses of records, with several inputs and with feedback; default settings.
 
-The composite of several windows is that of Tischler and Remple, "Aircraft and Rotorcraft System
-Identification", 2nd edition, AIAA 2012, chapter 10, and conditioned responses and partial coherence
-are those of chapter 9. Random errors follow Bendat and Piersol, "Random Data", 4th edition, Wiley
-2010, chapters 6, 7 and 9.
+Estimates with windows of several lengths are combined as in Tischler and Remple, "Aircraft and
+Rotorcraft System Identification", 2nd edition, AIAA 2012, chapter 10. Conditioned responses and
+partial coherence are those of chapter 9. Random errors follow Bendat and Piersol, "Random Data",
+4th edition, Wiley 2010, chapters 6, 7 and 9.
 """
 
 from __future__ import annotations
@@ -27,15 +26,17 @@ from ident.frequency_response.segments import (
 )
 from sim.errors import RecordError
 
-# ---- Frequency responses of records: composite over window lengths, several inputs, feedback
+# ---- Frequency responses of records
 
 _CONFIDENCE = 0.95  # probability that a band or circle contains the response
-LEAST_COHERENCE = 0.6  # of a usable response (Tischler and Remple)
-RANDOM_ERROR = 0.2  # largest one of a usable magnitude (Tischler and Remple)
-LARGEST_POWER_OFFSET = 0.6  # mean distance of power from a usable frequency, times window length
+LEAST_COHERENCE = 0.6  # smallest coherence of a usable response (Tischler and Remple)
+RANDOM_ERROR = 0.2  # largest random error of a usable magnitude (Tischler and Remple)
+# largest mean distance of input power from a usable frequency, times the window length
+LARGEST_POWER_OFFSET = 0.6
 WINDOW_DERIVATIVES = 2  # highest derivative of the window in the regression
 MAIN_LOBE_HALF_WIDTH = 2.0  # half-width of the main lobe of a Hann window, times its length
-FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0  # in a window that is used alone, with derivatives
+# fewest periods in a window that is used alone, in a regression with derivatives
+FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
 _LEAST_NOISE_DEGREES = 4.0  # fewest real degrees of freedom of the noise estimate
 _RANDOM_ERROR_POWER = 4.0  # a window has the weight error^-4 (Tischler and Remple)
 _MOST_REGRESSORS_AT_ONCE = 400_000  # regressors that are processed together
@@ -105,8 +106,8 @@ class FrequencyResponses:
         closer than about one over it are correlated.
     spectra : settings of the estimate.
     joint : whether it is a joint input-output estimate.
-    leaked : bool ``(q, F)``, True where the transform of an input (in a joint estimate, of its
-        reference) comes from power outside the main lobe. Empty with sine tapers.
+    leaked : bool ``(q, F)``, True where the transform of an input, or of its reference if joint, is
+        due to power outside the main lobe. Empty with sine tapers.
     """
 
     frequency: np.ndarray
@@ -292,11 +293,11 @@ def _weights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the weights ``(R, F)`` of R segments and the numbers of averages ``(F,)``.
 
-    A window has the weight (least error / its error)^4, shared among its segments. This may leave
-    too few degrees of freedom for derivatives of the windows. A long window without derivatives is
-    biased, and its scatter does not show this. Then only the windows that have enough degrees of
-    freedom alone get weight: first the ``usable`` segments, bool ``(R, F)``, then the ``relaxed``
-    ones. These are None where the regression has no derivatives.
+    A window has the weight (least error / its error)^4, divided among its segments. These weights
+    may leave too few degrees of freedom for derivatives of the windows; without derivatives, a long
+    window is biased, which its scatter does not show. Then only windows that have enough degrees of
+    freedom alone get weight: first those of the ``usable`` segments, bool ``(R, F)``, then those of
+    the ``relaxed`` ones, which are None if the regression has no derivatives.
     """
     errors, enough = _window_errors(segments, output, inputs, usable)
     weights = _by_error(segments, errors, usable)
@@ -329,12 +330,12 @@ def _window_errors(
     enough = np.zeros(errors.shape, dtype=bool)
     for number in range(len(segments.lengths)):
         rows = segments.windows == number
-        own = usable[rows].astype(float)
-        present = own.any(axis=0)
+        equal_weights = usable[rows].astype(float)
+        present = equal_weights.any(axis=0)
         if not present.any():
             continue
-        averages = effective_averages(own, segments.overlap[rows][:, rows])
-        matrix = spectral_matrix(np.concatenate([x[:, rows], y[:, rows]]), own)
+        averages = effective_averages(equal_weights, segments.overlap[rows][:, rows])
+        matrix = spectral_matrix(np.concatenate([x[:, rows], y[:, rows]]), equal_weights)
         multiple, _ = coherences(matrix)
         spare = np.maximum(averages - q, 1e-3)
         squared = (1.0 - multiple) / np.maximum(multiple, 1e-9) / (2.0 * spare)
@@ -430,8 +431,7 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
 
 
 def _power_offset(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
-    """Return the mean distance ``(q, F)`` of the power of inputs from a frequency, times the window
-    length; zero without derivatives."""
+    """Return the mean distance ``(q, F)`` of input power from a frequency, times window length."""
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
         return np.zeros((rows.shape[0], rows.shape[3]))
@@ -514,7 +514,7 @@ def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
 
 
 def _unwrapped_from_band(response: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Return the phases ``(F,)`` of a response, unwrapped from the begin of its usable band."""
+    """Return the phases ``(F,)``, rad, unwrapped both ways from the begin of the usable band."""
     phase = np.angle(response)
     start = int(np.flatnonzero(usable)[0]) if usable.any() else 0
     ahead, behind = np.unwrap(phase[start:]), np.unwrap(phase[: start + 1][::-1])[::-1]
@@ -582,8 +582,8 @@ def lowest_frequency(windows: Sequence[float]) -> float:
 
 
 def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
-    """Return the records with every n-th sample, and n. It keeps at least five samples in a period
-    of the frequency ``high``, Hz. All signals pass the same zero-phase filter before.
+    """Return the records with every n-th sample, and n. At least five samples remain in a period of
+    the frequency ``high``, Hz. All signals pass the same zero-phase filter first.
     """
     step = records[0].step
     factor = math.floor(1.0 / (FEWEST_SAMPLES_PER_PERIOD * high * step) * (1.0 + 1e-9))

@@ -100,8 +100,6 @@ def fit_model(
     ModelError : if no parameter is free, if there are fewer numbers than parameters, or if the
         model has no finite response at the starting values.
     """
-    from scipy.optimize import least_squares
-
     names = tuple(start)
     count = 2 * sum(target.omega.size for target in targets)
     if not names or count <= len(names):
@@ -123,17 +121,8 @@ def fit_model(
         return weighted_errors(targets, log_ratios)
 
     starting_values = np.array([start[name] for name in names])
-    bounds = np.array([(low or {}).get(name, -np.inf) for name in names])
-    lowest_start = np.where(np.isfinite(bounds), bounds + 1e-6, -np.inf)
-    best, least, converged = starting_values, math.inf, False
-    for factor in SPREAD:
-        p = np.maximum(factor * starting_values, lowest_start)
-        scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
-        solution = least_squares(
-            residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=most
-        )
-        if solution.cost < least * (1.0 - _LEAST_IMPROVEMENT):
-            best, least, converged = solution.x, float(solution.cost), solution.status > 0
+    lowest = np.array([(low or {}).get(name, -np.inf) for name in names])
+    best, least, converged = _minimum(residuals, starting_values, lowest)
     if least >= 0.5 * _LARGEST_ERROR**2:
         what = "the model has no finite responses at its starting values"
         raise ModelError(what, where="fit", remedy="check them in the vehicle file")
@@ -157,6 +146,29 @@ def fit_model(
         tuple(np.asarray(response) for response in fitted_responses),
         converged,
     )
+
+
+def _minimum(
+    residuals: Callable[[np.ndarray], np.ndarray], starting_values: np.ndarray, lowest: np.ndarray
+) -> tuple[np.ndarray, float, bool]:
+    """Return the parameters of least cost by searches from the starting values times each factor of
+    ``SPREAD``, half of their sum of squared residuals, and whether the search converged.
+
+    ``lowest (q,)`` are lower bounds.
+    """
+    from scipy.optimize import least_squares
+
+    lowest_start = np.where(np.isfinite(lowest), lowest + 1e-6, -np.inf)
+    best, least, converged = starting_values, math.inf, False
+    for factor in SPREAD:
+        p = np.maximum(factor * starting_values, lowest_start)
+        scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
+        solution = least_squares(
+            residuals, p, bounds=(lowest, np.inf), x_scale=scale, max_nfev=most
+        )
+        if solution.cost < least * (1.0 - _LEAST_IMPROVEMENT):
+            best, least, converged = solution.x, float(solution.cost), solution.status > 0
+    return best, least, converged
 
 
 def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:

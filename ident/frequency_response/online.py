@@ -1,6 +1,6 @@
 """Frequency responses of a stream of samples by recursive Fourier transforms.
 
-Each sample, times exp(-i omega t), is added to the transforms of its block and is then forgotten
+Each sample, times exp(-i omega t), is added to the transforms of its block and is not stored
 (Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control,
 and Dynamics 23(5), 2000; for loops in flight Bosworth and West, "Real-Time Open-Loop Frequency
 Response Analysis of Flight Test Data", AIAA 86-9738, 1986). Four adjacent blocks make one Hann
@@ -32,11 +32,11 @@ from ident.frequency_response.segments import (
 )
 from sim.errors import DeclarationError
 
-# Limits of the distance of the power from a frequency, times the length of the window:
-# root mean square distance, half of the half width of the main lobe of a Hann window
-HALF_LOBE = 1.0
-ONE_SIDED = 0.3  # mean distance of power on one side only
-WINDOW_MEMORY = 600.0  # s, age after which a window is forgotten
+# Limits of the distance of input power from a frequency, times the length of the window: the rms
+# distance, which is half of the half width of the main lobe of a Hann window, and the mean distance
+LARGEST_RMS_DISTANCE = 1.0
+LARGEST_MEAN_DISTANCE = 0.3
+WINDOW_MEMORY = 600.0  # s, age after which a window is discarded
 _HIGHEST_FREQUENCY_SHARE = 0.45  # highest frequency, relative to the sample rate
 _LINE_SUMS = 2  # sums of a block for a straight line: of the samples, and times their number
 
@@ -75,7 +75,7 @@ class _Window:
 
 @dataclass
 class OnlineResponses:
-    """Transforms of a stream of samples; ``take`` adds samples to it.
+    """Transforms of a stream of samples. `add_samples` adds samples to it.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class OnlineResponses:
     spectra : window lengths and least coherence.
     outputs, inputs : numbers of output and input signals.
     joint : whether there is a reference signal for each input.
-    memory : age, s, after which a window is forgotten.
+    memory : age, s, after which a window is discarded.
     samples : number of samples so far, lost ones included.
     windows : transforms with each window length, the longest first.
     """
@@ -126,7 +126,7 @@ def online_responses(
     outputs, inputs : numbers of output and input signals.
     joint : whether there is a reference signal for each input.
     least_coherence : smallest coherence of a usable response.
-    memory : age, s, after which a window is forgotten.
+    memory : age, s, after which a window is discarded.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def online_responses(
     return stream
 
 
-def take(stream: OnlineResponses, samples: np.ndarray) -> None:
+def add_samples(stream: OnlineResponses, samples: np.ndarray) -> None:
     """Add further samples ``(S, N)`` to the stream: outputs, inputs, references, at even steps."""
     n = samples.shape[1]
     for window in stream.windows:
@@ -214,11 +214,11 @@ def _excited_bands(
     """Return the usable bands ``(m, q, F)`` without frequencies that a sweep has not yet passed.
 
     Before a sweep reaches a frequency, the transform there is leakage from the present frequency of
-    the sweep: it is coherent, and has the response of that frequency. The distance of the power is
-    known from the derivative of the window: a component at a distance d/length has a transform
-    under it that is 2 pi i d/length times as large as that under the window. The excitation has not
-    reached a frequency where the root mean square of d exceeds half of the main lobe. It has not
-    passed a frequency where the mean of d is far from zero.
+    the sweep: it is coherent, and has the response at that frequency. The distance of the power
+    follows from the derivative of the window: for a component at a distance of d/length, the
+    transform under the derivative is 2 pi i d/length times that under the window. The excitation
+    has not reached a frequency if the rms of d exceeds ``LARGEST_RMS_DISTANCE``. It has not passed
+    a frequency if the mean of d exceeds ``LARGEST_MEAN_DISTANCE``.
     """
     m, q = stream.outputs, stream.inputs
     usable = segments.usable(responses.frequency)
@@ -233,8 +233,8 @@ def _excited_bands(
         power = np.sum(share * np.abs(transform) ** 2, axis=0)
         square_distance = np.sum(share * np.abs(scale * by_derivative) ** 2, axis=0)
         distance = np.sum(share * scale * (np.conj(transform) * by_derivative).imag, axis=0)
-        reached = square_distance <= HALF_LOBE**2 * power
-        passed = np.abs(distance) <= ONE_SIDED * power
+        reached = square_distance <= LARGEST_RMS_DISTANCE**2 * power
+        passed = np.abs(distance) <= LARGEST_MEAN_DISTANCE * power
         for i in range(m):
             usable_here = responses.usable[i, j] & reached & passed
             bands[i, j] = longest_run(usable_here, log_frequency)

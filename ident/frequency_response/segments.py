@@ -1,5 +1,5 @@
-"""Windowed Fourier transforms of records at any frequencies, weighted regression of one on others,
-and the multitaper estimate of a response.
+"""Windowed Fourier transforms of records at any frequencies, and weighted regression of one signal
+on others.
 
 y_r = sum over k of z_rk b_k + e_r,   r a segment, E[e_r conj(e_s)] = S c_rs
 
@@ -19,28 +19,19 @@ Segments under Hann windows are those of Welch ("The Use of Fast Fourier Transfo
 Estimation of Power Spectra", IEEE Trans. Audio Electroacoustics 15(2), 1967). Sine tapers are those
 of Riedel and Sidorenko ("Minimum Bias Multiple Taper Spectral Estimation", IEEE Trans. Signal
 Processing 43(1), 1995).
-
-The multitaper estimate, and a low-order model fitted to it, check the delay and damping that a
-filter has estimated, as in NASA TM-101722. They need ratios of spectra only: no states and no
-process noise. Gain and phase have the weights of MIL-F-8785C for equivalent systems.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.declaration.model import System
-from sim.errors import ModelError, RecordError
-from sim.maths import complex_step_jacobian
-from sim.record import Hold, Record
-
-# ---- Weighted regression of one signal's segments on others', at every frequency by itself
+# ---- Weighted regression of the segments of a signal on those of others, at each frequency
 
 _SMALLEST = np.finfo(float).tiny
 
@@ -91,7 +82,7 @@ def regress(
     y = output.T[:, :, None]
     coefficients = (gain @ y)[:, :, 0]
     errors = output.T - np.einsum("fkr,fk->fr", z, coefficients)
-    correlated = _times(gain, overlap)
+    correlated = _times_overlap(gain, overlap)
     spread = correlated @ np.conj(np.swapaxes(gain, 1, 2))
     # expected weighted squares of the errors (1 - z gain) times noise, over S
     fitted = np.conj(z) * weights.T[:, None, :]
@@ -117,7 +108,7 @@ def effective_averages(weights: np.ndarray, overlap: csr_array) -> np.ndarray:
     return np.asarray(total**2 / np.maximum(squares, _SMALLEST))
 
 
-def _times(rows: np.ndarray, overlap: csr_array) -> np.ndarray:
+def _times_overlap(rows: np.ndarray, overlap: csr_array) -> np.ndarray:
     """Return ``rows (F, K, R)`` times the overlap, which is real and symmetric."""
     flat = rows.reshape(-1, rows.shape[2]).T
     return np.asarray((overlap @ flat).T.reshape(rows.shape))
@@ -151,10 +142,10 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(multiple, 0.0, 1.0), np.clip(partial.T, 0.0, 1.0)
 
 
-# ---- Windowed Fourier transforms of records at any frequencies, one row for each segment
+# ---- Windowed Fourier transforms of the segments of records, at any frequencies
 
-STEPS_PER_WINDOW = 4  # length of a window in steps: successive windows overlap by three quarters
-# fewest periods in the longest window: its main lobe then does not reach zero frequency
+STEPS_PER_WINDOW = 4  # steps in the length of a window: successive windows overlap by 3/4
+# fewest periods in the longest window, whose main lobe then does not reach zero frequency
 LEAST_PERIODS_IN_LONGEST_WINDOW = 2.0
 LEAST_PERIODS_IN_SHORTER_WINDOW = 6.0  # fewest periods in any other window
 _SAMPLES_PER_WINDOW_STEP = 8  # samples in a step that give the inner products of windows
@@ -393,200 +384,3 @@ def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
         products += [result, result[longer]]
     where = (np.concatenate(places), np.concatenate(partners))
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
-
-
-# lowest and highest frequency, rad/s, of a response with short period, lag and delay
-LOWEST_OMEGA, HIGHEST_OMEGA = 0.35, 14.0
-_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
-# square root of the weight 0.01745 of an error of 1 deg, per rad
-_PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
-_PADDING_FACTOR = 4  # length of a padded transform over that of the record
-_LONGEST_ALIGNED_LAG = 1.0  # longest lag by which an output is aligned with the input, s
-_LARGEST_COHERENCE = 0.99  # a larger coherence has no more weight in a fit
-
-
-@dataclass(frozen=True, eq=False)
-class SingleInputResponse:
-    """Response of outputs to one input.
-
-    Attributes
-    ----------
-    omega : ``(n,)`` frequencies, rad/s.
-    outputs : names of the m outputs.
-    response : complex ``(m, n)`` to the input as it acts between samples: the effect of the hold is
-        removed.
-    coherence : ``(m, n)`` ordinary coherence, 0 to 1.
-    bandwidth : half-width of the smoothing, rad/s. Frequencies closer than twice this are not
-        independent.
-    """
-
-    omega: np.ndarray
-    outputs: tuple[str, ...]
-    response: np.ndarray
-    coherence: np.ndarray
-    bandwidth: float
-
-
-def estimate_response(
-    record: Record, low: float = LOWEST_OMEGA, high: float = HIGHEST_OMEGA, tapers: int = 5
-) -> SingleInputResponse:
-    """Estimate the response of all outputs to ``stick`` from cross spectra, averaged over tapers.
-
-    The average over the bandwidth of the tapers makes a response smaller where its phase changes
-    quickly with frequency, which a low-order fit takes for damping. Each output is therefore
-    aligned with the input by its lag, which is restored afterwards. The remaining bias is smaller
-    with fewer tapers and longer records.
-
-    Parameters
-    ----------
-    record : evenly sampled record without missing samples; means are removed.
-    low, high : lowest and highest frequency, rad/s.
-    tapers : number of tapers. More tapers give less scatter and a more reliable coherence, and a
-        larger bandwidth, (tapers + 1) pi / duration.
-
-    Raises
-    ------
-    RecordError : where the sampling is uneven, a sample is missing, the input does not move, or no
-        frequency is in the range.
-    ModelError : where there are fewer than two tapers: the coherence of one taper is always 1.
-    """
-    if tapers < 2:
-        raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")
-    names = record.output_names
-    steps, count = np.diff(record.time), len(record)
-    step = float(steps.mean())
-    if np.max(np.abs(steps - step)) > 1e-3 * step:
-        raise RecordError(
-            "sampling is uneven", where=record.name, remedy="resample it evenly first"
-        )
-    y, valid = record.output_array(names)
-    if not valid.all():
-        raise RecordError(
-            "a sample is missing", where=record.name, remedy="choose a window without gaps"
-        )
-    u = record["stick"].values
-    if not np.ptp(u) > 0:
-        raise RecordError(
-            "it does not move",
-            where=f"{record.name}, channel stick",
-            remedy="choose a window with a maneuver",
-        )
-    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING_FACTOR * count, step)
-    omega = omega[(omega >= low) & (omega <= high)]
-    if not omega.size:
-        what = f"no frequency between {low:g} and {high:g} rad/s"
-        raise RecordError(what, where=record.name, remedy="give a longer record")
-    u, y = u - u.mean(), y - y.mean(axis=1, keepdims=True)
-    lags = [_lag(u, row, round(_LONGEST_ALIGNED_LAG / step)) for row in y]
-    aligned = [
-        np.concatenate([row[lag:], np.full(lag, row[-1])]) for row, lag in zip(y, lags, strict=True)
-    ]
-    hertz = omega / (2.0 * math.pi)
-    rows = sine_segments([np.array([u, *aligned])], step, tapers, hertz, derivatives=0).transforms[
-        :, 0
-    ]
-    shifts = np.exp(-1j * omega * step * np.array(lags)[:, None])
-    U, Y = rows[0], rows[1:] * shifts[:, None, :]
-    Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
-    Syu = (Y * np.conj(U)).mean(axis=1)
-    coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
-    zero_order_hold = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
-    hold_response = (
-        zero_order_hold if record.hold is Hold.PREVIOUS else np.abs(zero_order_hold) ** 2
-    )
-    return SingleInputResponse(
-        omega, names, Syu / Suu / hold_response, coherence, (tapers + 1) * math.pi / (count * step)
-    )
-
-
-def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
-    """Return the lag of the output ``y`` behind the input ``u`` in samples, at most ``latest``, by
-    the largest absolute cross-correlation.
-    """
-    sums = [abs(float(u[: len(u) - k] @ y[k:])) for k in range(min(latest, len(u) - 1) + 1)]
-    return int(np.argmax(sums))
-
-
-@dataclass(frozen=True, eq=False)
-class ResponseFit:
-    """A model fitted to a frequency response.
-
-    Attributes
-    ----------
-    values : parameter -> estimate.
-    mismatch : weighted mean of (error in dB)^2 + 0.01745 (error in deg)^2.
-    converged : whether the search ended at a minimum.
-    """
-
-    values: Mapping[str, float]
-    mismatch: float
-    converged: bool
-
-
-def model_response(
-    system: System,
-    values: Mapping[str, float],
-    omega: np.ndarray,
-    outputs: Sequence[str],
-) -> np.ndarray:
-    """Return the response ``(m, n)`` of a System, linearised at rest, to its first input.
-
-    The parameter ``delay`` (s), if the System has one, delays this input.
-    """
-    p = system.parameters.with_values(values).values().tolist()
-    x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
-    A = complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0)
-    B = complex_step_jacobian(lambda u: system.f(0.0, x0, u, p), u0)[:, :1]
-    C = complex_step_jacobian(lambda x: system.h(0.0, x, u0, p), x0)
-    D = complex_step_jacobian(lambda u: system.h(0.0, x0, u, p), u0)[:, :1]
-    rows = [system.output_names.index(name) for name in outputs]
-    s = 1j * np.asarray(omega)
-    inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    held_delay = system.parameters["delay"].value if "delay" in system.parameters else 0.0
-    delay_factor = np.exp(-s * values.get("delay", held_delay))
-    return ((C[rows] @ inside + D[rows])[:, :, 0] * delay_factor[:, None]).T
-
-
-def fit_response(response: SingleInputResponse, system: System, free: Sequence[str]) -> ResponseFit:
-    """Return the fit of the parameters ``free`` to an estimated response, from the values of the
-    System.
-
-    The weight of a frequency w with coherence c is c / (1 - c) / w, with c at most 0.99. The first
-    factor is the inverse variance of gain and phase. The second one gives each octave the same
-    weight, as in the usual match at logarithmically spaced frequencies. The fit uses all outputs
-    that the response and the System have in common.
-    """
-    from scipy.optimize import least_squares
-
-    names = tuple(name for name in response.outputs if name in system.output_names)
-    rows = [response.outputs.index(name) for name in names]
-    c = np.minimum(response.coherence[rows], _LARGEST_COHERENCE)
-    power = c / (1.0 - c) / response.omega
-    weight = np.sqrt(power / power.mean())
-    start = system.parameters.values(free)
-    bounds = np.array([system.parameters[name].bounds for name in free]).T
-
-    def errors(p: np.ndarray) -> np.ndarray:
-        result = model_response(
-            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names
-        )
-        ratio = np.log(result / response.response[rows])
-        return np.concatenate(
-            [
-                (_DECIBELS_PER_NEPER * weight * ratio.real).ravel(),
-                (_PHASE_WEIGHT_ROOT * weight * ratio.imag).ravel(),
-            ]
-        )
-
-    solution = least_squares(
-        errors,
-        start,
-        bounds=(bounds[0], bounds[1]),
-        x_scale=np.maximum(np.abs(start), 1e-3),
-        max_nfev=500,
-    )
-    return ResponseFit(
-        dict(zip(free, solution.x.tolist(), strict=True)),
-        float(2.0 * solution.cost / weight.size),
-        solution.status > 0,
-    )

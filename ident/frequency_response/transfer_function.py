@@ -43,7 +43,7 @@ class Form:
     orders : orders of numerator and denominator.
     parameters : names of all parameters, the delay last.
     poles : names of the parameters of the denominator.
-    units : parameter -> unit. That of a gain is the factor beside the unit of the response.
+    units : parameter -> unit. The unit of a gain is multiplied by the unit of the response.
     """
 
     name: str
@@ -81,9 +81,9 @@ class Form:
     def values_of(
         self, numerator: np.ndarray, denominator: np.ndarray, delay: float
     ) -> dict[str, float]:
-        """Return the parameters of two polynomials, highest power first, and a delay, s.
-
-        Real poles where the form has a complex pair give its frequency and damping approximately.
+        """Return the parameters of the form for two polynomials, highest power first, and a delay,
+        s. If the form has a complex pair but the poles are real, frequency and damping are
+        approximate.
         """
         numerator = np.asarray(numerator) / denominator[0]
         denominator = np.asarray(denominator) / denominator[0]
@@ -178,7 +178,8 @@ def form_of(text: str) -> Form:
     n, m = int(match[1]), int(match[2])
     if not 0 <= n <= m <= _HIGHEST_ORDER or m < 1:
         what = f"orders {n} and {m}"
-        raise ModelError(what, where="fit", remedy="the denominator has the higher one, 1 to 8")
+        remedy = "the order of the denominator is 1 to 8, and not below that of the numerator"
+        raise ModelError(what, where="fit", remedy=remedy)
     poles = tuple(f"a{k}" for k in range(m))
     zeros = tuple(f"b{k}" for k in range(n + 1))
     units = {DELAY: "s"}
@@ -559,40 +560,3 @@ def _group_delay(target: ResponseTarget) -> float:
         return 0.0
     slope = np.polyfit(target.omega[upper], np.unwrap(np.angle(target.response[upper])), 1)[0]
     return max(float(-slope), 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Envelopes:
-    """Envelopes of maximum unnoticeable added dynamics, ``(F,)`` each, in dB and deg."""
-
-    low_gain: np.ndarray
-    high_gain: np.ndarray
-    low_phase: np.ndarray
-    high_phase: np.ndarray
-
-
-PILOTED = (0.1, 10.0)  # rad/s, frequencies of a pilot, at which the envelopes apply
-# Numerator and denominator in s, highest power first, of the lower and upper curve, by Hodgkinson
-# and Wood (McDonnell Douglas), as in MIL-STD-1797A. Some prints also have short delays in the phase
-# curves, which widen the envelope by up to 4 deg at 10 rad/s.
-_GAINS = (([0.0955, 9.92, 2.15], [1.0, 11.60, 4.95]), ([3.16, 31.61, 22.79], [1.0, 27.14, 1.84]))
-_PHASES = (
-    ([475.32, 184100.0, 29460.0], [1.0, 11.66, 0.0389]),
-    ([68.89, 1100.12, -275.22], [1.0, 39.94, 9.99]),
-)
-
-
-def unnoticeable(omega: np.ndarray) -> Envelopes:
-    """Return the envelopes at ``omega``, rad/s. Pilots do not notice added dynamics within them.
-
-    Wood and Hodgkinson, "Definition of Acceptable Levels of Mismatch for Equivalent Systems of
-    Augmented CTOL Aircraft", MDC A6792, McDonnell Douglas 1980; MIL-STD-1797A.
-    """
-    s = 1j * np.asarray(omega)
-
-    def curve(numerator: list[float], denominator: list[float]) -> np.ndarray:
-        return np.asarray(np.polyval(numerator, s) / np.polyval(denominator, s))
-
-    gains = [20.0 * np.log10(np.abs(curve(*polynomials))) for polynomials in _GAINS]
-    phases = [np.degrees(np.angle(curve(*polynomials))) for polynomials in _PHASES]
-    return Envelopes(gains[0], gains[1], phases[0], phases[1])

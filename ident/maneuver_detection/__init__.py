@@ -1,9 +1,9 @@
-"""Maneuvers in long records: what a pilot or a program flew on purpose, found in inputs and motion.
+"""Detection of intentional maneuvers in the inputs and the motion of long records.
 
-Arrays in, maneuvers out: no file, no vehicle. It imports NumPy and SciPy only. To add a kind: its
-recognition in `signals.py` or `search.py`, its name in `KINDS`, its least strength in `ACCEPT`, and
-flights with it in `tests/long_flights.py`: thresholds are chosen on the flights 0 to 19 and judged
-on the flights 100 to 119.
+The package imports only NumPy and SciPy, and knows no files and no vehicles. A new kind of maneuver
+needs its recognition in `shapes.py` or `motion.py`, its name in `KINDS`, its limits in
+`ACCEPTANCE_LIMITS`, and flights with it in `tests/long_flights.py`. Limits are chosen on the
+flights 0 to 19 and tested on the flights 100 to 119.
 """
 
 from ident.maneuver_detection.search import active_share, find_maneuvers

@@ -1,17 +1,15 @@
-"""Signals of a long record on an even grid, and the kind of an input from its shape."""
+"""Signals of a long record on an even grid, and the detected maneuvers."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
-# ---- Data classes of the search for maneuvers
-
-# Controls by the axis that they move; of several controls of an axis each is searched.
+# control -> axis that it moves; all controls of an axis are searched
 AXES: Mapping[str, str] = {
     "elevator": "pitch",
     "stick": "pitch",
@@ -23,14 +21,14 @@ AXES: Mapping[str, str] = {
     "yaw_command": "yaw",
     "thrust_command": "throttle",
 }
-HIGHEST_RATE = 50.0  # Hz; a faster record is averaged down to at most this rate
-LONGEST_GAP = 1.0  # s without a row between two segments
-TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
-TRIM_RATE = 2.0  # Hz, of the running median
-REST_WINDOW = 300.0  # s, in which the rest level is a low quantile
-# per cent, quantile for the rest level: maneuvers may fill three quarters of the window
+HIGHEST_RATE = 50.0  # Hz; samples of a faster record are averaged to this rate at most
+LONGEST_GAP = 1.0  # s; a longer time without rows separates two segments
+TRIM_WINDOW = 60.0  # s; an input that is held for less than half of it does not change the trim
+TRIM_RATE = 2.0  # Hz, rate of the running median
+REST_WINDOW = 300.0  # s, window of the quantile that gives the rest level
+# per cent, quantile that gives the rest level: maneuvers may fill three quarters of the window
 REST_SHARE = 25.0
-ENERGY_WINDOW = 1.0  # s, of the short-time energy
+ENERGY_WINDOW = 1.0  # s, window of the short-time energy
 LEAST_REST = 0.02  # smallest rest level, relative to the largest deviation
 
 
@@ -40,10 +38,10 @@ class FlightSignals:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, increasing.
-    inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
-    outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz,
-        theta, airspeed, height or altitude, beta, p, r, phi, psi.
+    time : ``(N,)`` increasing times, s.
+    inputs : control -> ``(N,)`` in SI units. The controls in ``AXES`` are searched.
+    outputs : signal -> ``(N,)`` in SI units, nz in g; NaN where a sample is missing. The search
+        uses alpha, q, nz, theta, airspeed, height or altitude, beta, p, r, phi and psi.
     """
 
     time: np.ndarray
@@ -57,12 +55,13 @@ class DetectedManeuver:
 
     Attributes
     ----------
-    start, end : s, of the input; of a turn, of the bank; of a trim point, of the quiet time.
-    axis : ``"pitch"``, ``"roll"``, ``"yaw"`` or ``"throttle"``; of a trim point ``"all"``.
+    start, end : begin and end, s, of the input; for a turn those of the bank angle, and for a trim
+        point those of the quiet time.
+    axis : ``"pitch"``, ``"roll"``, ``"yaw"`` or ``"throttle"``; ``"all"`` for a trim point.
     kind : one of ``KINDS``.
-    channel : the input that moves, ``"phi"`` of a turn, empty of a trim point.
-    amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
-    conditions : mean airspeed (m/s) and height (m), of what is recorded.
+    channel : name of the input that moves; ``"phi"`` for a turn, empty for a trim point.
+    amplitude : largest deviation from trim, in the unit of the channel; zero for a trim point.
+    conditions : mean ``"airspeed"`` (m/s) and ``"height"`` (m), if recorded.
     excitation : derivative -> absolute t value of its equation-error estimate from this maneuver
         alone.
     """
@@ -83,10 +82,14 @@ KINDS = ("trim", *_INPUT_KINDS, "pull-up", "turn")
 
 @dataclass(frozen=True, eq=False)
 class EvenSegment:
-    """A part of a record without a pause, on an even grid.
+    """A part of a record without gaps, on an even grid.
 
-    ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for
-    good is left out. ``step``: s.
+    Attributes
+    ----------
+    time : ``(N,)``, s.
+    step : sampling interval, s.
+    inputs, outputs : as in `FlightSignals`, but without NaN. Outputs with fewer than two samples in
+        this part are left out.
     """
 
     time: np.ndarray
@@ -112,9 +115,9 @@ class Activity:
 
     Attributes
     ----------
-    deviation : ``(N,)``, control minus trim.
-    energy : ``(N,)``, its short-time root mean square.
-    rest : ``(N,)``, local level of that at rest.
+    deviation : ``(N,)`` control minus trim.
+    energy : ``(N,)`` short-time root mean square of the deviation.
+    rest : ``(N,)`` rest level: local value of ``energy`` between maneuvers.
     """
 
     deviation: np.ndarray
@@ -123,8 +126,8 @@ class Activity:
 
 
 def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
-    """Return the parts of a record between pauses, each on an even grid of at most
-    ``HIGHEST_RATE``; parts of fewer than eight rows are left out.
+    """Return the parts of a record between gaps, each on an even grid with a rate of at most
+    ``HIGHEST_RATE``. Parts with fewer than eight rows are left out.
     """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
@@ -137,6 +140,7 @@ def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
 
 
 def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
+    """Return some rows of a record on an even grid; ``usual`` is the median interval, s."""
     time = np.asarray(signals.time[rows], dtype=float)
     block = max(1, round(1.0 / (HIGHEST_RATE * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
@@ -170,7 +174,9 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
 
 
 def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
-    """Deviation of a control from its running median, short-time energy and local rest level."""
+    """Return the deviation of a control from its running median, the short-time energy and the rest
+    level.
+    """
     deviation = values - trim_of(stretch, values)
     return Activity(
         deviation, short_time_energy(stretch, deviation), rest_level(stretch, deviation)
@@ -179,19 +185,21 @@ def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
 
 def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     """Return the root mean square over ``ENERGY_WINDOW`` about each sample."""
-    # The running sum leaves rounding errors of either sign where a clean input rests.
+    # The running sum leaves rounding errors of either sign where an input without noise is at rest.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
 
 
 def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
-    """Short-time energy at rest: a low quantile over ``REST_WINDOW``, insensitive to maneuvers."""
+    """Return the rest level ``(N,)``: a low quantile of the short-time energy over ``REST_WINDOW``,
+    on which maneuvers have little effect.
+    """
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
     size = round(REST_WINDOW / ENERGY_WINDOW)
     if coarse.size <= size:
         rest = np.full(coarse.size, float(np.percentile(coarse, REST_SHARE)))
-    else:  # near the ends of a record its first or last whole window is used
+    else:  # near the ends of a record, its first or last complete window is used
         half = size // 2
         rest = percentile_filter(coarse, REST_SHARE, size=size)
         rest[:half], rest[-half:] = rest[half], rest[-half - 1]
@@ -201,7 +209,9 @@ def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
 
 
 def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
-    """Running median over ``TRIM_WINDOW``; inputs shorter than half of it do not change it."""
+    """Return the trim ``(N,)`` of a signal: its running median over ``TRIM_WINDOW``. Inputs shorter
+    than half of the window do not change it.
+    """
     block = stretch.samples(1.0 / TRIM_RATE)
     if values.size < 4 * block:
         return np.full(values.size, float(np.median(values)))
@@ -213,380 +223,3 @@ def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
         np.arange(count) * block + 0.5 * (block - 1),
         median_filter(blocks, size=size, mode="reflect"),
     )
-
-
-# ---- The kind of an input
-
-RISES = (0.4, 1.0)  # s, durations of a level change that are tried
-EDGE_STRENGTH = 5.5  # smallest level change, relative to changes at rest
-# sizes, relative to the largest level change within 5 s, below which a change may be the pilot's
-# correction
-MINOR = (0.25, 0.4)
-NEAR = 5.0  # s
-LONG_PULSE = 4.0  # s, longest pulse; a longer level is a step
-LONGEST_LEVEL = 16.0  # s, longest level of a pattern
-LEAST_LEVEL_SHARE = 0.3  # smallest level of a pattern, relative to the largest
-RETURN_SHARE = 0.6  # of the largest level, to which the input must return
-# largest relative difference of the two level changes of a pulse or step, which a trim change may
-# cause
-CHANGE_DIFFERENCE_SHARE = 0.35
-# largest sum of a pattern's level changes, relative to the largest level
-LARGEST_NET_CHANGE_SHARE = 0.8
-# exponent of the number of levels in the merit of a pattern: it prefers the more complete of two
-# similar ones
-LEVEL_COUNT_EXPONENT = 0.15
-STEADY_BEFORE = 2.0  # s of constant level before a lasting step
-STEADY_AFTER = LONG_PULSE  # s of constant level after it
-STEP_SCATTER_SHARE = 0.15  # largest scatter of these levels, relative to the step
-LASTING_STEP_TIME = 10.0  # s, duration of the maneuver of a lasting step
-OUTSIDE_TIME = 0.6  # s before and after a pattern, over which the levels outside are averaged
-SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
-SHARE_ERROR = 0.1  # largest error of a level's duration in a 3-2-1-1, relative to the whole
-# smallest flatness and edge of each half of a doublet with a pause, as for a single pulse
-PAUSED = (0.75, 7.0)
-LARGEST_DOUBLET_RATIO = 2.2  # ratio of durations of the two levels of a doublet
-HALF_WAVE_EDGE_SHARE = 0.35  # level at which a half wave begins and ends, relative to the amplitude
-AMPLITUDE_PERCENTILE = 95.0  # per cent of the larger samples that do not exceed the amplitude
-FEWEST_HALF_WAVES = 7  # fewest half waves of an oscillation
-# smallest rank correlation of the half waves' lengths with their order in a sweep
-SWEEP_RANK_CORRELATION = 0.65
-SAME_SPECTRUM_LIKENESS = 0.7  # smallest similarity of two spectra of which one follows the other
-SWEEP_LENGTH_RATIO = 1.6  # ratio of the first third's to the last third's mean length in a sweep
-
-
-@dataclass(frozen=True)
-class Lobe:
-    """Samples ``first`` to ``last - 1``, beyond the switching level on one side, with mean
-    ``level``.
-    """
-
-    first: int
-    last: int
-    level: float
-
-    @property
-    def size(self) -> int:
-        return self.last - self.first
-
-
-@dataclass(frozen=True)
-class Shape:
-    """Shape of an input.
-
-    Attributes
-    ----------
-    kind : one of ``KINDS``.
-    first, last : samples, the end excluded.
-    amplitude : largest level, in the input's unit.
-    flatness : one less the root mean square about the levels over their size.
-    edge : least level change over the rest level of changes.
-    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
-    """
-
-    kind: str
-    first: int
-    last: int
-    amplitude: float
-    flatness: float = 1.0
-    edge: float = 0.0
-    sharpness: float = 1.0
-
-    def overlaps(self, other: Shape, gap: int = 0) -> bool:
-        """Return whether two shapes have fewer than ``gap`` samples between them."""
-        return self.first < other.last + gap and other.first < self.last + gap
-
-
-def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
-    """Runs of a signal beyond ``switch``, in order; ``join`` merges neighbours of one sign."""
-    sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
-    edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
-    out: list[Lobe] = []
-    for first, last in itertools.pairwise(edges.tolist()):
-        if sign[first] == 0:
-            continue
-        if join and out and np.sign(out[-1].level) == sign[first]:
-            first = out.pop().first
-        out.append(Lobe(first, last, float(np.mean(deviation[first:last]))))
-    return out
-
-
-def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Return the steps, pulses, doublets and other level sequences of a control, largest first and
-    without overlap.
-
-    ``values``, ``trim`` : ``(N,)``, the control and its local trim.
-    """
-    from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
-
-    result: dict[tuple[int, ...], tuple[float, Shape]] = {}
-    fast = _changes(stretch, values, RISES[0])
-    for rise in RISES:
-        moved = _changes(stretch, values, rise)
-        rest = rest_level(stretch, moved)
-        at, _ = find_peaks(
-            np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise))
-        )
-        control = _Control(
-            stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise))
-        )
-        for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
-            for times in _sequences(stretch, some, moved):
-                if times not in result and (one := _pattern(control, np.array(times))) is not None:
-                    result[times] = one
-    every = [*result.values(), *_paused(values - trim, list(result.values()))]
-    out: list[Shape] = []
-    for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
-        if not any(shape.overlaps(other) for other in out):
-            out.append(shape)
-    return [*out, *_lasting(control, at, out)]
-
-
-def _paused(
-    deviation: np.ndarray, shapes: Sequence[tuple[float, Shape]]
-) -> Iterator[tuple[float, Shape]]:
-    """Doublets with a pause between their halves: pulses of opposite sign and similar duration,
-    with a gap of at most the shorter duration.
-    """
-    pulses = sorted(
-        ((merit, one) for merit, one in shapes if one.kind == "pulse"),
-        key=lambda each: each[1].first,
-    )
-    for i, (merit, one) in enumerate(pulses):
-        for other_merit, other in pulses[i + 1 :]:
-            sizes = (one.last - one.first, other.last - other.first)
-            if other.first - one.last > min(sizes):
-                break
-            signs = np.mean(deviation[one.first : one.last]) * np.mean(
-                deviation[other.first : other.last]
-            )
-            amplitudes = (one.amplitude, other.amplitude)
-            if (
-                other.first <= one.last
-                or signs >= 0.0
-                or max(sizes) > LARGEST_DOUBLET_RATIO * min(sizes)
-                or min(amplitudes) < LEAST_LEVEL_SHARE * max(amplitudes)
-            ):
-                continue
-            worst = [
-                min(getattr(one, name), getattr(other, name))
-                for name in ("flatness", "edge", "sharpness")
-            ]
-            if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
-                yield (
-                    (merit + other_merit) * 2.0**LEVEL_COUNT_EXPONENT,
-                    Shape("doublet", one.first, other.last, max(amplitudes), *worst),
-                )
-
-
-def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes that are not taken back within ``LONGEST_LEVEL``, away from other
-    shapes.
-
-    Such a step ends ``LASTING_STEP_TIME`` after it began, or at the next level change.
-    """
-    values, half = control.values, control.half
-    before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
-    for k, following in zip(at.tolist(), [*at.tolist(), values.size][1:], strict=True):
-        parts = (
-            values[max(0, k - half - before) : max(1, k - half + 1)],
-            values[k + half : k + half + after],
-        )
-        if (
-            min(part.size for part in parts) < 0.5 * before
-            or following - k < after
-            or any(o.first < k + away and k < o.last + away for o in others)
-        ):
-            continue
-        jump = float(parts[1].mean() - parts[0].mean())
-        scatter = max(float(part.std()) for part in parts)
-        if scatter > STEP_SCATTER_SHARE * abs(jump):
-            continue
-        sharpness = float(np.max(np.abs(control.fast[max(0, k - half) : k + half + 1]))) / abs(jump)
-        edge = float(abs(control.moved[k]) / control.rest[k])
-        yield Shape(
-            "step",
-            k,
-            min(following, k + control.stretch.samples(LASTING_STEP_TIME)),
-            abs(jump),
-            1.0 - scatter / abs(jump),
-            edge,
-            sharpness,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Control:
-    """A control with its trim, its changes within a rise (``moved``) and within the shortest
-    (``fast``), their rest level, half the rise.
-    """
-
-    stretch: EvenSegment
-    values: np.ndarray
-    trim: np.ndarray
-    moved: np.ndarray
-    fast: np.ndarray
-    rest: np.ndarray
-    half: int
-
-
-def _sequences(
-    stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
-) -> Iterator[tuple[int, ...]]:
-    """Two to five level changes of alternate sign that return to about the initial level."""
-    times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST_LEVEL)
-    for i in range(len(times) - 1):
-        level = jumps[i]
-        sign = 1.0 if level > 0.0 else -1.0
-        levels = [level * sign]
-        for k in range(i + 1, min(i + 5, len(times))):
-            if times[k] - times[k - 1] > longest or jumps[k] * jumps[k - 1] > 0.0:
-                break
-            level += jumps[k]
-            largest = max(levels)
-            if abs(level) <= LARGEST_NET_CHANGE_SHARE * largest or (
-                k == i + 1 and abs(level) <= LARGEST_NET_CHANGE_SHARE * abs(jumps[k])
-            ):
-                yield tuple(times[i : k + 1])
-            sign = -sign
-            if level * sign < 0.5 * LEAST_LEVEL_SHARE * largest:
-                break
-            levels.append(level * sign)
-
-
-def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
-    """The pattern that some level changes make, with its merit; None where they make none."""
-    kind = _kind(np.diff(at) * control.stretch.step)
-    result = _levels(control, at) if kind else None
-    if kind is None or result is None:
-        return None
-    flatness, levels, energy = result
-    edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
-    jumps = np.abs(np.diff([0.0, *levels, 0.0]))
-    fast = [
-        float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1])))
-        for k in at
-    ]
-    sharpness = float(np.min(np.array(fast) / jumps))
-    return flatness * energy * levels.size**LEVEL_COUNT_EXPONENT, Shape(
-        kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness
-    )
-
-
-def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
-    """Mean over half of ``rise`` after each sample minus the mean before it, ``(N,)``."""
-    half = max(1, stretch.samples(0.5 * rise))
-    total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
-    after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
-    return (after - before)[: values.size] / half
-
-
-def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """Return the level changes that are no minor ones beside another."""
-    sizes = np.abs(moved[at])
-    first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
-    largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
-    return at[sizes >= share * largest] if at.size else at
-
-
-def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Flatness, levels and energy between level changes; None if they form no pattern."""
-    values, half, settle = control.values, control.half, control.stretch.samples(OUTSIDE_TIME)
-    before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
-    later = values[at[-1] + half : at[-1] + half + settle]
-    after = float(later.mean()) if later.size else before
-    base = before if at.size == 2 else 0.5 * (before + after)
-    levels, scatter, weight = [], 0.0, 0
-    for first, last in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
-        inside = min(half, (last - first) // 4)
-        part = values[first + inside : last - inside + 1] - base
-        levels.append(float(part.mean()))
-        line = (
-            _slope(part) * (np.arange(part.size) - 0.5 * (part.size - 1)) if at.size == 2 else 0.0
-        )
-        scatter += float(np.sum((part - levels[-1] - line) ** 2))
-        weight += part.size
-    result = np.array(levels)
-    largest = float(np.max(np.abs(result)))
-    if (
-        np.any(result[1:] * result[:-1] >= 0.0)
-        or np.min(np.abs(result)) < LEAST_LEVEL_SHARE * largest
-    ):
-        return None
-    jumps = control.moved[at]
-    cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(np.max(np.abs(jumps)))
-    if abs(after - before) > RETURN_SHARE * largest and not cancel:
-        return None
-    offset = base - float(np.median(control.trim[at[0] : at[-1]]))
-    if abs(offset) > (RETURN_SHARE if at.size == 2 else 1.0) * largest:
-        return None
-    flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
-    return flatness, result, float(np.sum((result + offset) ** 2 * np.diff(at)))
-
-
-def _slope(values: np.ndarray) -> float:
-    """Return the slope of the straight line through values at unit distance."""
-    at = np.arange(values.size) - 0.5 * (values.size - 1)
-    return float(at @ values / max(float(at @ at), 1.0))
-
-
-def _kind(durations: np.ndarray) -> str | None:
-    if durations.size == 1:
-        return "step" if durations[0] >= LONG_PULSE else "pulse"
-    if durations.size == 2:
-        return "doublet" if durations.max() <= LARGEST_DOUBLET_RATIO * durations.min() else None
-    if durations.size == 3:
-        return "multistep"
-    shares = durations / durations.sum()
-    for kind, wanted in SHARES.items():
-        if min(np.abs(shares - wanted).max(), np.abs(shares[::-1] - wanted).max()) <= SHARE_ERROR:
-            return kind
-    return "multistep"
-
-
-def oscillation_of(deviation: np.ndarray) -> Shape | None:
-    """Return a sweep if the half waves become steadily shorter or longer, a multisine if there are
-    many half waves, else None.
-    """
-    size = np.abs(deviation)
-    peak = float(size.max())
-    if peak <= 0.0:
-        return None
-    amplitude = float(np.percentile(size[size > 0.5 * peak], AMPLITUDE_PERCENTILE))
-    lobes = [
-        lobe for lobe in lobes_of(deviation, HALF_WAVE_EDGE_SHARE * amplitude) if lobe.size > 1
-    ]
-    if len(lobes) < FEWEST_HALF_WAVES:
-        return None
-    levels = np.abs([lobe.level for lobe in lobes])
-    strong = np.flatnonzero(levels >= 0.5 * np.median(levels))
-    some = lobes[strong[0] : strong[-1] + 1]
-    trend, ratio = _trend(some)
-    if trend >= SWEEP_RANK_CORRELATION and max(ratio, 1.0 / ratio) >= SWEEP_LENGTH_RATIO:
-        return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
-    return (
-        Shape("multisine", some[0].first, some[-1].last, amplitude, trend)
-        if len(some) >= FEWEST_HALF_WAVES - 1
-        else None
-    )
-
-
-def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
-    """Rank correlation of the duration of half waves with time, and ratio of first to last ones."""
-    periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
-    if periods.size < FEWEST_HALF_WAVES - 2:
-        return 0.0, 1.0
-    ranks = np.argsort(np.argsort(periods, kind="stable"), kind="stable")
-    third = max(1, periods.size // 3)
-    trend = abs(float(np.corrcoef(np.arange(periods.size), ranks)[0, 1]))
-    return trend, float(np.mean(periods[:third]) / np.mean(periods[-third:]))
-
-
-def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Return whether two oscillations have their energy at the same frequencies.
-
-    A control that follows another has the same lines; multisines that are flown together do not.
-    The measure is Bhattacharyya's coefficient of the two spectra.
-    """
-    powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
-    shares = [power / max(float(power.sum()), 1e-300) for power in powers]
-    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > SAME_SPECTRUM_LIKENESS

@@ -1,23 +1,18 @@
-"""Search for distorted channels: clipped extremes, steps of the zero, hum, filtered channels.
+"""Search for distorted channels: clipped extremes and zero steps.
 
-Steps of the zero: two straight lines, fitted to the samples before and after each row, are
-extrapolated to the row. The jump is the difference of the two lines. A level, a slope and a
-curvature of the signal cancel in it. Least squares remove the part of the jump that inputs and
-other channels explain.
-
-Filtered channels: white noise of a sensor fills the spectrum up to half the sample rate, and so
-does the rounding of a converter after any filter. A channel whose spectrum is flat up to a cutoff
-and empty above it was filtered after the conversion.
+Zero steps are jumps of the bias of a sensor. Two straight lines, fitted to the samples before and
+after each row, are extrapolated to the row. The jump is the difference of the two lines, in which
+the level, slope and curvature of the signal cancel. Least squares removes the part of the jump that
+inputs and other channels explain.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
-from scipy.special import fdtri, gammainc
+from scipy.special import gammainc
 
 from ident.recording.series import (
     Certainty,
@@ -25,8 +20,8 @@ from ident.recording.series import (
     Kind,
     RecordFinding,
     Series,
+    quantity_text,
     runs_of,
-    shown,
 )
 from ident.statistics.noise_levels import robust_sigma_about_zero
 from sim.errors import instant
@@ -46,7 +41,7 @@ CLIPPED_MOTION_SIGMAS = 6.0
 CONTINUOUS_INPUT_SHARE = 0.3
 
 
-def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
+def clipping_findings(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
     """Return findings of extreme values at which a channel is flat. They mask these samples.
 
     The samples of an input are not masked, since the input may rest at its stop. ``count`` is the
@@ -103,7 +98,7 @@ def _has_corners(series: Series, values: np.ndarray, begin: int, end: int) -> bo
     after = values[end : end + CORNER_SAMPLES]
     bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(after, 2))])
     usual = float(np.median(bends)) if bends.size else math.inf
-    # Clipping shortens the first difference beside the level; the next one outwards is complete.
+    # Clipping shortens the difference next to the level, so that the next but one is used.
     slopes = (
         abs(float(values[begin - 1] - values[begin - 2])),
         abs(float(values[end + 1] - values[end])),
@@ -122,12 +117,12 @@ def _clipping_finding(
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": FindingQuantity(level, series.unit)}
     text = (
-        f"flat at its {extreme} value, {shown(level, series.unit)}, for "
+        f"flat at its {extreme} value, {quantity_text(level, series.unit)}, for "
         f"{int(np.count_nonzero(at_level))} samples"
     )
     if is_input:
         sentence = f"is {text}: at its stop, or clipped by the recorder"
-        remedy = "say which, if you know: a stop is felt by the vehicle"
+        remedy = "check which: a stop limits the real input, clipping only the recorded one"
         return RecordFinding(
             series.name, Kind.CLIPPED, Certainty.NOTED, sentence, remedy, times, numbers
         )
@@ -139,12 +134,13 @@ def _clipping_finding(
     return RecordFinding(series.name, Kind.CLIPPED, costs, sentence, remedy, times, numbers, mask)
 
 
-# ---- Zero steps: a channel jumps within one sample and keeps the offset
+# ---- Zero steps: the bias of a channel jumps within one sample
 
 LINE_TIME = 0.25  # s, length of each line: a quarter period of a fast short period
 FEWEST_LINE_SAMPLES = 5  # fewest samples of a straight line
 MOST_LINE_SAMPLES = 25  # most samples of a straight line
-STEP_SIGMAS = 8.0  # smallest step in sigmas: 3000 Gaussian rows reach 4.5, curved motion more
+# smallest step in sigmas: the largest jump of 3000 Gaussian rows is 4.5, and curved motion adds
+STEP_SIGMAS = 8.0
 # smallest step over the largest jump within SURROUNDINGS_TIME, s
 STEP_TO_SURROUNDINGS_RATIO = 3.0
 SURROUNDINGS_TIME = 1.0
@@ -161,19 +157,19 @@ CORNER_TIME = 0.8  # s, time on either side of a jump of nz in which alpha is co
 MOST_JUMPS = 3  # most steps of one channel: a channel with more steps has none reported
 
 
-def zero_steps(
+def zero_step_findings(
     series: Sequence[Series],
     inputs: Sequence[Series],
     masked: Mapping[str, np.ndarray],
     gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Return a warning for each step of a single channel.
+    """Return a warning for each step of one channel while no input and no other channel jumps.
 
     Parameters
     ----------
     masked : channel -> ``(N,)``, True at rows that are masked already.
-    gravity_over_speed : 1/s. A step of nz is a load, and no fault, if alpha changes as the load
-        requires; None leaves out this test.
+    gravity_over_speed : 1/s. A step of nz is a real load, and no fault, if alpha changes as the
+        load requires; None leaves out this test.
     """
     if not series or len(series[0].values) < 4 * FEWEST_LINE_SAMPLES:
         return []
@@ -185,7 +181,7 @@ def zero_steps(
     all_series = (*series, *inputs)
     values = {item.name: _resampled(item, rows, masked.get(item.name)) for item in all_series}
     jumps = {name: _jumps(column, length) for name, column in values.items()}
-    # The pitch rate bends at a step of a control, as the running sum of the control does.
+    # At a step of a control the pitch rate has a corner, as the running sum of the control has.
     input_sums = [
         _jumps(np.cumsum(values[channel.name] - np.mean(values[channel.name])), length)
         for channel in inputs
@@ -218,7 +214,7 @@ def zero_steps(
                 and without_input_step[peak + length]
                 and not _any_masked(masked.get(name), rows[peak : peak + 2 * length])
             ):
-                findings.append(_zero_steps_finding(channel, row, size))
+                findings.append(_one_zero_step_finding(channel, row, size))
     return findings
 
 
@@ -259,20 +255,20 @@ def _is_load(
 
 
 def _rows_without_input_step(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
-    """Return whether no input steps within ``spacing`` rows of each row, ``(count,)``."""
+    """Return a mask ``(count,)``, True where no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
         steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_STEP_SHARE * float(np.ptp(values))
     return np.asarray(np.convolve(steps, np.ones(2 * spacing + 3), mode="same") < 0.5)
 
 
-def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
-    """Return the warning of a step by ``size``, in the unit of the channel."""
+def _one_zero_step_finding(series: Series, row: int, size: float) -> RecordFinding:
+    """Return the warning of a step by ``size``, in the unit of the channel, at ``row``."""
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
-    load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
+    load = ", or an unrecorded load did" if series.name in ("nz", "az") else ""
     text = (
-        f"jumps by {shown(size, series.unit)} at {instant(time)} s and stays, while no input and "
-        f"no other channel jumps: its zero stepped{load}"
+        f"jumps by {quantity_text(size, series.unit)} at {instant(time)} s and keeps the offset, "
+        f"while no input and no other channel jumps: its bias changed{load}"
     )
     numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"
@@ -355,9 +351,9 @@ def _step_rows(residual: np.ndarray, noise: float, length: int, surroundings: in
         opposite = float(np.max(-np.sign(residual[i]) * residual[near]))
         before = size[max(0, i - surroundings - length) : max(0, i - length)]
         after = size[i + length + 1 : i + length + surroundings + 1]
-        beside = np.concatenate([before, after])
+        surrounding = np.concatenate([before, after])
         if opposite < OPPOSITE_JUMP_RATIO * size[i] and (
-            not beside.size or size[i] > STEP_TO_SURROUNDINGS_RATIO * float(np.max(beside))
+            not surrounding.size or size[i] > STEP_TO_SURROUNDINGS_RATIO * np.max(surrounding)
         ):
             peaks.append(int(i))
     return peaks if len(peaks) <= MOST_JUMPS else []
@@ -365,236 +361,3 @@ def _step_rows(residual: np.ndarray, noise: float, length: int, surroundings: in
 
 def _any_masked(masked: np.ndarray | None, rows: np.ndarray) -> bool:
     return masked is not None and bool(np.any(masked[rows]))
-
-
-# ---- Hum
-
-LOWEST_HUM = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
-EVEN_TOLERANCE = 0.02  # largest relative deviation of a step from the usual one
-FEWEST_HUM_SAMPLES = 128
-MOST_SAMPLES = 20_000  # most samples that are used
-FLOOR_BINS = 24  # frequencies on either side of a line whose median is the noise floor
-LINE_BINS = 3  # frequencies on either side that belong to a line
-HUM_CHANCE = 1e-5  # probability of a false line
-# The power of noise is exponential: the threshold over the noise floor is ln(frequencies/chance),
-# times this factor for the scatter of the floor.
-FLOOR_SCATTER_FACTOR = 1.35
-FEWEST_PARTS = 6  # fewest parts of a record in which the amplitude of a line is compared
-MOST_PARTS = 16  # most parts, for a strong line: they show that ringing after steps decays
-FEWEST_PERIODS_PER_PART = 4.0
-# N (amplitude/noise)^2 of a part that gives the amplitude with a standard deviation of one seventh
-INFORMATION_PER_PART = 80.0
-# smallest power of the mean amplitude over the mean power: 1 for a constant phase, 1/6 for noise
-LEAST_COHERENT_SHARE = 0.85
-# largest ratio of the amplitudes of 16 parts: noise gives 1.8 in one of a hundred hums
-LARGEST_AMPLITUDE_RATIO = 2.5
-HUM_TO_NOISE = 0.3  # smallest amplitude over the noise: a smaller hum changes no estimate
-# smallest amplitude over the least bit: rounding of a periodic motion makes smaller lines
-HUM_TO_BIT = 0.5
-# smallest amplitude of a line in an input to which the output may respond, as a share of its span
-INPUT_LINE_SHARE = 1e-4
-LEAST_INPUT_COHERENCE = 0.5  # smallest coherence of such a line
-
-
-def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
-    """Return a warning if the spectrum has a line above the frequencies of the motion; else None.
-
-    A structural mode is no hum: it is excited and decays, while a hum keeps its amplitude and phase
-    over the record.
-    """
-    series = replace(series, time=series.time[:MOST_SAMPLES], values=series.values[:MOST_SAMPLES])
-    steps = np.diff(series.time)
-    step = float(np.median(steps)) if steps.size else 0.0
-    n = len(series.values)
-    if (
-        n < FEWEST_HUM_SAMPLES
-        or np.max(np.abs(steps - step)) > EVEN_TOLERANCE * step
-        or 0.5 / step <= LOWEST_HUM
-    ):
-        return None
-    # Second differences suppress the motion at low frequencies; their gain is removed below.
-    bent = np.diff(series.values, 2)
-    window = np.hanning(len(bent) + 2)[1:-1]
-    power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
-    frequency = np.fft.rfftfreq(len(bent), step)
-    first = int(np.searchsorted(frequency, LOWEST_HUM))
-    ratio = _power_over_floor(
-        power / np.maximum(2.0 * np.sin(math.pi * frequency * step), 1e-3) ** 4, first
-    )
-    if not ratio.size:
-        return None
-    peak = first + int(np.argmax(ratio))
-    if ratio[peak - first] < FLOOR_SCATTER_FACTOR * math.log(len(ratio) / HUM_CHANCE):
-        return None
-    line_frequency = _refine_frequency(bent, step, float(frequency[peak]), float(frequency[1]))
-    amplitude = float(abs(np.mean(_amplitudes(bent, step, line_frequency, FEWEST_PARTS))))
-    by_noise = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / INFORMATION_PER_PART
-    by_periods = line_frequency * n * step / FEWEST_PERIODS_PER_PART
-    count = int(np.clip(min(by_noise, by_periods), FEWEST_PARTS, MOST_PARTS))
-    amplitudes = _amplitudes(bent, step, line_frequency, count)
-    sizes = np.abs(amplitudes)
-    if (
-        _coherence(amplitudes) < LEAST_COHERENT_SHARE
-        or np.max(sizes) > LARGEST_AMPLITUDE_RATIO * np.min(sizes)
-        or amplitude < max(HUM_TO_NOISE * series.noise, HUM_TO_BIT * series.least_bit)
-    ):
-        return None
-    if any(_has_line(control, line_frequency) for control in inputs):
-        return None
-    text = (
-        f"hums at {line_frequency:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, "
-        "the same in phase and size throughout; "
-        f"a hum above {0.5 / step:.3g} Hz, half the sample rate, shows as a lower frequency"
-    )
-    numbers = {
-        "frequency": FindingQuantity(line_frequency, "Hz"),
-        "amplitude": FindingQuantity(amplitude, series.unit),
-    }
-    remedy = (
-        "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or "
-        "60 Hz, aircraft supply at 400 Hz"
-    )
-    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, text, remedy, (), numbers)
-
-
-def _power_over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Return the ratio of the power to the noise floor at each frequency from position ``first`` to
-    the last but one. The floor follows from the median power of the neighbouring frequencies.
-    """
-    above_lowest = power[first:-1]
-    if len(above_lowest) < FLOOR_BINS:
-        return np.zeros(0)
-    padded = np.pad(
-        above_lowest, FLOOR_BINS, mode="reflect" if len(above_lowest) > FLOOR_BINS else "edge"
-    )
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * FLOOR_BINS + 1)
-    beside = np.delete(windows, np.s_[FLOOR_BINS - LINE_BINS : FLOOR_BINS + LINE_BINS + 1], axis=1)
-    floor = np.median(beside, axis=1) / math.log(2.0)
-    return np.asarray(above_lowest / np.maximum(floor, 1e-300))
-
-
-def _refine_frequency(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
-    """Return the frequency of the line, Hz, on a grid of a twentieth of the ``spacing`` about the
-    frequency ``near``, Hz.
-    """
-    number = np.arange(len(bent))
-    window = np.hanning(len(bent) + 2)[1:-1]
-    grid = near + spacing * np.linspace(-1.0, 1.0, 41)
-    harmonics = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
-    return float(grid[int(np.argmax(np.abs(harmonics @ (window * bent))))])
-
-
-def _amplitudes(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
-    """Return the complex amplitude of the line in each of ``count`` parts of a record, from its
-    second differences ``bent``.
-    """
-    number = np.arange(len(bent))
-    demodulated = bent * np.exp(-2j * math.pi * line_frequency * step * number)
-    gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2
-    amplitudes = []
-    for rows in np.array_split(number, count):
-        weights = np.hanning(len(rows) + 2)[1:-1]
-        mean = complex(np.sum(weights * demodulated[rows]) / np.sum(weights))
-        amplitudes.append(2.0 * mean / gain)
-    return np.array(amplitudes)
-
-
-def _coherence(amplitudes: np.ndarray) -> float:
-    """Return the power of the mean amplitude over the mean power of the amplitudes."""
-    power = float(np.mean(np.abs(amplitudes) ** 2))
-    return float(abs(np.mean(amplitudes)) ** 2) / power if power > 0.0 else 0.0
-
-
-def _has_line(control: Series, line_frequency: float) -> bool:
-    """Return whether an input has a line at this frequency, Hz, with a constant phase."""
-    step = float(np.median(np.diff(control.time)))
-    bent = np.diff(control.values[:MOST_SAMPLES], 2)
-    amplitudes = _amplitudes(bent, step, line_frequency, FEWEST_PARTS)
-    return (
-        abs(np.mean(amplitudes)) > INPUT_LINE_SHARE * control.span
-        and _coherence(amplitudes) > LEAST_INPUT_COHERENCE
-    )
-
-
-# ---- Channels whose noise ends at a frequency
-
-FEWEST_SPECTRUM_SAMPLES = 256
-BAND_COUNT = 40  # bands of equal width up to half the sample rate
-# largest power above the cutoff over the power below it: noise amplitudes of one to a hundred
-EMPTY_SHARE = 1e-4
-# frequency over the cutoff from which the spectrum must be empty: the power of two-way Butterworth
-# filters of order 4 has fallen to 1e-4 there
-CUTOFF_WIDTH_RATIO = 1.8
-FEWEST_FLAT_BANDS = 4  # fewest bands of noise of one level
-FEWEST_EMPTY_BANDS = 4  # fewest bands without noise
-BAND_LIMITED_CHANCE = 1e-3  # probability that a flat spectrum fails the test
-# Blackman-Harris window: low side lobes, so that the empty bands show no power of the others
-_WINDOW_COEFFICIENTS = (0.35875, -0.48829, 0.14128, -0.01168)
-WINDOW_WIDENING = 2.0  # number of frequencies that one independent power of this window covers
-
-
-def band_limited(series: Series) -> RecordFinding | None:
-    """Return a note if a channel has noise up to a cutoff frequency and none above; else None.
-
-    Uneven or few samples, filters that are less steep, and motion that hides the noise give None.
-    """
-    time, values = series.time[:MOST_SAMPLES], series.values[:MOST_SAMPLES]
-    steps = np.diff(time)
-    step = float(np.median(steps)) if steps.size else 0.0
-    if len(values) < FEWEST_SPECTRUM_SAMPLES:
-        return None
-    if np.max(np.abs(steps - step)) > EVEN_TOLERANCE * step:
-        return None
-    powers, frequencies_per_band = _band_powers(values), len(values) / 2.0 / BAND_COUNT
-    for flat in range(BAND_COUNT - FEWEST_EMPTY_BANDS - 1, 2 * FEWEST_FLAT_BANDS - 1, -1):
-        # The lower half of the bands below the cutoff may show motion.
-        below = powers[flat // 2 : flat]
-        first_empty = int(np.ceil(CUTOFF_WIDTH_RATIO * flat))
-        above = powers[min(first_empty, BAND_COUNT - FEWEST_EMPTY_BANDS) :]
-        if np.max(above) >= EMPTY_SHARE * np.median(below) or not _is_flat(
-            below, 2.0 * frequencies_per_band / WINDOW_WIDENING
-        ):
-            continue
-        share = flat / BAND_COUNT
-        cutoff = 0.5 * share / step
-        text = (
-            f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / step:.3g} Hz that "
-            "its samples could hold: it was filtered or resampled before it was written, and one "
-            f"sample in {1.0 / share:.2g} is independent"
-        )
-        remedy = (
-            "export the channel as it was recorded; else residuals are not white, and sigmas for "
-            "white noise too small"
-        )
-        numbers = {"cutoff": FindingQuantity(cutoff, "Hz")}
-        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, text, remedy, (), numbers)
-    return None
-
-
-def _band_powers(values: np.ndarray) -> np.ndarray:
-    """Return the mean power of the values in each band, ``(BAND_COUNT,)``. It is computed from
-    second differences, which suppress the motion, and divided by their gain.
-    """
-    bent = np.diff(values, 2)
-    phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
-    window = sum(a * np.cos(k * phase) for k, a in enumerate(_WINDOW_COEFFICIENTS))
-    power = np.abs(np.fft.rfft(window * (bent - np.mean(bent))))[1:] ** 2
-    share = np.arange(1, len(power) + 1) / len(power)
-    power = power / (2.0 * np.sin(0.5 * np.pi * share)) ** 4
-    band = np.minimum((BAND_COUNT * share).astype(int), BAND_COUNT - 1)
-    return np.asarray(
-        np.bincount(band, weights=power, minlength=BAND_COUNT)
-        / np.bincount(band, minlength=BAND_COUNT)
-    )
-
-
-def _is_flat(powers: np.ndarray, freedom: float) -> bool:
-    """Return whether both halves of some bands, and their outer quarters, have equal powers by an F
-    test. ``freedom`` is the number of degrees of freedom of a band.
-    """
-    for count in (len(powers) // 2, max(len(powers) // 4, 1)):
-        ratio = float(np.mean(powers[:count]) / np.mean(powers[-count:]))
-        limit = fdtri(count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE)
-        if max(ratio, 1.0 / ratio) > limit:
-            return False
-    return True

@@ -1,4 +1,4 @@
-"""The record check: searches the raw columns for faults."""
+"""Record check: search for faults in the raw columns."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.recording.distorted_channels import band_limited, clipped, hum, zero_steps
-from ident.recording.interpolation import interpolated
-from ident.recording.kinematic_relations import height_unit
-from ident.recording.misread_columns import misread
+from ident.recording.distorted_channels import clipping_findings, zero_step_findings
+from ident.recording.interpolation import interpolation_finding
+from ident.recording.kinematic_relations import height_unit_findings
+from ident.recording.misread_columns import misread_findings
 from ident.recording.missing_samples import (
-    dropouts,
-    held_samples,
-    missing_rows,
-    stuck,
+    dropout_findings,
+    held_samples_finding,
+    missing_rows_findings,
+    stuck_finding,
 )
 from ident.recording.series import (
     FEWEST_SAMPLES,
@@ -23,10 +23,11 @@ from ident.recording.series import (
     Expectations,
     RecordFinding,
     Series,
-    changing_noise,
-    coarse,
+    noise_level_finding,
+    resolution_finding,
     series_of,
 )
+from ident.recording.spectra import band_limit_finding, hum_finding
 from sim.record import Record
 
 # order of the findings
@@ -39,7 +40,7 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     Parameters
     ----------
     record : the record as it was read, in SI units and radians, with nz in g.
-    expected : known values of the aircraft; None compares the channels with each other only.
+    expected : known values of the aircraft; None compares the channels only with each other.
     """
     expected = expected or Expectations()
     gravity_over_speed = expected.gravity / expected.airspeed if expected.airspeed else None
@@ -50,18 +51,20 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     ]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
-    findings = missing_rows(record) if len(record) >= FEWEST_SAMPLES else []
+    findings = missing_rows_findings(record) if len(record) >= FEWEST_SAMPLES else []
     for series in outputs:
         others = [other for other in outputs if other is not series]
         findings += _sample_findings(series, others, inputs, len(record), masked)
     for series in inputs:
         findings += [
-            *dropouts(series, len(record), is_input=True),
-            *clipped(series, len(record), is_input=True),
+            *dropout_findings(series, len(record), is_input=True),
+            *clipping_findings(series, len(record), is_input=True),
         ]
-        interpolation = interpolated(series, len(record), is_input=True)
+        interpolation = interpolation_finding(series, len(record), is_input=True)
         findings += [interpolation] if interpolation is not None else []
-    band_limits = [finding for series in inputs if (finding := band_limited(series)) is not None]
+    band_limits = [
+        finding for series in inputs if (finding := band_limit_finding(series)) is not None
+    ]
     findings += band_limits
     clean = _without_masked(record, masked)
     usable = [
@@ -72,21 +75,21 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     for series in usable:
         others = [other for other in usable if other is not series]
         candidates = (
-            coarse(series),
-            changing_noise(series, len(record), inputs, others),
-            hum(series, inputs),
-            _band_limit_finding(series, band_limits),
+            resolution_finding(series),
+            noise_level_finding(series, len(record), inputs, others),
+            hum_finding(series, inputs),
+            _output_band_limit_finding(series, band_limits),
         )
         findings += [finding for finding in candidates if finding is not None]
-    findings += zero_steps(
+    findings += zero_step_findings(
         [series for series in usable if series.least_bit <= 2.0 * max(series.noise, 1e-300)],
         inputs,
         masked,
         gravity_over_speed,
     )
     if expected.aircraft:
-        findings += misread(clean, expected)
-    findings += height_unit(clean, expected)
+        findings += misread_findings(clean, expected)
+    findings += height_unit_findings(clean, expected)
     return tuple(sorted(findings, key=lambda finding: ORDER.index(finding.certainty)))
 
 
@@ -97,40 +100,44 @@ def _sample_findings(
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """Return the findings on wrong samples of one channel, and store their mask in ``masked``. No
-    sample is in two findings.
+    """Return the findings on wrong samples of one channel, and store the mask of these samples in
+    ``masked``. No sample is in two findings. ``count`` is the number of rows of the record.
     """
     mask = np.zeros(count, dtype=bool)
-    findings = dropouts(series, count)
+    findings = dropout_findings(series, count)
     for finding in findings:
         mask |= finding.mask
-    hold = held_samples(series, count) if not findings else None
-    interpolation = interpolated(series, count, inputs) if not findings and hold is None else None
+    hold = held_samples_finding(series, count) if not findings else None
+    interpolation = (
+        interpolation_finding(series, count, inputs) if not findings and hold is None else None
+    )
     lower_rate = hold or interpolation
     if lower_rate is not None:
         findings.append(lower_rate)
         mask |= lower_rate.mask
     else:
-        for finding in clipped(series, count):
+        for finding in clipping_findings(series, count):
             findings.append(finding)
             mask |= finding.mask
-        stuck_finding = stuck(series, others, inputs, count, mask)
-        if stuck_finding is not None:
-            findings.append(stuck_finding)
-            mask |= stuck_finding.mask
+        stuck_samples = stuck_finding(series, others, inputs, count, mask)
+        if stuck_samples is not None:
+            findings.append(stuck_samples)
+            mask |= stuck_samples.mask
     masked[series.name] = mask
     return findings
 
 
-def _band_limit_finding(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
-    """Return the finding of a band-limited output; None where an input has about the same cutoff,
+def _output_band_limit_finding(
+    series: Series, input_findings: Sequence[RecordFinding]
+) -> RecordFinding | None:
+    """Return the finding of a band-limited output; None if an input has about the same cutoff,
     since a motion without noise has the bandwidth of its excitation.
     """
-    finding = band_limited(series)
+    finding = band_limit_finding(series)
     if finding is None:
         return None
     cutoff = finding.numbers["cutoff"].value
-    if any(0.5 < of_input.numbers["cutoff"].value / cutoff < 2.0 for of_input in inputs):
+    if any(0.5 < other.numbers["cutoff"].value / cutoff < 2.0 for other in input_findings):
         return None
     return finding
 

@@ -24,15 +24,18 @@ from ident.recording.series import (
 
 # ---- Period of the updates of a channel
 
-# fewest updates with a period of k samples: by chance all are on one phase with probability k^-14
+# Fewest updates that show a period of k samples: by chance all of them have one phase with the
+# probability k^-14.
 FEWEST_UPDATES = 15
 LONGEST_PERIOD = 60  # samples
 ON_PHASE_SHARE = 0.97  # smallest share of changes on one phase; missing rows shift the others
 
 
 def phase_period(changes: np.ndarray, count: int) -> int:
-    """Return the longest period, in samples, for which nearly all changes are on one phase; 1 if
-    there is none. ``count`` is the number of samples.
+    """Return the longest period, in samples, for which nearly all changes have the same phase; 1 if
+    there is none.
+
+    ``changes`` are the positions of samples that differ from the one before, among ``count``.
     """
     best = 1
     for period in range(2, min(LONGEST_PERIOD, count // FEWEST_UPDATES) + 1):
@@ -44,9 +47,8 @@ def phase_period(changes: np.ndarray, count: int) -> int:
 # ---- Interpolated channels
 
 SINGLE_PRECISION_SHARE = 2e-7  # rounding of single precision, as a share of the largest value
-# A bend is the deviation of a sample from the curve through its neighbours.
-# smallest median bend at updates, over the rounding: with less noise, one sample in ten would look
-# straight
+# A bend is the deviation of a sample from the curve through its neighbours. The median bend at
+# updates, over the rounding, must be larger than this: with less noise one in ten looks straight.
 BEND_TO_ROUNDING_RATIO = 8.0
 STRAIGHT_ROUNDINGS = 4.0  # largest bend of a nearly straight sample, in roundings
 LARGEST_NEARLY_STRAIGHT_SHARE = 0.05  # largest share of nearly straight samples: noise gives more
@@ -75,14 +77,15 @@ class _Pattern:
     curve: str
 
 
-def interpolated(
+def interpolation_finding(
     series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False
 ) -> RecordFinding | None:
     """Return the finding of samples that are interpolated between measured ones; else None.
 
-    The finding masks the interpolated samples; those of an input are not masked. Measured samples
-    must be at least two samples apart for straight lines, three if they are uneven, and four for
-    cubics, which must be even. ``count`` is the number of rows of the record.
+    The finding masks the interpolated samples, except those of an input. Straight lines are found
+    if measured samples are at least two samples apart, or three at uneven distances. Cubics are
+    found if measured samples are at least four samples apart at even distances. ``count`` is the
+    number of rows of the record.
     """
     if len(series.values) < 2 * FEWEST_UPDATES:
         return None
@@ -170,8 +173,8 @@ def _cubics(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 
 def _is_bimodal(bends: np.ndarray, rounding: float, bent: np.ndarray) -> bool:
-    """Return whether nearly every bend is either within the rounding or far above it. ``bent``
-    samples exceed the rounding.
+    """Return whether nearly every bend is either within the rounding or far above it. ``bent`` is
+    True where a bend exceeds the rounding.
     """
     if (
         np.count_nonzero(bent) < FEWEST_UPDATES

@@ -3,8 +3,9 @@
 Changes over a lag h of about half a period of the motion are compared, which removes biases and
 slow drifts:
 
-- alpha(t + h) - alpha(t) = int (q - (g/V) (nz - nz_0)) dt. Without nz, the lift is taken as a
-  multiple Z alpha with Z > 0. Without alpha, nz is taken as a multiple k alpha with k > 0.
+- alpha(t + h) - alpha(t) = int (q - (g/V) (nz - nz_0)) dt. Without nz, the load term is replaced by
+  Z alpha with a fitted Z > 0. Without alpha, the change of nz is that of alpha times a fitted
+  k > 0.
 - theta(t + h) - theta(t) = int q dt.
 - q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - delay) dt + c h, by
   least squares. nz replaces a missing alpha.
@@ -44,8 +45,8 @@ LONGEST_LAG = 300  # rows, and at most an eighth of the record
 # autocorrelation of the motion, over that at one row, at a lag of half a period
 HALF_PERIOD_CORRELATION = 0.5
 POWER_FLOOR = 1e-30  # a smaller power is zero
-# smallest lag over the distance of two samples of a channel: straight lines between more distant
-# samples do not follow the motion
+# smallest ratio of the lag to the distance between two valid samples of a channel: straight lines
+# between more distant samples do not follow the motion
 FEWEST_ROWS_PER_LAG = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays of a sensor that are tried
 LONGEST_DELAY = 0.3  # s: largest delay, or arm over airspeed, of a sensor without another fault
@@ -70,7 +71,7 @@ class KinematicColumns:
     control_name: str
     gravity_over_speed: float | None
 
-    def times(self, factors: Mapping[str, float]) -> KinematicColumns:
+    def scaled(self, factors: Mapping[str, float]) -> KinematicColumns:
         """Return the columns with some channels multiplied by ``factors``, name -> factor. The
         control and "time" may be among them.
         """
@@ -134,8 +135,8 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
 
 
 def disagreement(columns: KinematicColumns) -> dict[str, float]:
-    """Return output -> unexplained share of the power of its relation: 0 if the relation holds, 1
-    if both sides are uncorrelated, 2 if they are opposite.
+    """Return output -> unexplained share of the power of its relation. The share is 0 if the
+    relation holds, 1 if both sides are uncorrelated, and 2 if they are equal with opposite signs.
     """
     lag = lag_of(columns)
     sides = relations(columns, lag)
@@ -206,12 +207,12 @@ def fitted_gravity_over_speed(columns: KinematicColumns) -> float | None:
 
 
 def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
-    """Return the share of the power of nz that the law of lift does not explain, and the number of
-    independent samples; None without alpha or nz.
+    """Return the share of the power of nz that alpha and the control do not explain, and the number
+    of independent samples; None without alpha or nz.
 
-    The law is nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and
-    a control surface gives less lift per radian than the whole aircraft. Integrals over a lag are
-    compared, to average the noise. Either side may be delayed by one of the ``SHIFTS``.
+    The model is nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack,
+    and a control surface gives less lift per radian than the whole aircraft. Integrals over a lag
+    are compared, since they average the noise. Either side may be delayed by one of the ``SHIFTS``.
     """
     y = columns.outputs
     if not {"alpha", "nz"} <= set(y):
@@ -231,7 +232,7 @@ def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
 
 def _unexplained_share_of_lift(load: np.ndarray, alpha: np.ndarray, surface: np.ndarray) -> float:
     """Return the unexplained share of the power of a load in a regression on alpha + surface and
-    alpha - surface with non-negative factors.
+    alpha - surface. Both factors must not be negative.
     """
     load, alpha, surface = (values - np.mean(values) for values in (load, alpha, surface))
     power = float(load @ load)
@@ -251,8 +252,8 @@ def _unexplained_share_of_lift(load: np.ndarray, alpha: np.ndarray, surface: np.
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Return the lag, in rows, at which the autocorrelation of the motion is half of that at one
-    row.
+    """Return the lag, in rows, at which the autocovariance of the motion has fallen to half of its
+    value at a lag of one row.
     """
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
@@ -268,8 +269,9 @@ def lag_of(columns: KinematicColumns) -> int:
 
 
 def _unexplained_share(left: np.ndarray, right: np.ndarray, change_of_q: np.ndarray) -> float:
-    """Return the power of the difference of both sides over the power of both. A multiple of the
-    change of q is removed from the difference: a delay or an arm of a sensor causes it.
+    """Return the power of the difference of both sides of a relation, over the power of both. A
+    multiple of the change of q, which a delay or an arm of a sensor causes, is first removed from
+    the difference.
     """
     power = float(left @ left + right @ right)
     if power <= POWER_FLOOR:
@@ -293,7 +295,9 @@ def change(values: np.ndarray, lag: int) -> np.ndarray:
 
 
 def integral(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the integral ``(N,)`` over time from its begin, by the trapezoidal rule."""
+    """Return the integral ``(N,)`` of ``values (N,)`` from the first sample, by the trapezoidal
+    rule.
+    """
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
 
@@ -334,7 +338,7 @@ class ColumnReading:
     columns : the columns with the fault corrected.
     sentence : statement of the fault.
     remedy : how to correct it in the file.
-    left : largest unexplained share of a relation.
+    unexplained : largest unexplained share of a relation.
     """
 
     kind: Kind
@@ -342,7 +346,7 @@ class ColumnReading:
     columns: KinematicColumns
     sentence: str
     remedy: str
-    left: float
+    unexplained: float
 
 
 def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
@@ -358,15 +362,15 @@ def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
 
     for name in names:
         remedy = f"turn the sign of the column of {name}"
-        add(Kind.SIGN, name, columns.times({name: -1.0}), "has the sign turned", remedy)
+        add(Kind.SIGN, name, columns.scaled({name: -1.0}), "has the sign turned", remedy)
         if name in UNITS:
             sentence = f"is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}"
             remedy = f"name the column {name} [{UNITS[name]}], or say its unit in a channel map"
-            add(Kind.UNIT, name, columns.times({name: 1.0 / DEGREES}), sentence, remedy)
+            add(Kind.UNIT, name, columns.scaled({name: 1.0 / DEGREES}), sentence, remedy)
     if "nz" in names:
-        add(Kind.UNIT, "nz", columns.times({"nz": 1.0 / G0}), "is in m/s2, not in g", NZ_REMEDY)
+        add(Kind.UNIT, "nz", columns.scaled({"nz": 1.0 / G0}), "is in m/s2, not in g", NZ_REMEDY)
         sentence = f"is {G0:.2g} times too small"
-        add(Kind.UNIT, "nz", columns.times({"nz": G0}), sentence, "check its unit")
+        add(Kind.UNIT, "nz", columns.scaled({"nz": G0}), sentence, "check its unit")
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     pairs += [(name, columns.control_name) for name in names if columns.control is not None]
     for a, b in pairs:
@@ -376,7 +380,7 @@ def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
         if factor * step >= SHORTEST_STEP:
             sentence = f"is in {unit}, not in s"
             remedy = f"name the column time [{unit}], or say its unit in a channel map"
-            add(Kind.TIME_BASE, "time", columns.times({"time": factor}), sentence, remedy)
+            add(Kind.TIME_BASE, "time", columns.scaled({"time": factor}), sentence, remedy)
     return readings
 
 
@@ -407,14 +411,14 @@ class ControlPower:
     value : M_delta, rad/s2 per unit of the control.
     std : its standard deviation, with one independent sample in a lag.
     explained : share of the power of the change of q that the fit explains.
-    opposed : the same for the best fit of the other sign, at another delay of the control.
+    explained_opposite : the same for the best fit with the other sign of M_delta, at another delay.
     damped : whether M_q is negative, as for any aircraft.
     """
 
     value: float
     std: float
     explained: float
-    opposed: float = 0.0
+    explained_opposite: float = 0.0
     damped: bool = True
 
 
@@ -446,18 +450,20 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     if not fits:
         return None
     best = max(fits, key=lambda fit: fit.explained)
-    opposed = [fit.explained for fit in fits if fit.value * best.value < 0.0]
-    return replace(best, opposed=max(opposed, default=0.0))
+    explained_opposite = [fit.explained for fit in fits if fit.value * best.value < 0.0]
+    return replace(best, explained_opposite=max(explained_opposite, default=0.0))
 
 
-def sure(power: ControlPower) -> bool:
+def is_reliable(power: ControlPower) -> bool:
     """Return whether sign and size of a control power are reliable.
 
     A few samples of a fast motion also agree with a control of the other sign that is delayed by
-    half a period, or with an undamped motion. Of 1200 sound records of light aircraft at 8 to 50
-    samples a second, one was reported with a wrong sign.
+    half a period, or with an undamped motion. With these criteria, one of 1200 correct records of
+    light aircraft, at 8 to 50 samples a second, was reported with a wrong sign.
     """
-    sign_is_clear = 1.0 - power.explained < LARGEST_OTHER_SIGN_SHARE * (1.0 - power.opposed)
+    sign_is_clear = 1.0 - power.explained < LARGEST_OTHER_SIGN_SHARE * (
+        1.0 - power.explained_opposite
+    )
     return (
         power.damped
         and abs(power.value) > SIGNIFICANT_SIGMAS * power.std
@@ -511,13 +517,14 @@ VELOCITY_PARTS = 40  # the velocity is a slope over two fortieths of the record
 LARGEST_DENSITY_EXPONENT = 50.0  # larger exponents are limited, so that the density is finite
 
 
-def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
+def height_unit_findings(record: Record, expected: Expectations) -> list[RecordFinding]:
     """Return a finding if the height of a falling body agrees with gravity in another unit, and not
     in metres.
 
     A height h(t) in a unit of f metres obeys f h = c0 + c1 t - g t^2/2 + k D(t). D is the double
-    integral of -v |v| exp(-f h/H) with v = f dh/dt, and the drag k is not negative. Near the
-    terminal speed all units fit equally, and there is no finding.
+    integral of -v |v| exp(-f h/H) over time, with v = f dh/dt and the scale height H of the air
+    density. The drag factor k is not negative. Near the terminal speed all units fit equally well,
+    and there is no finding.
     """
     if expected.scale_height is None or HEIGHT not in record.output_names:
         return []

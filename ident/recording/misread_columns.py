@@ -1,10 +1,10 @@
-"""Misread columns of a record, a wrong time base included.
+"""Search for misread columns of a record, and for a wrong time base.
 
-The columns are compared as they were read and as each simple mistake would require. The measure is
-the share of the motion that the kinematics leave unexplained. It is a tenth or less for correct
-columns, also with the sensor effects of the library. It may be a half in rough air, but then no
-other reading is better. It is a third to all for a misread column, and a hundredth for its correct
-reading.
+The columns are compared as they were read, and corrected for each simple mistake. The measure is
+the share of the motion that the kinematics leave unexplained. For correct columns it is a tenth or
+less, also with the sensor effects of the library; in rough air it may be a half, but then no other
+reading is better. For a misread column it is between a third and one, and a hundredth for the
+correct reading of this column.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from ident.recording.kinematic_relations import (
     control_power,
     disagreement,
     fitted_gravity_over_speed,
+    is_reliable,
     lag_of,
-    sure,
     unexplained_lift,
 )
 from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
 from sim.record import Channel, Record
 
-# smallest unexplained share that suggests a wrong clock (one at twice the rate gives 0.2)
+# smallest unexplained share that suggests a wrong clock (one that runs twice as fast gives 0.2)
 SUSPECT_CLOCK_SHARE = 0.12
 CORRECT_CLOCK_SHARE = 0.06  # largest unexplained share of a correct clock
 # smallest ratio of the unexplained shares, as read over corrected
@@ -53,20 +53,20 @@ SEARCHED_OCTAVES = 4  # octaves that are searched below and above the rate as re
 PLAUSIBLE_LOG_RATIO = 0.7
 
 
-def wrong_clock(
+def time_base_finding(
     columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
     """Return the finding of a wrong time base; None where the time is correct.
 
-    It is certain if the control power or the pitch attitude excludes a scale error of a sensor,
-    otherwise likely. ``as_read`` is the unexplained share of the columns as read.
+    The finding is certain if the control power or the pitch attitude excludes a scale error of a
+    sensor, and otherwise likely. ``as_read`` is the unexplained share of the columns as read.
     """
     most_steps = RATES_PER_OCTAVE * SEARCHED_OCTAVES
     factors = [
         2.0 ** (step / RATES_PER_OCTAVE) for step in range(-most_steps, most_steps + 1) if step
     ]
     shares = {
-        factor: max(disagreement(columns.times({"time": factor})).values()) for factor in factors
+        factor: max(disagreement(columns.scaled({"time": factor})).values()) for factor in factors
     }
     best = min(shares, key=lambda factor: shares[factor])
     if (
@@ -87,13 +87,14 @@ def wrong_clock(
     # The attitude excludes a scale error of alpha. A scale error of the pitch rate has the effect
     # of a wrong clock in all relations but that of nz.
     attitude = {"theta", "alpha"} <= set(columns.outputs)
-    by_rate = min(max(disagreement(columns.times({"q": factor})).values()) for factor in factors)
-    certainty, remedy = Certainty.CERTAIN, "mend the time column, or say its unit in a channel map"
+    by_rate = min(max(disagreement(columns.scaled({"q": factor})).values()) for factor in factors)
+    certainty = Certainty.CERTAIN
+    remedy = "correct the time column, or say its unit in a channel map"
     by_attitude = attitude and CLOCK_IMPROVEMENT_RATIO * shares[best] < by_rate
     if not by_attitude and not _control_agrees(columns, best, expected):
         certainty, remedy = Certainty.LIKELY, "check the sample rate and the units of the columns"
         scaled = "pitch rate" if attitude else "angle of attack"
-        sentence += f", or if the {scaled} has a scale of its own"
+        sentence += f", or if the {scaled} has a scale error"
     return RecordFinding("time", Kind.TIME_BASE, certainty, sentence, remedy, numbers=numbers)
 
 
@@ -104,16 +105,16 @@ def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectat
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
         return False
     log_ratios = []
-    for columns_of_clock in (columns, columns.times({"time": factor})):
+    for columns_of_clock in (columns, columns.scaled({"time": factor})):
         power = control_power(columns_of_clock)
-        if power is None or not sure(power) or power.value * expected.control_power <= 0.0:
+        if power is None or not is_reliable(power) or power.value * expected.control_power <= 0.0:
             return False
         log_ratios.append(abs(math.log(power.value / expected.control_power)))
     return log_ratios[1] < min(PLAUSIBLE_LOG_RATIO, 0.5 * log_ratios[0])
 
 
-# a column is wrong above this unexplained share: effects of the library leave at most 0.12, the
-# noise of small motions 0.1, and a wrong column at least 0.28
+# A column is wrong above this unexplained share. Effects of the library leave at most 0.12, the
+# noise of small motions 0.1, and a wrong column at least 0.28.
 WRONG_COLUMN_SHARE = 0.2
 CORRECT_COLUMN_SHARE = 0.15  # largest unexplained share of a correct column
 CORRECT_EXCHANGE_SHARE = 0.1  # the same after an exchange with the control
@@ -126,8 +127,8 @@ CONTROL_POWER_FACTOR = 3.0
 # alpha with any effect of the library
 AGREEING_CORRELATION = 0.85
 DISAGREEING_CORRELATION = 0.7  # largest correlation of the changes of channels that disagree
-# fewest samples in a lag of a certain finding: with two, the motion has four samples in a period,
-# and one of 600 correct records was taken for one with its time in ms
+# Fewest samples in a lag for a certain finding. With two, the motion has four samples in a period,
+# and one of 600 correct records seemed to have its time in ms.
 FEWEST_ROWS_PER_LAG = 3
 # threshold of twice the log likelihood ratio, for a significance of 0.001
 SIGNIFICANT_RATIO = -2.0 * math.log(1e-3)
@@ -140,12 +141,12 @@ LEVEL_FLIGHT_RANGE = (9.0, 10.7)
 LARGEST_ALPHA_RANGE = 0.6  # rad, largest range of an angle of attack
 
 
-def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
+def misread_findings(record: Record, expected: Expectations) -> list[RecordFinding]:
     """Return the findings of columns that are certainly or probably misread; empty if all columns
-    are consistent, or no relation joins them.
+    are consistent, or if there is no relation between them.
     """
     names = (*record.input_names, *record.output_names)
-    candidates = [large_angle(record[name]) for name in SMALL_ANGLES if name in names]
+    candidates = [large_angle_finding(record[name]) for name in SMALL_ANGLES if name in names]
     if "nz" in record.output_names:
         candidates.append(_load_factor_unit_finding(record["nz"]))
     by_range = [finding for finding in candidates if finding is not None]
@@ -173,11 +174,11 @@ def _column_findings(columns: KinematicColumns, expected: Expectations) -> list[
 
 
 def _as_az_finding(finding: RecordFinding) -> RecordFinding:
-    """Return a finding on nz as one on az, its source column. Where nz seems to be in m/s2, az was
-    multiplied by g0 once too often.
+    """Return a finding on nz, which was computed from az, as a finding on az. Where nz seems to be
+    in m/s2, the values of az are too large by the factor g0.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
-        return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
+        return replace(finding, channel="az", remedy="check the unit of az: m/s2 is expected")
     channel, sentence, remedy = (
         re.sub(r"\bnz\b", "az", text)
         for text in (finding.channel, finding.sentence, finding.remedy)
@@ -189,7 +190,7 @@ SERVO_PULSES = (600.0, 2400.0)  # us, shortest and longest pulse of a servo
 LEVEL_PULSES = (1200.0, 1800.0)  # us, range of the median pulse
 
 
-def large_angle(channel: Channel) -> RecordFinding | None:
+def large_angle_finding(channel: Channel) -> RecordFinding | None:
     """Return a finding if a flow angle or control moves too far to be in radians."""
     values = channel.values[channel.valid]
     if not len(values):
@@ -222,7 +223,7 @@ def _load_factor_unit_finding(channel: Channel) -> RecordFinding | None:
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL_FLIGHT_RANGE[0] < abs(middle) < LEVEL_FLIGHT_RANGE[1]:
         return None
-    text = f"is in m/s2, not in g: its middle is {middle:.3g}"
+    text = f"is in m/s2, not in g: its median is {middle:.3g}"
     return RecordFinding(
         channel.name,
         Kind.UNIT,
@@ -234,8 +235,8 @@ def _load_factor_unit_finding(channel: Channel) -> RecordFinding | None:
 
 
 def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Return a finding if the correlation of nz with alpha shows a wrong sign, or an exchange with
-    the control, and the kinematics agree.
+    """Return a finding if the correlation of nz with alpha shows a wrong sign, or an exchange of nz
+    with the control, and the kinematics confirm it.
     """
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
@@ -245,8 +246,8 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
     shifts = sorted({min(round(shift / step), len(alpha) // 4) for shift in SHIFTS})
 
     def correlation_with_alpha(values: np.ndarray) -> float:
-        """Return the largest correlation with the changes of alpha, over shifts (``SHIFTS``) of
-        either.
+        """Return the largest correlation of the changes of ``values`` and alpha, where either is
+        shifted by one of the ``SHIFTS``.
         """
         other = change(values, lag)
         correlations = []
@@ -263,7 +264,7 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
         return max(correlations, key=abs)
 
     correlation = correlation_with_alpha(y["nz"])
-    with_sign = max(disagreement(columns.times({"nz": -1.0})).values())
+    with_sign = max(disagreement(columns.scaled({"nz": -1.0})).values())
     correct = with_sign < CORRECT_COLUMN_SHARE and with_sign < as_read
     if correlation < -AGREEING_CORRELATION and correct:
         text = (
@@ -289,13 +290,13 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
     if (
         exchanged_share > CORRECT_COLUMN_SHARE
         or READING_IMPROVEMENT_RATIO * exchanged_share > as_read
-        or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged))
+        or not _significantly_smaller(unexplained_lift(columns), unexplained_lift(exchanged))
     ):
         return None
     name = columns.control_name
     text = (
-        f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the "
-        "kinematics hold so"
+        f"are exchanged: the column of {name} is correlated with alpha, that of nz is not, and the "
+        "kinematics hold after the exchange"
     )
     return RecordFinding(
         f"nz and {name}",
@@ -320,7 +321,7 @@ def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding
     ):
         return None
     share_in_degrees = max(
-        disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(),
+        disagreement(columns.scaled({name: 1.0 / DEGREES for name in names})).values(),
         default=math.inf,
     )
     if (
@@ -328,7 +329,7 @@ def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding
         or READING_IMPROVEMENT_RATIO * share_in_degrees > as_read
     ):
         return None
-    text = "are in degrees, not in radians: with nz the kinematics hold only so"
+    text = "are in degrees, not in radians: only then do the kinematics with nz hold"
     return RecordFinding(
         " and ".join(names),
         Kind.UNIT,
@@ -349,31 +350,31 @@ def _best_reading_finding(
         (
             reading
             for reading in all_readings(columns)
-            if reading.left < _largest_correct_share(reading, columns)
+            if reading.unexplained < _largest_correct_share(reading, columns)
         ),
-        key=lambda reading: reading.left,
+        key=lambda reading: reading.unexplained,
     )
     best = readings[0] if readings else None
     if (
         best is not None
         and as_read > WRONG_COLUMN_SHARE
-        and best.left * READING_IMPROVEMENT_RATIO < as_read
+        and best.unexplained * READING_IMPROVEMENT_RATIO < as_read
     ):
-        near = [
+        similar = [
             best,
             *(
                 reading
                 for reading in readings[1:]
-                if reading.left < READING_IMPROVEMENT_RATIO * best.left
+                if reading.unexplained < READING_IMPROVEMENT_RATIO * best.unexplained
             ),
         ]
         possible = [
             reading
-            for reading in near
-            if _implausible_as_read(reading, columns, expected) is not False
+            for reading in similar
+            if _supported_by_other_evidence(reading, columns, expected) is not False
         ]
         if not possible:
-            return _airspeed_finding(columns, as_read, expected) or wrong_clock(
+            return _airspeed_finding(columns, as_read, expected) or time_base_finding(
                 columns, as_read, expected
             )
         best = possible[0]
@@ -382,30 +383,34 @@ def _best_reading_finding(
             best, rivals = _rivals_by_control(possible, expected)
         numbers = {
             "unexplained": FindingQuantity(as_read, "1"),
-            "unexplained_otherwise": FindingQuantity(best.left, "1"),
+            "unexplained_otherwise": FindingQuantity(best.unexplained, "1"),
         }
         units = re.fullmatch(r"is in (\S+), not in (\S+)", best.sentence)
-        changed, read = (f"in {units[1]}", f"in {units[2]}") if units else ("so", "as read")
-        what = (
+        changed, read = (f"in {units[1]}", f"in {units[2]}") if units else ("corrected", "as read")
+        sentence = (
             f"{best.sentence}: {read} {_percent(as_read)} of the motion does not fit the other "
-            f"channels, {changed} {_percent(best.left)}"
+            f"channels, {changed} {_percent(best.unexplained)}"
         )
         if best.kind is Kind.UNIT and best.channel == "nz" and not rivals:
             airspeed = _airspeed_finding(columns, as_read, expected, best)
             if airspeed is not None:
                 return airspeed
-        # Without alpha, nz takes its place. This is wrong for an accelerometer away from the centre
-        # of gravity, and only a finding of a sign is then certain.
+        # Without alpha, nz replaces it. This is wrong for an accelerometer away from the centre of
+        # gravity, so that only a finding of a sign is then certain.
         reliable = "alpha" in columns.outputs or best.kind is Kind.SIGN
         resolved = lag_of(columns) >= FEWEST_ROWS_PER_LAG
-        confirmed = _implausible_as_read(best, columns, expected) is not None
+        confirmed = _supported_by_other_evidence(best, columns, expected) is not None
         certain = reliable and resolved and confirmed
         certainty = Certainty.CERTAIN if certain else Certainty.LIKELY
         if rivals:
             others = [f"{rival.channel} {rival.sentence}" for rival in rivals[:2]]
-            what += f"; or {' or '.join(others)}"
-        return RecordFinding(best.channel, best.kind, certainty, what, best.remedy, numbers=numbers)
-    return _airspeed_finding(columns, as_read, expected) or wrong_clock(columns, as_read, expected)
+            sentence += f"; or {' or '.join(others)}"
+        return RecordFinding(
+            best.channel, best.kind, certainty, sentence, best.remedy, numbers=numbers
+        )
+    return _airspeed_finding(columns, as_read, expected) or time_base_finding(
+        columns, as_read, expected
+    )
 
 
 def _airspeed_finding(
@@ -417,8 +422,8 @@ def _airspeed_finding(
     """Return a finding if alpha, q and nz agree at another airspeed than that of the vehicle file.
 
     In alpha_dot = q - (g/V) (nz - nz_0), a wrong airspeed V has the same effect as a wrong factor
-    of nz. The finding names both. It is certain where ``unit`` is the reading of nz in another
-    unit, and otherwise likely, since the scale of the sensor may be wrong.
+    of nz, so that the finding names both. It is certain where ``unit``, the reading of nz in
+    another unit, is given. Otherwise it is likely, since the scale of the sensor may be wrong.
     """
     gravity_over_speed = fitted_gravity_over_speed(columns)
     if expected.airspeed is None or gravity_over_speed is None:
@@ -429,20 +434,20 @@ def _airspeed_finding(
     if share >= CORRECT_COLUMN_SHARE or share * READING_IMPROVEMENT_RATIO >= as_read:
         return None
     fitted_airspeed = expected.gravity / gravity_over_speed
-    what = (
+    sentence = (
         f"does not fit alpha and q at {expected.airspeed:.4g} m/s: the kinematics leave "
         f"{_percent(as_read)} of the motion unexplained; at {fitted_airspeed:.3g} m/s "
         f"{_percent(share)}"
     )
     remedy = "check the airspeed of the vehicle file, or the unit and scale of nz"
     if unit is not None:
-        what += f"; or it {unit.sentence}"
+        sentence += f"; or it {unit.sentence}"
         remedy = f"check the airspeed of the vehicle file; if it is right, {unit.remedy}"
     return RecordFinding(
         "nz",
         Kind.UNIT,
         Certainty.LIKELY if unit is None else Certainty.CERTAIN,
-        what,
+        sentence,
         remedy,
         numbers={
             "unexplained": FindingQuantity(as_read, "1"),
@@ -452,11 +457,11 @@ def _airspeed_finding(
     )
 
 
-def _implausible_as_read(
+def _supported_by_other_evidence(
     reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
-    """Return whether evidence other than the kinematics also contradicts the columns as read; None
-    without further evidence.
+    """Return whether evidence other than the kinematics also contradicts the columns as read and
+    supports ``reading``; None without such evidence.
 
     The kinematics alone do not prove an exchange or a sign. Sensor faults and gusts disturb them
     too, and feedback makes an elevator similar to a measured output. The relation of lift tests
@@ -466,9 +471,9 @@ def _implausible_as_read(
     if not exchange and reading.kind is not Kind.SIGN:
         return True
     lift = unexplained_lift(columns)
-    # an exchange of alpha and nz does not change the relation of lift
+    # An exchange of alpha and nz does not change the relation of lift.
     if lift is not None and names & {"alpha", "nz"} and names != {"alpha", "nz"}:
-        return _likelier(lift, unexplained_lift(reading.columns))
+        return _significantly_smaller(lift, unexplained_lift(reading.columns))
     by_control = exchange and columns.control_name in names
     if not by_control and "q" not in names:
         return True
@@ -481,7 +486,9 @@ def _implausible_as_read(
     if power_as_read is None or power is None or "q" not in names:
         return None
     count = len(columns.time) / lag_of(columns)
-    return _likelier((1.0 - power_as_read.explained, count), (1.0 - power.explained, count))
+    return _significantly_smaller(
+        (1.0 - power_as_read.explained, count), (1.0 - power.explained, count)
+    )
 
 
 def _control_power_agrees(
@@ -491,7 +498,7 @@ def _control_power_agrees(
     the control power.
     """
     power = control_power(columns)
-    if power is None or not sure(power) or not expected.control_power:
+    if power is None or not is_reliable(power) or not expected.control_power:
         return None, power
     return _power_agrees(power.value, expected), power
 
@@ -506,7 +513,9 @@ def _power_agrees(power: float, expected: Expectations) -> bool:
     return 1.0 / CONTROL_POWER_FACTOR < ratio < CONTROL_POWER_FACTOR
 
 
-def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
+def _significantly_smaller(
+    before: tuple[float, float] | None, after: tuple[float, float] | None
+) -> bool:
     """Return whether the unexplained share ``after`` is significantly smaller than ``before``. Each
     is a share with its number of independent samples.
     """
@@ -547,7 +556,7 @@ def _control_finding(columns: KinematicColumns, expected: Expectations) -> list[
     if expected.control_power is None or not expected.control_power:
         return []
     power = control_power(columns)
-    if power is None or not sure(power) or _nz_contradicts(columns, power.value):
+    if power is None or not is_reliable(power) or _nz_contradicts(columns, power.value):
         return []
     ratio, name = power.value / expected.control_power, columns.control_name
     text = (
@@ -573,7 +582,7 @@ def _control_finding(columns: KinematicColumns, expected: Expectations) -> list[
 
 
 def _nz_contradicts(columns: KinematicColumns, power: float) -> bool:
-    """Return whether the control power has the other sign when nz takes the place of alpha."""
+    """Return whether the control power has the other sign if nz replaces alpha in the fit."""
     without_alpha = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},

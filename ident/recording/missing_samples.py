@@ -1,7 +1,7 @@
 """Search for samples that are not measurements: dropouts, missing rows, held values.
 
-Held values: a value may also repeat because the least bit is coarse or the channel is at rest. A
-run of one value is a fault if noise makes it improbable while other channels change, if another
+A value may also repeat because the least bit is coarse or the channel is at rest. A run of one
+value is a fault if the noise makes the run improbable while other channels change, if another
 channel moves during the run, or if the value jumps at the end of the run.
 """
 
@@ -36,7 +36,7 @@ SHORTEST_PULSE = 0.1  # s: commanded steps of an input to zero and back are long
 MOST_ZEROS = 5  # most samples of a dropout of an input
 
 
-def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
+def dropout_findings(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
     """Return findings of zeros and fill values among other samples. They mask these samples.
 
     An input must have no gap: its dropouts are a warning and are not masked. ``count`` is the
@@ -76,7 +76,7 @@ def _dropout_finding(
     first = ", ".join(f"{instant(begin)} s" for begin, _ in times[:3])
     text = (
         f"has {samples} sample(s) that are {name}, at "
-        f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
+        f"{first}{' and so on' if len(times) > 3 else ''}, far from the samples before and after"
     )
     numbers = {
         "value": FindingQuantity(value, series.unit),
@@ -140,7 +140,7 @@ def _fill(series: Series) -> tuple[float, np.ndarray]:
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
-    """Return the value that marks missing samples, as -999; None without one.
+    """Return the value that marks missing samples, such as -999; None without one.
 
     It is the largest or the smallest value, occurs at least twice, and is far outside the range of
     all other values. ``noise`` is the standard deviation, in the unit of the channel.
@@ -174,8 +174,8 @@ MOVING_INPUT_SHARE = 0.05  # smallest motion of an input, as a share of its span
 MOST_COUNTED_ROWS = 1e15  # largest number of missing rows that is stated
 
 
-def missing_rows(record: Record) -> list[RecordFinding]:
-    """Return a warning of the gaps in time during which an input moves, and a note on the other
+def missing_rows_findings(record: Record) -> list[RecordFinding]:
+    """Return a warning on the gaps in time during which an input moves, and a note on the other
     gaps.
     """
     steps = np.diff(record.time)
@@ -244,8 +244,8 @@ FEWEST_REPEATS = 3  # fewest repeats in a row of a stuck channel
 FALSE_RUN_PROBABILITY = 1e-6  # probability that noise causes such a run in a record
 FEWEST_STEP_BITS = 3.0  # smallest step, in least bits, that is no change of the last digit alone
 LARGEST_JITTER = 0.4  # largest deviation from an even clock, samples: rounding alone gives 0.3
-# smallest share of repeats, times b, of a channel whose median step is b least bits. In Gaussian
-# noise this product is 0.27.
+# smallest product of the share of repeats and the median step in least bits; Gaussian noise has
+# 0.27
 REPEAT_FACTOR = 1.0
 # smallest share of repeats before a step of several bits: a channel at rest changes by one bit
 ABRUPT_END_SHARE = 0.7
@@ -258,7 +258,7 @@ INPUT_STEP = 0.05
 JUMP_RATIO = 3.0  # smallest step at the end of a run, over the usual step
 
 
-def held_samples(series: Series, count: int) -> RecordFinding | None:
+def held_samples_finding(series: Series, count: int) -> RecordFinding | None:
     """Return the finding of a channel that holds each value until the next update, at a lower rate
     than that of the rows; else None.
 
@@ -290,7 +290,8 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
 def _held_at_other_period(
     series: Series, same: np.ndarray, changes: np.ndarray, bits: float, count: int
 ) -> RecordFinding | None:
-    """Return the finding of held values whose period is uneven, or no whole number of samples.
+    """Return the finding of held values whose period is uneven or not an integer number of samples;
+    None without it.
 
     Parameters
     ----------
@@ -320,7 +321,7 @@ def _held_at_other_period(
     return None
 
 
-def stuck(
+def stuck_finding(
     series: Series,
     others: Sequence[Series],
     inputs: Sequence[Series],
@@ -366,7 +367,7 @@ def stuck(
         "longest": FindingQuantity(longest, "s"),
         "runs": FindingQuantity(float(len(times)), "1"),
     }
-    remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
+    remedy = "find out why it was stuck; cut the record there if much of a maneuver is lost"
     return RecordFinding(
         series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
@@ -375,7 +376,9 @@ def stuck(
 def _held_finding(
     series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
 ) -> RecordFinding:
-    """Return the finding of held values; ``repeats (N,)`` are masked, ``period`` is in samples."""
+    """Return the finding of held values. It masks the samples ``repeats (N,)``; ``period`` is in
+    samples.
+    """
     step = float(np.median(np.diff(series.time)))
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[repeats]] = True
@@ -383,10 +386,10 @@ def _held_finding(
     if regular:
         often = f"every {period:.3g} samples ({1.0 / (period * step):.3g} Hz)"
     else:
-        often = f"irregularly, every {period:.2g} samples in the mean"
+        often = f"irregularly, every {period:.2g} samples on average"
     text = (
-        f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} "
-        "samples repeat an older one"
+        f"is updated {often} and held in between: {int(np.count_nonzero(mask))} of "
+        f"{len(series.values)} samples repeat an older one"
     )
     numbers = {
         "period": FindingQuantity(period * step, "s"),
@@ -414,11 +417,13 @@ def _fits_even_clock(changes: np.ndarray, period: float) -> bool:
 
 
 def _is_improbable(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
-    """Return whether neither noise nor rest explains equal samples from ``begin`` to ``end``."""
+    """Return whether equal samples from ``begin`` to ``end`` are explained neither by noise nor by
+    a channel at rest.
+    """
     values, time = series.values, series.time
     if series.resolved and _all_others_change(others, time[begin], time[end]):
-        # The probability of a repeat is that of half the noise: the estimate of quantised noise is
-        # up to 1.5 times too large.
+        # The probability of a repeat is computed for half the noise, to be safe: the estimate of
+        # quantised noise is up to 1.5 times too large.
         repeat_probability = 0.0
         if series.least_bit:
             repeat_probability = math.erf(series.least_bit / (series.noise * math.sqrt(2.0)))

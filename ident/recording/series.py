@@ -1,4 +1,6 @@
-"""One sampled channel: valid samples, resolution, noise; and the findings of the record check."""
+"""One sampled channel with its valid samples, resolution and noise; and the findings of the record
+check.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,7 @@ class RecordFinding:
     Attributes
     ----------
     channel : name of the channel, several names joined by " and ", or ``"time"``.
-    sentence : the finding in words, whose subject is the channel.
+    sentence : the finding in words without the subject, which is the channel.
     remedy : advice to the user; may be empty.
     times : begin and end, s, of each place; empty for the whole record.
     mask : ``(N,)`` True at rows whose sample of ``channel`` has no information; of length zero
@@ -109,7 +111,7 @@ class Expectations:
     scale_height: float | None = None
 
 
-def shown(value: float, unit: str) -> str:
+def quantity_text(value: float, unit: str) -> str:
     """Return a value with its unit as text, angles in degrees."""
     factor, label = (
         (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
@@ -126,15 +128,15 @@ GRID_TOLERANCE = 0.02
 # and 10 or more for motion
 LARGEST_WHITE_RATIO = 1.5
 RESOLVED_BITS = 0.7  # larger noise, in least bits, is resolved
-# nine tenths of the small differences are within this share of a step of its multiples; a fifth are
-# by chance
+# share of a step: nine tenths of the small differences are as near to its multiples; by chance a
+# fifth of them are
 MULTIPLE_TOLERANCE = 0.1
 # smallest share of differences >= 0, and of those <= 0, in a signal that shows a converter step
 LEAST_SIGN_SHARE = 0.05
 # largest differences that are used, in steps: a drift of the calibration shifts larger ones
 MOST_LATTICE_STEPS = 3.5
-# a varying correction (alpha at the c.g., airspeed from pressures) blurs the multiples of a step:
-# this share of a step contains 0.7 to 0.97 of the differences in ATTAS records, and 0.4 by chance
+# A varying correction (alpha at the c.g., airspeed from pressures) blurs the multiples of a step.
+# Within this share of a step are 0.7 to 0.97 of the differences in ATTAS records; by chance 0.4.
 STEP_SCATTER_SHARE = 0.2
 STEP_DIFFERENCE_SHARE = 0.65  # smallest share of the differences within that scatter
 LARGEST_OTHER_SHARE = 0.9  # largest share of differences that are the same multiple
@@ -193,17 +195,17 @@ def series_of(record: Record, channel: Channel) -> Series:
 def least_bit(values: np.ndarray) -> float:
     """Return the step of the converter; 0 where the values show none.
 
-    It is the largest common divisor of all differences between values, by Euclid's algorithm on
-    floats. It is a coarser one of successive differences where calibrations or printed digits
-    shift the levels.
+    The step is the largest common divisor of all differences between values, by Euclid's algorithm
+    on floats. Where calibrations or printed digits shift the levels, it is the coarser step that
+    successive differences show.
     """
     exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """Return the noise ``level`` of a channel, at least the rounding of its converter, step over
-    sqrt(12); None without noise. ``values`` are the valid samples of each record.
+    """Return the noise ``level`` of a channel, or the rounding error of its converter, step over
+    sqrt(12), if this is larger; None without noise. ``values`` are the valid samples by record.
 
     A level below a millionth of the range, without a step, is that of a computed or smoothed
     channel, or of an estimator at its limit.
@@ -218,8 +220,8 @@ def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float
 
 
 def exact_step(values: np.ndarray) -> float:
-    """Return the largest step of which all differences between values are multiples, by a
-    converter or by printed digits; 0 without one.
+    """Return the largest step of which all differences between values are multiples; 0 without one.
+    A converter or printed digits cause such a step.
     """
     levels = np.unique(values)
     if levels.size < 2:
@@ -248,7 +250,7 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
         sizes.size < FEWEST_SAMPLES
         or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < LEAST_SIGN_SHARE
     ):
-        # a monotonic signal has steps of its rate, not of a converter
+        # The steps of a monotonic signal follow from its rate, not from a converter.
         return 0.0
     least = max(3.0 * exact, ROUNDING_SHARE * float(np.ptp(values)))
     moving = np.sort(sizes[sizes > least])
@@ -264,8 +266,8 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """Return the step near the guess ``step`` of which nine tenths of the small sizes are
-    multiples; 0 without one.
+    """Return the step near the guess ``step`` of which nine tenths of the small differences are
+    multiples; 0 without one. ``sizes`` are absolute differences.
     """
     near, count = sizes, sizes
     for _ in range(3):
@@ -280,11 +282,11 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """Return the step of which most sizes are multiples, but for the scatter of a later correction;
-    0 without one.
+    """Return the step of which most differences are multiples, apart from the scatter of a later
+    correction; 0 without one.
 
-    ``moving`` are the sizes of differences that are not zero. At least two different multiples
-    occur, since the differences of a triangle have one size.
+    ``moving`` are the absolute differences that are not zero. At least two different multiples must
+    occur: all differences of a triangular signal are equal without a converter.
     """
     median = float(np.median(moving))
     best, result = STEP_DIFFERENCE_SHARE, 0.0
@@ -301,8 +303,8 @@ def _blurred_step(moving: np.ndarray) -> float:
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return each sample minus the line between its neighbours, scaled to the noise of one sample;
-    NaN across gaps; ``(n - 2,)``.
+    """Return each sample minus the line between its neighbours, ``(n - 2,)``, scaled to the noise
+    of one sample; NaN across gaps.
     """
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     share = before / (before + after)
@@ -362,7 +364,7 @@ LARGEST_MASKED_SHARE = 0.5  # of a channel: with a larger share, the loud part i
 MOTION_NOISE_RATIO = 1.4
 
 
-def coarse(series: Series) -> RecordFinding | None:
+def resolution_finding(series: Series) -> RecordFinding | None:
     """Return a note if the least bit is coarse against the noise: residuals are then rounding, not
     Gaussian.
     """
@@ -370,8 +372,8 @@ def coarse(series: Series) -> RecordFinding | None:
     if not bit or series.span < FEWEST_LEVELS * bit or bit < COARSE_STEP_BITS * series.noise:
         return None
     text = (
-        f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
-        "are not in the record, and rounding is not white"
+        f"has a least bit of {quantity_text(bit, series.unit)}, coarse against its noise: smaller "
+        "motion is not recorded, and rounding errors are not white"
     )
     numbers = {"least_bit": FindingQuantity(bit, series.unit)} | (
         {"noise": FindingQuantity(series.noise, series.unit)} if series.noise else {}
@@ -389,7 +391,7 @@ class _NoisePart:
     white : whether second differences have the same level, as those of noise have.
     slow : whether the change between two samples is too small to cause the roughness.
     motion : rms change between two samples, without that of white noise of this level.
-    rough : roughness of each input.
+    input_roughness : roughness of each input.
     samples : number of samples that give the level.
     times : begin and end, s.
     """
@@ -398,26 +400,27 @@ class _NoisePart:
     white: bool
     slow: bool
     motion: float
-    rough: tuple[float, ...]
+    input_roughness: tuple[float, ...]
     samples: int
     times: tuple[float, float]
 
 
-def changing_noise(
+def noise_level_finding(
     series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()
 ) -> RecordFinding | None:
     """Return a finding if the noise in one part of a record of ``count`` rows is several times that
-    in another. Above ``LOUD_SAMPLE_RATIO`` its samples are masked.
+    in another. If the ratio exceeds ``LOUD_SAMPLE_RATIO``, the finding masks the noisy samples.
 
-    Roughness by motion or inputs is no sensor noise. In a loud part, the motion must be slow
-    against the sampling or as in a quiet part; the ratio is divided by that of the ``inputs``. If
-    ``others``, the remaining outputs, are rougher too, the air or the structure is the cause.
+    Roughness by motion or inputs is no sensor noise. In a loud part, the motion must therefore be
+    slow against the sampling, or no faster than in a quiet part; and the ratio of the noise levels
+    is divided by that of the roughness of the ``inputs``. If ``others``, the remaining outputs, are
+    rougher too, the air or the structure is the cause.
     """
     if not series.white or series.noise < COARSE_NOISE_BITS * series.least_bit:
         return None
     for parts in PARTS:
-        result = _between_parts(
-            series, min(parts, len(series.values) // FEWEST_PART_SAMPLES), count, (inputs, others)
+        result = _finding_between_parts(
+            series, min(parts, len(series.values) // FEWEST_PART_SAMPLES), count, inputs, others
         )
         if result is not None:
             return result
@@ -473,11 +476,13 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Return the ratio of two noise levels over that of an input; zero if motion explains it."""
+    """Return the ratio of two noise levels, divided by the largest ratio of the roughness of an
+    input; zero if motion explains the ratio.
+    """
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     input_ratio = 1.0
-    for before, after in zip(quiet.rough, loud.rough, strict=True):
+    for before, after in zip(quiet.input_roughness, loud.input_roughness, strict=True):
         if after > before:
             input_ratio = max(input_ratio, after / before if before > 0.0 else np.inf)
     return loud.level / quiet.level / input_ratio
@@ -504,13 +509,18 @@ def _is_significant(quiet: _NoisePart, loud: _NoisePart) -> bool:
     return bool(ratio >= NOTABLE_NOISE_RATIO and np.log(ratio) >= UNEVEN_SIGMAS * scatter)
 
 
-def _between_parts(
-    series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]
+def _finding_between_parts(
+    series: Series,
+    parts: int,
+    count: int,
+    inputs: Sequence[Series],
+    others: Sequence[Series],
 ) -> RecordFinding | None:
-    """Return the finding from a number of ``parts``; ``beside``: the inputs and other outputs."""
+    """Return the finding for a record in ``parts`` equal parts, or None. ``others`` are the other
+    outputs.
+    """
     if parts < 3:
         return None
-    inputs, others = beside
     all_parts = _parts(series, parts, inputs)
     white_parts = [part for part in all_parts if part.white]
     pairs = [
@@ -526,7 +536,7 @@ def _between_parts(
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
     text = "has noise that changes along the record: "
     text += ", ".join(
-        f"{shown(part.level, series.unit)} from {time_span(part.times[0], part.times[1], 4)}"
+        f"{quantity_text(part.level, series.unit)} from {time_span(*part.times, 4)}"
         for part in (low, high)
     )
     numbers = {
@@ -559,8 +569,8 @@ def _between_parts(
             mask,
         )
     remedy = (
-        "one noise level is fitted to the whole record: sigmas are a mean; cut out the noisy part "
-        "if it is a fault"
+        "one mean noise level is fitted to the whole record; cut out the noisy part if it is a "
+        "fault"
     )
     return RecordFinding(
         series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, text, remedy, (high.times,), numbers
@@ -568,7 +578,7 @@ def _between_parts(
 
 
 def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
-    """Return whether times lie in one of the parts."""
+    """Return a mask ``(N,)``, True where a time of ``time (N,)`` is in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for part in parts:
         inside |= (time >= part.times[0]) & (time <= part.times[1])
@@ -576,7 +586,9 @@ def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud_samples(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Return the samples, of ``count``, at which the noise over a short window is above a level."""
+    """Return a mask ``(count,)`` of the samples at which the noise in a short window exceeds the
+    level ``above``.
+    """
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")
     local = SIGMA_PER_MEDIAN_DEVIATION * np.nanmedian(

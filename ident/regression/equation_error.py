@@ -3,12 +3,12 @@ instrumental variables.
 
 Rates are slopes of local straight lines. A slope over a window is a weighted mean of the rate over
 this window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j) with K_j = -sum_{i<=j} w_i. The right-hand
-side is averaged with the same weights K. Then a jump of the input inside a window does no harm, and
-both sides lose the same frequencies.
+side is averaged with the same weights K. Averaging therefore acts on both sides equally, also where
+an input jumps within a window.
 
 Least squares needs no integration, so that it works from any start and for unstable aircraft (Klein
-and Morelli, Aircraft System Identification, ch. 5). But the states in its regressors are noisy and
-smoothed, which biases the estimate by up to several sigmas. With instrumental variables, the
+and Morelli, Aircraft System Identification, ch. 5). However, the states in its regressors are noisy
+and smoothed, which biases the estimate by up to several sigmas. With instrumental variables, the
 regressors are the measured states without smoothing. The instruments are the regressors of a
 simulation at the last estimate. They depend on the inputs and not on the noise, so that the
 estimate has no bias (Young, Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8;
@@ -47,12 +47,13 @@ from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # longest step, s, of a simulation that gives instruments
-# a simulation gives no instruments where its rms difference from a smoothed state is larger, in
-# standard deviations of this state
+# largest rms difference between a simulation that gives instruments and a smoothed state, over the
+# standard deviation of this state
 RUNAWAY_SCATTERS = 3.0
 # number of simulations: at the estimate of least squares, and at the first one with instruments
-BIAS_SIMULATIONS = 2
-NARROWER = (1.0, 0.5, 0.25, 0.125)  # widths of windows tried with instruments, over the first width
+INSTRUMENT_SIMULATIONS = 2
+# widths of windows that are tried with instruments, relative to those of least squares
+WINDOW_WIDTH_SHARES = (1.0, 0.5, 0.25, 0.125)
 NOISE_PAIRS = 6  # pairs of added noise and its negative that show the bias of least squares
 _MOST_HALVINGS = 12  # of a Gauss-Newton step
 
@@ -67,11 +68,11 @@ class RegressionSettings:
         weights converge.
     tolerance : the fit has converged when a step changes no parameter by more than this share of
         its sigma.
-    coloured : correct the covariance for residuals that are not white. They never are, since
-        windows overlap.
-    instruments : continue from least squares with instrumental variables. Where no simulation
-        follows a record, as for an unstable aircraft, the estimate of least squares remains. Its
-        bias is then found by added noise and subtracted, and added to the sigmas.
+    coloured : whether the covariance is corrected for coloured residuals. Residuals are always
+        coloured, since windows overlap.
+    instruments : whether instrumental variables are used after least squares. If no simulation
+        follows a record, as for an unstable aircraft, the estimate is that of least squares. Its
+        bias is then found by added noise, subtracted, and included in the sigmas.
     """
 
     iterations: int = 30
@@ -88,16 +89,16 @@ def run_equation_error(
     Parameters
     ----------
     records : one or more; each has its own ``bias_*`` parameters.
-    system : model whose states are all measured under their own names or are rates of measured
-        states (see `state_data`). Outputs that are no states (nz) give one equation each. Bounds
-        are kept; priors are not used.
+    system : model whose states are all measured as outputs with the same names, or are rates of
+        measured states (see `state_data`). Each output that is not a state, such as nz, gives one
+        equation. Bounds are respected; priors are not used.
 
     Returns
     -------
     Estimate of the shared free parameters. ``noise_std`` is the rms residual of the smoothing for a
-    measured state, and that of its equation for any other output. The log likelihood is that of the
-    residuals of the equations: it may not be compared with that of another method. The outcomes are
-    those of ``fit_output_error``.
+    measured state, and the rms residual of its equation for any other output. The log likelihood is
+    that of the residuals of the equations and cannot be compared with that of another method. The
+    outcomes are those of ``fit_output_error``.
 
     Raises
     ------
@@ -261,21 +262,21 @@ def _with_instruments(
     """Return the estimate with instrumental variables. Where no simulation follows the records, it
     is that of least squares without its bias.
     """
-    squares = _least_squares_estimate(
+    least_squares = _least_squares_estimate(
         layout, theta, parts, outcome, iterations, replace(settings, coloured=False)
     )
-    converged = squares.outcome is Outcome.CONVERGED
-    instrumental = _instrumental(layout, theta, settings) if converged else None
+    converged = least_squares.outcome is Outcome.CONVERGED
+    instrumental = _instrumental_variables(layout, theta, settings) if converged else None
     if instrumental is None:
-        squares = _least_squares_estimate(layout, theta, parts, outcome, iterations, settings)
-        return _without_bias(layout, theta, squares, settings) if converged else squares
+        least_squares = _least_squares_estimate(layout, theta, parts, outcome, iterations, settings)
+        return _without_bias(layout, theta, least_squares, settings) if converged else least_squares
     theta, covariance, outcome, further_iterations = instrumental
     last_parts = residuals_at(layout, theta)
     if last_parts is None:
-        return squares
+        return least_squares
     n = len(layout.shared)
     return replace(
-        squares,
+        least_squares,
         values=theta[:n].copy(),
         covariance=covariance[:n, :n],
         outcome=outcome,
@@ -285,21 +286,25 @@ def _with_instruments(
     )
 
 
-def _instrumental(
+def _instrumental_variables(
     layout: RegressionLayout, theta: np.ndarray, settings: RegressionSettings
 ) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
     """Return the unknowns, covariance, outcome and number of steps with instrumental variables;
     None where no simulation gives instruments.
     """
     _, low, high = _bounds(layout)
-    simulated = _simulated(layout, theta)
+    simulated = _simulated_states(layout, theta)
     if simulated is None:
         return None
     layout = _with_best_windows(layout, theta, simulated, settings)
     outcome, iterations = Outcome.MAX_ITERATIONS, 0
     while True:
         iterations += 1
-        latest = _simulated(layout, theta) if 1 < iterations <= BIAS_SIMULATIONS else simulated
+        latest = (
+            _simulated_states(layout, theta)
+            if 1 < iterations <= INSTRUMENT_SIMULATIONS
+            else simulated
+        )
         equations = None if latest is None else _normal_problem(layout, theta, latest)
         if latest is None or equations is None:
             return None
@@ -341,7 +346,7 @@ def _normal_problem(
     or singular. ``simulated`` are the states of each record that give the instruments.
     """
     measured = residuals_at(
-        layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
+        layout, theta, [_measured_states(layout, r, theta) for r in range(len(layout.records))]
     )
     instruments = residuals_at(layout, theta, simulated)
     if measured is None or instruments is None:
@@ -371,16 +376,16 @@ def _with_best_windows(
     simulated: list[list[np.ndarray]],
     settings: RegressionSettings,
 ) -> RegressionLayout:
-    """Return the layout with slopes over windows of the width that makes the covariance of the
-    shared parameters least, by its determinant.
+    """Return the layout with slopes over windows of the width that minimises the determinant of the
+    covariance of the shared parameters.
 
-    Slopes over wide windows have little but correlated noise. The other equations then have too
-    little weight.
+    Slopes over wide windows have little noise, but it is correlated. The other equations then have
+    too little weight.
     """
     n, best, least = len(layout.shared), layout, np.inf
-    for share in NARROWER:
+    for share in WINDOW_WIDTH_SHARES:
         data = tuple(
-            [state if state.rate_state else _narrower(record, state, share) for state in states]
+            [_with_narrower_windows(record, state, share) for state in states]
             for record, states in zip(layout.records, layout.data, strict=True)
         )
         trial = replace(layout, data=data)
@@ -398,18 +403,20 @@ def _with_best_windows(
     return best
 
 
-def _narrower(record: Record, state: StateData, share: float) -> StateData:
+def _with_narrower_windows(record: Record, state: StateData, share: float) -> StateData:
     """Return the state with slopes over narrower windows: a ``share`` of the half-width, and at
-    least two samples.
+    least two samples. A state whose equation is not used is returned unchanged.
     """
-    half = (state.slope_windows.value_weights.shape[1] - 1) // 2
-    narrower = max(2, round(share * half))
-    if share == 1.0 or narrower >= half:
+    if state.rate_state:
         return state
-    return replace(state, slope_windows=windows(record.time, state.valid, narrower, 1))
+    half = (state.slope_windows.value_weights.shape[1] - 1) // 2
+    narrower_half = max(2, round(share * half))
+    if share == 1.0 or narrower_half >= half:
+        return state
+    return replace(state, slope_windows=windows(record.time, state.valid, narrower_half, 1))
 
 
-def _measured(layout: RegressionLayout, r: int, theta: np.ndarray) -> list[np.ndarray]:
+def _measured_states(layout: RegressionLayout, r: int, theta: np.ndarray) -> list[np.ndarray]:
     """Return the measured states of record ``r`` without sensor biases, and the smoothed ones where
     samples are missing.
     """
@@ -428,7 +435,7 @@ def _parameters(layout: RegressionLayout, r: int, theta: np.ndarray) -> np.ndarr
     return p
 
 
-def _simulated(layout: RegressionLayout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
+def _simulated_states(layout: RegressionLayout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
     """Return the simulated states of all records, from their first smoothed states; None where one
     differs from its record by more than ``RUNAWAY_SCATTERS``.
     """
@@ -461,26 +468,30 @@ def _simulated(layout: RegressionLayout, theta: np.ndarray) -> list[list[np.ndar
 
 
 def _without_bias(
-    layout: RegressionLayout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
+    layout: RegressionLayout,
+    theta: np.ndarray,
+    least_squares: Estimate,
+    settings: RegressionSettings,
 ) -> Estimate:
-    """Return the estimate of least squares without the bias from noise in the regressors. The bias
-    is added to the sigmas.
+    """Return the estimate of least squares without the bias by noise in the regressors. The bias is
+    included in the sigmas.
 
-    Further noise of the same size doubles the bias. In the mean over a noise and its negative, the
-    random part of the change cancels (SIMEX: Cook and Stefanski, J. American Statistical
+    Additional noise of the same size doubles the bias. The random part of the change cancels in the
+    mean over a noise and its negative (SIMEX of Cook and Stefanski, J. American Statistical
     Association 89, 1994, with antithetic pairs).
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
     changes = []
     for _ in range(NOISE_PAIRS):
+        sigma = least_squares.noise_std
         noise = [
-            squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record)))
+            sigma[:, None] * rng.standard_normal((len(sigma), len(record)))
             for record in layout.records
         ]
         pair = []
         for sign in (1.0, -1.0):
             noisy = tuple(
-                _noisier(record, squares.output_names, sign * record_noise)
+                _with_noise(record, least_squares.output_names, sign * record_noise)
                 for record, record_noise in zip(layout.records, noise, strict=True)
             )
             noisy_layout = replace(
@@ -490,19 +501,19 @@ def _without_bias(
             )
             noisy_theta, parts, outcome, _ = _least_squares(noisy_layout, settings, theta)
             if parts is None or outcome is not Outcome.CONVERGED:
-                return squares
+                return least_squares
             pair.append(noisy_theta[:n])
         changes.append(0.5 * (pair[0] + pair[1]) - theta[:n])
     bias = np.mean(changes, axis=0)
     bias_covariance = np.cov(np.array(changes).T).reshape(n, n) / NOISE_PAIRS
     return replace(
-        squares,
-        values=squares.values - bias,
-        covariance=squares.covariance + np.outer(bias, bias) + bias_covariance,
+        least_squares,
+        values=least_squares.values - bias,
+        covariance=least_squares.covariance + np.outer(bias, bias) + bias_covariance,
     )
 
 
-def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
+def _with_noise(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
     """Return the record with ``noise (m, N)`` added to the outputs ``names``."""
     channels = []
     for channel in record.outputs:

@@ -70,8 +70,8 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
     if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
-        # The weights depend only on the place of the row in its window. So they are computed for
-        # 2 W rows, which contain the begin, the middle and the end cases, and copied.
+        # The weights depend only on the place of the row in its window. They are computed for 2 W
+        # rows, which contain all places, and copied.
         part = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
         row_of_part = np.where(place <= half_width, place, place + width)
@@ -137,8 +137,8 @@ def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: 
 
 Function = Callable[[Any, Any, Any, Any], Sequence[Any]]
 SLOPE_FACTOR = 2  # the window of a slope is wider by this factor: slopes are noisier than values
-# That an output reads a state directly, and that a state is another's rate, is tested at two
-# arbitrary points.
+# Whether an output is a state, or a state is the rate of another one, is tested at two arbitrary
+# points, each shifted by one of these values.
 _POINT_SHIFTS = (0.37, 0.71)
 _GENERIC_INPUT = 0.1
 
@@ -216,9 +216,10 @@ def state_data(record: Record, system: System) -> list[StateData]:
 
 
 def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
-    """Return the states whose rate is exactly another state: ``{"altitude": "velocity"}``.
+    """Return state -> its rate, for states whose rate is exactly another state, such as
+    ``{"altitude": "velocity"}``.
 
-    The Jacobian of f at two points must show it, and the values of f at all ``times``.
+    The Jacobian of f at two points must show this, and the values of f at all ``times``.
     """
     names, n_x, n_u = system.state_names, len(system.states), len(system.inputs)
     p = system.parameters.values()
@@ -335,12 +336,15 @@ class EquationResiduals:
 
 @dataclass(frozen=True, eq=False)
 class RegressionLayout:
-    """The unknowns: shared parameters, then the biases of each record.
+    """Records of a fit with their states, and the order of the unknowns: shared parameters, then
+    the biases of each record.
 
     Attributes
     ----------
+    system : the model.
     shared : names of the shared parameters.
     local : names of the biases of each record.
+    records : the records.
     data : measured and smoothed states of each record.
     positions : positions of ``shared`` and ``local`` among all parameters.
     """
@@ -398,10 +402,10 @@ def residuals_at(
     *,
     with_jacobian: bool = True,
 ) -> list[EquationResiduals] | None:
-    """Return the residuals of all records; None where they are not finite.
+    """Return the residuals of all records at the unknowns ``theta``; None if they are not finite.
 
-    ``histories`` are states of each record, without sensor biases, in place of the smoothed ones.
-    Without ``with_jacobian`` the Jacobians are zero.
+    ``histories`` are the states of each record without sensor biases; None takes the smoothed ones.
+    If ``with_jacobian`` is False, the Jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [

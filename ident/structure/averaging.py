@@ -14,9 +14,9 @@ from the Bayesian information criterion [2]_, corrected for coloured residuals, 
 1 for each linear term that the symmetry of the aircraft allows, and 1 for all other terms together
 [3]_.
 
-The criterion compares residual sums of squares without the noise of the measured signals, which is
-subtracted as in the normal equations [4]_. Measured sums of squares also contain the noise that
-passes through the terms, and this part differs between models.
+The criterion compares residual sums of squares from which the effect of noise in the measured
+signals is subtracted, as in the normal equations [4]_. Otherwise the noise that passes through the
+terms, which differs between models, would affect the comparison.
 
 References
 ----------
@@ -39,9 +39,9 @@ import numpy as np
 
 from ident.structure.products import (
     Products,
-    further_of,
+    further_columns,
     losses_of,
-    normal_of,
+    normal_equations,
     values_of,
     variance_of,
 )
@@ -71,7 +71,7 @@ def averaged_covariance(
     products: Products,
     chosen: Sequence[int],
     covariance: np.ndarray,
-    equal: np.ndarray,
+    equal_variances: np.ndarray,
     linear: Collection[int],
     constituents: Sequence[Collection[int]],
 ) -> tuple[np.ndarray, Alternative | None]:
@@ -82,8 +82,8 @@ def averaged_covariance(
     products : scalar products of all candidate columns.
     chosen : positions of the n columns of the chosen model.
     covariance : ``(n, n)`` of the values of the chosen model.
-    equal : ``(n,)`` variances of these values for coloured residuals with equal variances at all
-        samples.
+    equal_variances : ``(n,)`` variances of these values for coloured residuals that have the same
+        variance at all samples.
     linear : positions of the linear terms.
     constituents : by column, the positions of its lower-order terms, which a model with this column
         must contain.
@@ -108,7 +108,8 @@ def averaged_covariance(
     residual_squares = losses_of(products, chosen)[1]
     count = float(products.counts.sum())
     residual_variance = residual_squares / max(count - len(chosen), 1.0)
-    colouring = float(np.median(equal / np.maximum(unit_variances * residual_variance, 1e-300)))
+    white_variances = np.maximum(unit_variances * residual_variance, 1e-300)
+    colouring = float(np.median(equal_variances / white_variances))
     models = _similar_models(
         products,
         chosen,
@@ -146,7 +147,7 @@ def averaged_covariance(
 def _likeliest_other(
     probabilities: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
 ) -> Alternative | None:
-    """Return the likeliest model but the chosen one; None if there is no other model."""
+    """Return the likeliest model other than the chosen one; None if there is none."""
     others = [
         (float(probability), model)
         for probability, (_, model) in zip(probabilities, models, strict=True)
@@ -168,12 +169,12 @@ def _similar_models(
     linear: Collection[int],
     constituents: Sequence[Collection[int]],
 ) -> list[tuple[float, list[int]]]:
-    """Return the chosen model and the models with one term added, removed or exchanged. The
-    logarithm of the ratio of its probability to that of the chosen model precedes each model.
+    """Return the chosen model and the models with one term added, removed or exchanged, as pairs:
+    the log odds against the chosen model, and the columns of the model.
 
     Parameters
     ----------
-    removable : positions of the chosen columns but the constant.
+    removable : positions of the chosen columns except the constant.
     variance : of an independent residual.
     count : number of independent residuals, which is less than that of the samples if residuals are
         coloured.
@@ -184,13 +185,16 @@ def _similar_models(
     )
     log_odds = log_odds - 0.5 * math.log(max(count, 1.0))  # prior odds and the criterion's penalty
     squares = float(products.squares.sum())
-    chosen_squares = normal_of(products, chosen).clean_left(squares)
+    chosen_squares = normal_equations(products, chosen).clean_residual_squares(squares)
 
     def with_one_more(model: list[int], log_prior: float) -> list[tuple[float, list[int]]]:
         """Return a model, and the models with one column more."""
-        equations, removed = normal_of(products, model), set(chosen) - set(model)
-        log = log_prior - 0.5 * (equations.clean_left(squares) - chosen_squares) / variance
-        further = further_of(equations)
+        equations, removed = normal_equations(products, model), set(chosen) - set(model)
+        log = (
+            log_prior
+            - 0.5 * (equations.clean_residual_squares(squares) - chosen_squares) / variance
+        )
+        further = further_columns(equations)
         logs = log + 0.5 * further.reductions / variance + log_odds
         larger = [
             (float(logs[i]), [*model, i])

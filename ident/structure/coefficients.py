@@ -18,13 +18,23 @@ References
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from ident.structure.windows import (
+    averaging_weights,
+    bandwidth_of,
+    coefficient_sigmas,
+    force_noise_levels,
+    half_width,
+    noise_of,
+    signal_noise_levels,
+    slope_weights,
+    windows,
+)
 from sim.aerodynamics import Term
 from sim.errors import RecordError
 
@@ -34,7 +44,6 @@ NEEDED_CHANNELS = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
 _SIMPSON_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
 _SMOOTHED_CHANNELS = ("airspeed", "alpha", "beta", "p", "q", "r")
-_LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # reference lengths of non-dimensional rates
 Point = tuple[float, float, float]
 
 
@@ -45,11 +54,11 @@ class Airframe:
     Attributes
     ----------
     constants : mass, wing_area, chord, span, the four inertias, air_density, speed_of_sound,
-        thrust_arm, thrust_angle, and the place of the centre of gravity from the reference point,
-        cg_x, cg_y and cg_z. Each is a number or ``(N,)``.
-    sensors : places of ``airspeed``, ``alpha``, ``beta`` and ``accelerometer``, m from the centre
-        of gravity.
-    wind_axes : forces are CD, CY, CL and not CX, CY, CZ.
+        thrust_arm, thrust_angle, and the position of the centre of gravity relative to the
+        reference point, cg_x, cg_y and cg_z. Each is a number or ``(N,)``.
+    sensors : positions of ``airspeed``, ``alpha``, ``beta`` and ``accelerometer`` relative to the
+        centre of gravity, m.
+    wind_axes : whether forces are CD, CY, CL instead of CX, CY, CZ.
     """
 
     constants: Mapping[str, Any]
@@ -70,17 +79,17 @@ class Histories:
     ----------
     name : name of the record.
     time : ``(M,)`` middle of the windows, s.
-    signals : signal of terms -> ``(3, N - 1)`` its values at the beginning, the middle and the end
-        of each interval between samples. Rates are non-dimensional. They serve for moments.
-    samples : signal of terms -> ``(N,)`` its values at the samples, for forces.
+    signals : signal of terms -> ``(3, N - 1)`` values at the begin, the middle and the end of each
+        interval between samples; used for moments. Rates are non-dimensional.
+    samples : signal of terms -> ``(N,)`` values at the samples; used for forces.
     coefficients : coefficient -> ``(M,)``.
     sigma : coefficient -> ``(M,)`` standard deviation of its noise.
     averaging : ``(W,)`` weights over a window, with sum 1.
     rows : ``(M,)`` first sample of each window.
-    bandwidth : of the averaging, Hz.
+    bandwidth : half-power bandwidth of the averaging, Hz.
     signal_noise : signal -> standard deviation of its noise after smoothing and averaging.
     slopes : coefficient -> signal -> ``(M,)`` derivative of the measured coefficient with respect
-        to the signal, since alpha turns lift and drag.
+        to the signal. In wind axes, alpha turns the measured forces into lift and drag.
     """
 
     name: str
@@ -96,8 +105,8 @@ class Histories:
     slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def coefficient_noise(self, axis: str) -> np.ndarray:
-        """Return the error ``(s, M)`` of a measured coefficient by one standard deviation of each
-        signal, in the order of ``signal_noise``.
+        """Return the error ``(s, M)`` of a measured coefficient that an error of one standard
+        deviation in each signal causes, in the order of ``signal_noise``.
         """
         slopes, zero = self.slopes.get(axis, {}), np.zeros(len(self.time))
         rows = [std * slopes.get(name, zero) for name, std in self.signal_noise.items()]
@@ -141,73 +150,7 @@ class Histories:
         else:
             values = np.broadcast_to(term.of(self.samples), self.samples["alpha"].shape)
             kernel = np.convolve(self.averaging, (0.5, 0.5))
-        return np.asarray(_windows(values.astype(float), len(kernel), self.rows) @ kernel)
-
-
-def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
-    """Return the half-width, in samples, of the window whose slope has a given bandwidth.
-
-    Parameters
-    ----------
-    rate : sampling rate, Hz.
-    bandwidth : half-power bandwidth of the averaging, Hz.
-    widest : largest half-width of the search.
-    """
-    best, beyond = 1, 2
-    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
-        best, beyond = beyond, 2 * beyond
-    while beyond - best > 1:
-        middle = (best + beyond) // 2
-        if bandwidth_of(middle, rate) >= bandwidth:
-            best = middle
-        else:
-            beyond = middle
-    return best
-
-
-def bandwidth_of(half: int, rate: float) -> float:
-    """Return the half-power bandwidth, Hz, of slopes over ``2 half + 1`` samples."""
-    kernel = _averaging(half)
-    f = np.linspace(0.0, 0.5, 2001)
-    n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
-    gain = np.abs(np.cos(2.0 * np.pi * np.outer(f, n)) @ kernel)
-    below = np.nonzero(gain < math.sqrt(0.5))[0]
-    return rate * float(f[below[0]]) if len(below) else 0.5 * rate
-
-
-def _slopes(half: int) -> np.ndarray:
-    """Return the weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
-    n = np.arange(-half, half + 1, dtype=float)
-    return n / float(n @ n)
-
-
-def _averaging(half: int) -> np.ndarray:
-    """Return the weights ``(2 half,)`` of the increments between samples in the slope of a
-    window.
-    """
-    return -np.cumsum(_slopes(half))[:-1]
-
-
-def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
-    """Return the windows of ``width`` samples that begin at ``rows``."""
-    return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
-
-
-def noise_of(values: np.ndarray) -> float:
-    """Return the standard deviation of the white noise of a channel, from the residuals of local
-    quartics. The median of the residuals is robust against single jumps.
-
-    ``values (N,)`` have equal steps.
-    """
-    from scipy.signal import savgol_coeffs, savgol_filter
-
-    width = 9
-    if len(values) < 3 * width:
-        return float(np.std(np.diff(values)) / math.sqrt(2.0))
-    residual = values - savgol_filter(values, width, 4)
-    residual_share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
-    # 1.4826 times the median of the sizes is the standard deviation of normal noise
-    return float(1.4826 * np.median(np.abs(residual)) / math.sqrt(residual_share))
+        return np.asarray(windows(values.astype(float), len(kernel), self.rows) @ kernel)
 
 
 def histories_of(
@@ -230,10 +173,10 @@ def histories_of(
     channels : each of ``NEEDED_CHANNELS`` -> ``(N,)`` finite values in m/s, rad, rad/s or m/s2.
         Accelerations are without weight.
     surfaces : further signal of terms -> ``(N,)``.
-    thrust : N.
-    bandwidth : of the angular accelerations, Hz.
-    held : surfaces and thrust are constant until the next sample; otherwise they are linear between
-        samples.
+    thrust : N, a number or ``(N,)``.
+    bandwidth : half-power bandwidth of the angular accelerations, Hz.
+    held : whether surfaces and thrust are constant until the next sample; otherwise they are linear
+        between samples.
 
     Raises
     ------
@@ -247,56 +190,72 @@ def histories_of(
     s = _at_centre_of_gravity(smooth, airframe, step, jumps)
     c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
     rows = np.arange(0, len(time) - 2 * half, half)
-    kernel = _averaging(half)
+    kernel = averaging_weights(half)
     at = rows + half
-    slope = _slopes(half) / step
+    slope = slope_weights(half) / step
     angular_acceleration = {
-        rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")
+        rate: windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")
     }
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(_windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
+        return np.asarray(windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_common_signals(s, c), **surfaces}
     force = _forces(s, c, T, airframe)
     force_kernel = np.convolve(kernel, (0.5, 0.5))
     coefficients = {
-        axis: _windows(force[axis], len(force_kernel), rows) @ force_kernel
+        axis: windows(force[axis], len(force_kernel), rows) @ force_kernel
         for axis in airframe.axes[:3]
     }
     c = {key: _on_intervals(row) for key, row in c.items()}
-    slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
-    s = {
-        key: _on_intervals(row, slope_jumps.get(key, 0.0), smooth=key in _SMOOTHED_CHANNELS)
-        for key, row in s.items()
-    }
+    s = _motion_on_intervals(s, jumps, step)
     T = _on_intervals(T, held=held)
     surface_signals = {key: _on_intervals(row, held=held) for key, row in surfaces.items()}
     signals = {**_common_signals(s, c), **surface_signals}
     s1, c1 = ({key: row[1] for key, row in each.items()} for each in (s, c))
     coefficients |= _moments(s, c, angular_acceleration, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
-    force_sigmas = _force_noise(noises, force_kernel, half, step, airframe)
-    scatter = _coefficient_sigmas(force_sigmas, noises, slope, c1, s1, at)
-    sigma = {axis: scatter[axis] for axis in coefficients}
-    signal_noise = _signal_noise(noises, force_kernel, half, c1, s1)
-    by_alpha = {}
-    if airframe.wind_axes:
-        by_alpha = {"CD": {"alpha": coefficients["CL"]}, "CL": {"alpha": -coefficients["CD"]}}
+    position = airframe.sensors.get("accelerometer", _ZERO)
+    sigma = coefficient_sigmas(
+        force_noise_levels(noises, force_kernel, half, step, position), noises, slope, c1, s1, at
+    )
+    signal_noise = signal_noise_levels(noises, force_kernel, half, c1, s1)
     return Histories(
         name,
         time[at],
         signals,
         samples,
         coefficients,
-        sigma,
+        {axis: sigma[axis] for axis in coefficients},
         kernel,
         rows,
         bandwidth_of(half, 1.0 / step),
         signal_noise,
-        by_alpha,
+        _slopes_by_alpha(airframe, coefficients),
     )
+
+
+def _motion_on_intervals(
+    s: Mapping[str, np.ndarray], jumps: Mapping[str, np.ndarray], step: float
+) -> dict[str, np.ndarray]:
+    """Return channel -> ``(3, N - 1)``, as `_on_intervals`. ``jumps`` are those of
+    `_acceleration_jumps`.
+    """
+    slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
+    return {
+        key: _on_intervals(row, slope_jumps.get(key, 0.0), smooth=key in _SMOOTHED_CHANNELS)
+        for key, row in s.items()
+    }
+
+
+def _slopes_by_alpha(
+    airframe: Airframe, coefficients: Mapping[str, np.ndarray]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return `Histories.slopes`: in wind axes, alpha turns measured forces into lift and drag."""
+    if not airframe.wind_axes:
+        return {}
+    return {"CD": {"alpha": coefficients["CL"]}, "CL": {"alpha": -coefficients["CD"]}}
 
 
 def _refuse_incomplete(
@@ -331,8 +290,9 @@ def _on_intervals(
     ----------
     values : ``(N,)`` of the channel.
     slope_jumps : ``(N,)`` jumps of its slope at the samples, times the step between samples.
-    smooth : the channel is a cubic through four samples; otherwise it is linear between samples.
-    held : the channel is constant until the next sample.
+    smooth : whether the channel is a cubic through four samples; otherwise it is linear between
+        samples.
+    held : whether the channel is constant until the next sample.
     """
     first, last = values[:-1], values[:-1] if held else values[1:]
     middle = 0.5 * (first + last)
@@ -367,10 +327,12 @@ def _acceleration_jumps(
     surfaces: Mapping[str, np.ndarray],
     step: float,
 ) -> dict[str, np.ndarray]:
-    """Return half the jump of each angular acceleration at the samples where held surfaces jump.
+    """Return half of the jump of each angular acceleration at each sample, zero where no held
+    surface steps.
 
-    A central difference is the mean of both sides of the step, and an accelerometer reads the later
-    side. The difference of both sides is regressed on the steps and on the smooth motion.
+    At a step, a central difference gives the mean of the accelerations before and after it, but an
+    accelerometer reads the later one. The difference of both is found by regression on the steps
+    and on the smooth motion.
     """
     moves = [np.diff(row)[:-1] for row in surfaces.values()]
     moves = [row for row in moves if np.any(row)]
@@ -415,8 +377,8 @@ def _at_centre_of_gravity(
 
 
 def _slope(values: np.ndarray, step: float, slope_jumps: np.ndarray | float = 0.0) -> np.ndarray:
-    """Return the time derivative ``(N,)`` of a channel by differences that are exact to degree 4,
-    but for both ends. ``slope_jumps`` is as in `_on_intervals`.
+    """Return the time derivative ``(N,)`` of a channel by differences that are exact for
+    polynomials of degree 4, except at both ends. ``slope_jumps`` is that of `_on_intervals`.
     """
     slope = np.gradient(values, step)
     second = _second_differences(values, slope_jumps)
@@ -494,79 +456,6 @@ def _moments(
     return {
         axis: inertial_moments[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))
         for axis, row in other_moments.items()
-    }
-
-
-def _signal_noise(
-    noise: Mapping[str, float],
-    wide: np.ndarray,
-    half: int,
-    c: Mapping[str, np.ndarray],
-    s: Mapping[str, np.ndarray],
-) -> dict[str, float]:
-    """Return the standard deviations of the signals of terms after smoothing and averaging."""
-    from scipy.signal import savgol_coeffs
-
-    left = math.sqrt(float(np.sum(np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4)) ** 2)))
-    speed = float(np.mean(s["airspeed"]))
-    lengths = {name: float(np.mean(c[key])) for name, key in _LENGTHS.items()}
-    scale = {name: 0.5 * length / speed for name, length in lengths.items()}
-    return {
-        name: noise[name] * left * scale.get(name, 1.0) for name in ("alpha", "beta", *_LENGTHS)
-    }
-
-
-def _force_noise(
-    noise: Mapping[str, float], wide: np.ndarray, half: int, step: float, airframe: Airframe
-) -> dict[str, float]:
-    """Return the standard deviations of the averaged specific forces at the centre of gravity,
-    m/s2, by the noise of the accelerometers and that of the rates, whose slopes correct for the
-    place of the accelerometers.
-    """
-    from scipy.signal import savgol_coeffs
-
-    averaged = math.sqrt(float(np.sum(wide**2)))
-    smooth = np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4))
-    sloped = np.convolve(smooth, np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * step))
-    turning = math.sqrt(float(np.sum(sloped**2)))
-    x, y, z = airframe.sensors.get("accelerometer", _ZERO)
-    p, q, r = (turning * noise[name] for name in "pqr")
-    sides = {"ax": math.hypot(z * q, y * r), "ay": math.hypot(x * r, z * p)}
-    sides["az"] = math.hypot(x * q, y * p)
-    return {name: math.hypot(averaged * noise[name], side) for name, side in sides.items()}
-
-
-def _coefficient_sigmas(
-    force_sigmas: Mapping[str, float],
-    noise: Mapping[str, float],
-    slope: np.ndarray,
-    c: Mapping[str, np.ndarray],
-    s: Mapping[str, np.ndarray],
-    at: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Return the standard deviations of the coefficients due to white noise of the channels."""
-    qS_windows = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
-    sloped = math.sqrt(float(slope @ slope))
-    m = c["mass"][at]
-    ax, ay, az = (m * force_sigmas[name] / qS_windows for name in ("ax", "ay", "az"))
-    Ix, Iy, Iz, Ixz = (
-        c[name][at] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
-    )
-    b, chord = c["span"][at], c["chord"][at]
-    x, y, z = (c[name][at] for name in ("cg_x", "cg_y", "cg_z"))
-    sine, cosine = np.sin(s["alpha"][at]), np.cos(s["alpha"][at])
-    roll = np.hypot(Ix * noise["p"], Ixz * noise["r"]) * sloped / (qS_windows * b)
-    yaw = np.hypot(Iz * noise["r"], Ixz * noise["p"]) * sloped / (qS_windows * b)
-    pitch = Iy * noise["q"] * sloped / (qS_windows * chord)
-    return {
-        "CX": ax,
-        "CY": ay,
-        "CZ": az,
-        "CD": np.hypot(ax * cosine, az * sine),
-        "CL": np.hypot(ax * sine, az * cosine),
-        "Cl": np.sqrt(roll**2 + (y * az / b) ** 2 + (z * ay / b) ** 2),
-        "Cm": np.sqrt(pitch**2 + (z * ax / chord) ** 2 + (x * az / chord) ** 2),
-        "Cn": np.sqrt(yaw**2 + (x * ay / b) ** 2 + (y * ax / b) ** 2),
     }
 
 

@@ -37,9 +37,9 @@ class Collinearity:
     indices : condition indices of the columns at unit length, descending.
     groups : terms with high variance proportions at one condition index above ``HIGH_INDEX``.
     advice : sentences on the maneuvers that would separate the pairs and groups.
-    multiples : pairs of a chosen term and a product with this term. The product is a candidate that
-        was not chosen and is nearly a multiple of the term: ``alpha*beta`` of ``beta`` where alpha
-        hardly moves.
+    multiples : pairs of a chosen term and a product that contains it. The product was offered but
+        not chosen, and is nearly a multiple of the term: ``alpha*beta`` and ``beta`` if alpha
+        hardly changes.
     """
 
     axis: str

@@ -1,7 +1,8 @@
-"""Least squares on sums of products, with the noise of the signals taken out of them.
+"""Least squares on sums of products, from which the effect of noise in the signals is subtracted.
 
 The products of all columns of terms with each other and with the coefficient are summed over each
-maneuver. The number of samples then hardly matters, and a maneuver is left out by subtraction.
+maneuver. The computing time then hardly depends on the number of samples, and a maneuver can be
+left out by subtraction.
 
 A term is a function of measured signals. Their noise makes its sum of squares too large, and its
 estimated value too small: by 4 % where the noise is a fifth of the motion. The noise of the signals
@@ -29,9 +30,9 @@ import numpy as np
 from ident.structure.coefficients import Histories
 from sim.aerodynamics import Term
 
-LARGE_RESIDUAL_RATIO = 1.3  # a residual is large where it exceeds this times the noise
-OF_RESIDUAL = 0.02  # share of a large residual that a term has to explain
-# a column depends on others where less than this share of its sum of squares is independent of them
+LARGE_RESIDUAL_RATIO = 1.3  # smallest ratio of a large residual to the noise
+LEAST_RESIDUAL_SHARE = 0.02  # smallest share of a large residual that a term has to explain
+# smallest share of the sum of squares of a column that is independent of other columns
 INDEPENDENT_COLUMN_SHARE = 1e-9
 # smallest share of the independent part of a column that is motion and not noise of the signals
 LEAST_MOTION_SHARE = 0.3
@@ -50,8 +51,8 @@ class Products:
     total, squares : ``(g,)`` sum and sum of squares of the coefficient.
     counts : ``(g,)`` samples.
     gram_noise, cross_noise : mean contribution of the noise of the signals to ``gram`` and
-        ``cross``; 0 where it is unknown.
-    noise : sum of squares that is noise of the sensors; infinite where it is unknown.
+        ``cross``; zero if it is unknown.
+    noise : sum of squares due to sensor noise; infinite if it is unknown.
     """
 
     terms: tuple[Term, ...]
@@ -70,7 +71,7 @@ class Products:
         """
         of_variance = least * self.spread
         if sse > LARGE_RESIDUAL_RATIO**2 * self.noise:
-            return min(of_variance, OF_RESIDUAL * sse)
+            return min(of_variance, LEAST_RESIDUAL_SHARE * sse)
         return of_variance
 
     @property
@@ -120,9 +121,11 @@ def products_of(
     """
     k = len(terms)
     gram_noise, cross_noise = np.zeros((len(blocks), k, k)), np.zeros((len(blocks), k))
-    for g, (columns, own) in enumerate(noises):
+    for g, (columns, coefficient_noise) in enumerate(noises):
         gram_noise[g] = sum((D.T @ D for D in columns), np.zeros((k, k)))
-        cross_noise[g] = sum((D.T @ d for D, d in zip(columns, own, strict=True)), np.zeros(k))
+        cross_noise[g] = sum(
+            (D.T @ d for D, d in zip(columns, coefficient_noise, strict=True)), np.zeros(k)
+        )
     return Products(
         tuple(terms),
         np.array([block.T @ block for block in blocks]),
@@ -170,7 +173,7 @@ class ScaledEquations:
         part = self.gram[np.ix_(self.chosen, self.chosen)]
         return np.asarray(np.diag(self.inverse @ part @ self.inverse))
 
-    def left(self, squares: float) -> float:
+    def residual_squares(self, squares: float) -> float:
         """Return the sum of squares of the measured residual; ``squares`` is that of the
         coefficient.
         """
@@ -179,24 +182,26 @@ class ScaledEquations:
         sse = squares - 2.0 * values @ self.cross[self.chosen] + values @ part @ values
         return max(float(sse), 0.0)
 
-    def clean_left(self, squares: float) -> float:
+    def clean_residual_squares(self, squares: float) -> float:
         """Return the sum of squares of the residual without the contribution of the noise of the
         signals; it may be negative.
         """
         return squares - float(self.values @ self.clean_cross[self.chosen])
 
 
-def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
+def normal_equations(products: Products, chosen: Sequence[int]) -> ScaledEquations:
     """Return the normal equations of the chosen columns over all maneuvers."""
-    at = list(chosen)
+    columns = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
     gram, cross, gram_noise, cross_noise = (part.sum(axis=0) for part in sums)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram, gram_noise = gram / np.outer(scale, scale), gram_noise / np.outer(scale, scale)
     cross, cross_noise = cross / scale, cross_noise / scale
-    inverse, share = clean_inverse(gram[np.ix_(at, at)], gram_noise[np.ix_(at, at)])
+    inverse, share = clean_inverse(
+        gram[np.ix_(columns, columns)], gram_noise[np.ix_(columns, columns)]
+    )
     clean_gram, clean_cross = gram - share * gram_noise, cross - share * cross_noise
-    return ScaledEquations(at, scale, gram, cross, clean_gram, clean_cross, inverse, share)
+    return ScaledEquations(columns, scale, gram, cross, clean_gram, clean_cross, inverse, share)
 
 
 def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, float]:
@@ -213,13 +218,13 @@ def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, floa
 
 def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     """Return the values of the chosen columns, ``(n,)``."""
-    equations = normal_of(products, chosen)
+    equations = normal_equations(products, chosen)
     return np.asarray(equations.values / equations.scale[equations.chosen])
 
 
 def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     """Return the variances of the chosen values for white residuals of unit variance, ``(n,)``."""
-    equations = normal_of(products, chosen)
+    equations = normal_equations(products, chosen)
     return np.asarray(equations.variance / equations.scale[equations.chosen] ** 2)
 
 
@@ -249,44 +254,47 @@ class FurtherColumns:
 
     @property
     def reductions(self) -> np.ndarray:
-        """Decrease of `ScaledEquations.clean_left`, ``(k,)``."""
+        """Decrease of `ScaledEquations.clean_residual_squares`, ``(k,)``."""
         return np.where(self.good, self.value**2 * self.clean, 0.0)
 
 
-def further_of(n: ScaledEquations) -> FurtherColumns:
-    """Return the gain of each further column in the model of the normal equations ``n``."""
-    weights = n.inverse @ n.clean_gram[n.chosen]
-    clean = np.diag(n.clean_gram) - np.einsum("ij,ij->j", n.clean_gram[n.chosen], weights)
-    part = n.clean_cross - n.clean_cross[n.chosen] @ weights
-    own = n.gram[np.ix_(n.chosen, n.chosen)]
+def further_columns(equations: ScaledEquations) -> FurtherColumns:
+    """Return the gain of each further column in the model of the normal equations ``equations``."""
+    chosen = equations.chosen
+    weights = equations.inverse @ equations.clean_gram[chosen]
+    clean = np.diag(equations.clean_gram) - np.einsum(
+        "ij,ij->j", equations.clean_gram[chosen], weights
+    )
+    part = equations.clean_cross - equations.clean_cross[chosen] @ weights
+    chosen_gram = equations.gram[np.ix_(chosen, chosen)]
     measured = (
-        np.diag(n.gram)
-        - 2.0 * np.einsum("ij,ij->j", n.gram[n.chosen], weights)
-        + np.einsum("ij,ij->j", weights, own @ weights)
+        np.diag(equations.gram)
+        - 2.0 * np.einsum("ij,ij->j", equations.gram[chosen], weights)
+        + np.einsum("ij,ij->j", weights, chosen_gram @ weights)
     )
     good = (measured > INDEPENDENT_COLUMN_SHARE) & (clean > LEAST_MOTION_SHARE * measured)
-    good[n.chosen] = False
+    good[chosen] = False
     return FurtherColumns(part / np.where(good, clean, 1.0), clean, measured, good)
 
 
 def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
-    """Return the sum of squares ``(k,)`` that each further column would explain, and that of the
-    residual. It is zero where the independent part of a column is mostly noise.
+    """Return the sum of squares ``(k,)`` that each further column would explain, and the sum of
+    squares of the residual. The gain of a column is zero if its independent part is mostly noise.
     """
-    n = normal_of(products, chosen)
-    return further_of(n).gains, n.left(float(products.squares.sum()))
+    n = normal_equations(products, chosen)
+    return further_columns(n).gains, n.residual_squares(float(products.squares.sum()))
 
 
 def losses_of(products: Products, chosen: Sequence[int]) -> tuple[list[float], float]:
     """Return the sum of squares that each chosen column alone explains, and the sum of squares of
     the residual.
     """
-    n = normal_of(products, chosen)
+    n = normal_equations(products, chosen)
     losses = n.values**2 / np.maximum(n.variance, 1e-300)
-    return losses.tolist(), n.left(float(products.squares.sum()))
+    return losses.tolist(), n.residual_squares(float(products.squares.sum()))
 
 
-def ratio_of(products: Products, gain: float, sse: float, count: int) -> float:
+def partial_f_ratio(products: Products, gain: float, sse: float, count: int) -> float:
     """Return the partial F ratio of a term that explains the sum of squares ``gain``; ``sse`` is
     that of the residual of ``count`` terms.
     """
@@ -294,13 +302,15 @@ def ratio_of(products: Products, gain: float, sse: float, count: int) -> float:
     return float(gain / max(sse / max(freedom, 1.0), 1e-300))
 
 
-def held_out_of(products: Products, chosen: Sequence[int]) -> float:
-    """Return R2 of the maneuvers, each predicted by the others; NaN with one maneuver."""
+def cross_validated_r2(products: Products, chosen: Sequence[int]) -> float:
+    """Return R2 of the predictions of each maneuver by a fit of all others; NaN with one
+    maneuver.
+    """
     groups = len(products.counts)
     if groups < 2:
         return math.nan
     at = list(chosen)
-    whole = normal_of(products, at)
+    whole = normal_equations(products, at)
     scale, block = whole.scale[at], np.ix_(range(groups), at, at)
     outer = np.outer(scale, scale)
     gram, cross = products.gram[block] / outer, products.cross[:, at] / scale
@@ -324,9 +334,9 @@ def covariance_of(
 ) -> np.ndarray:
     """Return the covariance ``(n, n)`` of the values for autocorrelated residuals.
 
-    The residuals have one variance. With ``local`` they may be larger in some parts of a maneuver
-    (White; Newey and West), as where a noisy alpha turns a large lift into drag. The larger one of
-    both covariances is returned.
+    The covariance for residuals with the same variance everywhere is compared with that for
+    residuals that may be larger in some parts of a maneuver (White; Newey and West), for example
+    where noise of alpha changes the direction of a large lift. The larger one is returned.
 
     Lags have the weights of a trapezoid, which is 1 up to half of them [1]_. Noise of angular
     accelerations is weak at low frequencies, and Bartlett's triangle hides this. The triangle is
@@ -338,9 +348,9 @@ def covariance_of(
     residuals : ``(M,)`` of each maneuver.
     drifts : ``(n,)`` of each maneuver, mean of columns times residual by the noise of the signals.
     noise : ``(n, n)`` contribution of the noise of the signals to the products of the columns.
-    local : see above.
-    unbiased : take the autocovariances of `autocovariances_of` where all variances are then
-        positive. Otherwise the fit is taken to reduce each lag as much as the variance.
+    local : whether residuals may be larger in some parts of a maneuver.
+    unbiased : whether the autocovariances are the unbiased ones of `autocovariances_of`, if these
+        give positive variances. Otherwise the fit is assumed to reduce all lags equally.
 
     References
     ----------
@@ -355,16 +365,16 @@ def covariance_of(
         (X * e[:, None] - shift) / scale
         for X, e, shift in zip(parts, residuals, shifts, strict=True)
     ]
-    lags = range(_lags(residuals))
+    lags = range(_lag_count(residuals))
     uneven = [sum(each[: len(each) - lag].T @ each[lag:] for each in scores) for lag in lags]
-    lagged = _lagged(parts, scale, len(lags))
+    lagged = _lagged_products(parts, scale, len(lags))
     for corrected in (unbiased, False):
         autocovariances = autocovariances_of(parts, residuals, unbiased=corrected)
-        even = _over_lags([row * X for row, X in zip(autocovariances, lagged, strict=True)])
-        if _positive(even):
+        even = _sum_over_lags([row * X for row, X in zip(autocovariances, lagged, strict=True)])
+        if _is_positive_definite(even):
             break
     even_covariance = inverse @ even @ inverse
-    uneven_covariance = freedom * inverse @ _over_lags(uneven) @ inverse
+    uneven_covariance = freedom * inverse @ _sum_over_lags(uneven) @ inverse
     larger = np.maximum(
         local * np.diag(uneven_covariance) / np.maximum(np.diag(even_covariance), 1e-300), 1.0
     )
@@ -396,7 +406,7 @@ def autocovariances_of(
     .. [1] K. J. Worsley and others, A general statistical analysis for fMRI data, NeuroImage 15(1),
        2002, appendix A.
     """
-    lags = _lags(residuals)
+    lags = _lag_count(residuals)
     sums = np.array(
         [sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals) for lag in range(lags)]
     )
@@ -433,12 +443,12 @@ def _scaled_inverse(
     return scale, clean_inverse(gram / outer, 0.0 * gram if noise is None else noise / outer)[0]
 
 
-def _lags(residuals: Sequence[np.ndarray]) -> int:
+def _lag_count(residuals: Sequence[np.ndarray]) -> int:
     """Return the number of lags, with lag 0."""
     return min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1
 
 
-def _lagged(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[np.ndarray]:
+def _lagged_products(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[np.ndarray]:
     """Return for each lag the products ``(n, n)`` of the columns at unit length with themselves
     shifted by the lag.
     """
@@ -446,18 +456,78 @@ def _lagged(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[n
     return [np.asarray(sum(X[: len(X) - lag].T @ X[lag:] for X in pairs)) for lag in range(lags)]
 
 
-def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
+def _sum_over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
     """Return the weighted sum of products ``(n, n)`` over lags and of their transposes."""
     triangle = 1.0 - np.arange(len(products)) / (_WINDOW_LAGS + 1.0)
     for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
         weights[0] = 0.5
         half = np.tensordot(weights, np.array(products), 1)
         whole = np.asarray(half + half.T)
-        if _positive(whole):
+        if _is_positive_definite(whole):
             break
     return whole
 
 
-def _positive(matrix: np.ndarray) -> bool:
+def _is_positive_definite(matrix: np.ndarray) -> bool:
     """Return whether a symmetric matrix is positive definite."""
     return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TermColumns:
+    """Values of k terms, averaged as a coefficient is.
+
+    Attributes
+    ----------
+    terms : the k terms.
+    blocks : ``(M, k)`` of each maneuver.
+    noises : ``(s, M, k)`` of each maneuver, see `noise_columns`.
+    """
+
+    terms: tuple[Term, ...]
+    blocks: Sequence[np.ndarray]
+    noises: Sequence[np.ndarray]
+
+    @classmethod
+    def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
+        """Return the columns of terms for the coefficient ``axis``, from the histories of all
+        maneuvers.
+        """
+        blocks = [columns_of(h, terms, axis) for h in histories]
+        return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
+
+    def products(self, histories: Sequence[Histories], axis: str) -> Products:
+        """Return the sums of products with the coefficient ``axis``, and the part that noise adds
+        to them.
+        """
+        rows = [h.coefficients[axis] for h in histories]
+        coefficient_noises = [h.coefficient_noise(axis) for h in histories]
+        noises = list(zip(self.noises, coefficient_noises, strict=True))
+        return products_of(self.blocks, rows, self.terms, noises)
+
+    def residuals(
+        self, rows: Sequence[np.ndarray], chosen: Sequence[int], values: np.ndarray
+    ) -> list[np.ndarray]:
+        """Return the residuals ``(M,)`` of each maneuver: its coefficient in ``rows`` minus the
+        chosen columns times their values.
+        """
+        pairs = zip(rows, self.blocks, strict=True)
+        return [row - block[:, chosen] @ values for row, block in pairs]
+
+    def covariance(
+        self,
+        products: Products,
+        chosen: Sequence[int],
+        values: np.ndarray,
+        rows: Sequence[np.ndarray],
+        *,
+        local: bool = True,
+        unbiased: bool = False,
+    ) -> np.ndarray:
+        """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
+        parts = [block[:, chosen] for block in self.blocks]
+        noise = products.gram_noise[:, chosen][:, :, chosen]
+        drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
+        residuals = self.residuals(rows, chosen, values)
+        noises = noise.sum(axis=0)
+        return covariance_of(parts, residuals, drifts, noises, local=local, unbiased=unbiased)

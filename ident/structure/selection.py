@@ -34,30 +34,29 @@ from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE_RESIDUAL_RATIO,
     Products,
-    columns_of,
-    covariance_of,
+    TermColumns,
+    cross_validated_r2,
     gains_of,
-    held_out_of,
     losses_of,
-    noise_columns,
-    products_of,
-    ratio_of,
+    partial_f_ratio,
     values_of,
 )
 from sim.aerodynamics import Term, is_linear, parents
 
-F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
+F_IN = 20.0  # partial F ratio of a term that enters (Klein and Morelli, section 5.4)
 LEAST_VARIANCE_SHARE = 2e-4  # smallest share of the variance that a term has to explain
-NO_WORSE = 4.0  # a simpler term may explain less by this partial F ratio (two sigmas)
+LARGEST_SIMPLER_F_RATIO = (
+    4.0  # a simpler term may explain less by this partial F ratio (two sigmas)
+)
 # a weak linear term is a confounder where it changes the value of another one by more sigmas than
-# CHANGED, if its own F ratio exceeds CLEAR_F_RATIO, or than MUCH otherwise
-CHANGED, MUCH = 1.0, 2.0
+# NOTABLE_CHANGE, if its own F ratio exceeds CLEAR_F_RATIO, or than LARGE_CHANGE otherwise
+NOTABLE_CHANGE, LARGE_CHANGE = 1.0, 2.0
 CLEAR_F_RATIO = 5.0
 # two terms cannot be distinguished where the variance inflation factor is larger
 LARGEST_VARIANCE_INFLATION = 10.0
-# gains with a smaller relative difference count as equal: the term offered first then enters
-AS_GOOD = 1e-6
-# largest number of lacking terms, and the smallest share of the residual that one has to explain
+# Gains with a smaller relative difference count as equal: the term that was offered first enters.
+EQUAL_GAIN_TOLERANCE = 1e-6
+# most terms that are reported as lacking, and the smallest share of the residual that one explains
 _MOST_LACKING, _LEAST_LACKING_SHARE = 3, 0.03
 _STEPS_PAST_MINIMUM = 3  # steps of orthogonal functions after the least predicted squared error
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
@@ -83,66 +82,6 @@ class SelectionStep:
     r2: float
     pse: float
     held_out: float
-
-
-@dataclass(frozen=True, eq=False)
-class TermColumns:
-    """Values of k terms, averaged as a coefficient is.
-
-    Attributes
-    ----------
-    terms : the k terms.
-    blocks : ``(M, k)`` of each maneuver.
-    noises : ``(s, M, k)`` of each maneuver, see `noise_columns`.
-    """
-
-    terms: tuple[Term, ...]
-    blocks: Sequence[np.ndarray]
-    noises: Sequence[np.ndarray]
-
-    @classmethod
-    def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
-        """Return the columns of terms for the coefficient ``axis``, from the histories of all
-        maneuvers.
-        """
-        blocks = [columns_of(h, terms, axis) for h in histories]
-        return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
-
-    def products(self, histories: Sequence[Histories], axis: str) -> Products:
-        """Return the sums of products with the coefficient ``axis``, and the part that noise adds
-        to them.
-        """
-        rows = [h.coefficients[axis] for h in histories]
-        coefficient_noises = [h.coefficient_noise(axis) for h in histories]
-        noises = list(zip(self.noises, coefficient_noises, strict=True))
-        return products_of(self.blocks, rows, self.terms, noises)
-
-    def residuals(
-        self, rows: Sequence[np.ndarray], chosen: Sequence[int], values: np.ndarray
-    ) -> list[np.ndarray]:
-        """Return the residuals ``(M,)`` of each maneuver: its coefficient in ``rows`` minus the
-        chosen columns times their values.
-        """
-        pairs = zip(rows, self.blocks, strict=True)
-        return [row - block[:, chosen] @ values for row, block in pairs]
-
-    def covariance(
-        self,
-        products: Products,
-        chosen: Sequence[int],
-        values: np.ndarray,
-        rows: Sequence[np.ndarray],
-        *,
-        local: bool = True,
-        unbiased: bool = False,
-    ) -> np.ndarray:
-        """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
-        parts = [block[:, chosen] for block in self.blocks]
-        noise = products.gram_noise[:, chosen][:, :, chosen]
-        drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
-        residuals = self.residuals(rows, chosen, values)
-        noises = noise.sum(axis=0)
-        return covariance_of(parts, residuals, drifts, noises, local=local, unbiased=unbiased)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,25 +148,25 @@ def stepwise(
 
     A term enters if its partial F ratio is at least ``F_IN`` and it explains
     ``LEAST_VARIANCE_SHARE`` of the variance. While the residual is larger than
-    ``LARGE_RESIDUAL_RATIO`` times the noise, ``OF_RESIDUAL`` of the residual is enough.
+    ``LARGE_RESIDUAL_RATIO`` times the noise, ``LEAST_RESIDUAL_SHARE`` of the residual is enough.
     """
-    above = _parents(products.terms, hierarchical)
+    above = _parent_columns(products.terms, hierarchical)
     chosen, steps = _first_columns(products, first)
     seen: set[frozenset[int]] = set()
-    chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
+    chosen = _without_unsupported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
         gains = np.where([required.issubset(chosen) for required in above], gains, 0.0)
-        best = _best(gains) if len(gains) else -1
-        F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
+        best = _first_best_column(gains) if len(gains) else -1
+        F = partial_f_ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST_VARIANCE_SHARE, sse):
-            chosen, exchanged = _exchanged(products, chosen, above, F_IN)
+            chosen, exchanged = _with_exchange(products, chosen, above, F_IN)
             steps += exchanged
             continue
         chosen = [*chosen, best]
-        steps.append(_step(products, chosen, best, True, F))
-        chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
+        steps.append(_selection_step(products, chosen, best, True, F))
+        chosen = _without_unsupported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     return chosen, steps
 
 
@@ -242,15 +181,15 @@ def _first_columns(
     while True:
         gains, sse = gains_of(products, chosen)
         gains = np.where(np.isin(np.arange(len(gains)), first), gains, 0.0)
-        best = _best(gains) if len(gains) else -1
+        best = _first_best_column(gains) if len(gains) else -1
         if best < 0 or not gains[best] > 0.0:
             return chosen, steps
-        F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
+        F = partial_f_ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         chosen = [*chosen, best]
-        steps.append(_step(products, chosen, best, True, F))
+        steps.append(_selection_step(products, chosen, best, True, F))
 
 
-def _supported(
+def _without_unsupported(
     products: Products,
     chosen: list[int],
     steps: list[SelectionStep],
@@ -258,67 +197,72 @@ def _supported(
     f_in: float,
     least: float,
 ) -> list[int]:
-    """Return the chosen columns without those that explain too little; their removals are added to
-    ``steps``.
+    """Return the chosen columns without those that explain too little. Their removals are appended
+    to ``steps``.
+
+    ``above`` has for each column the columns of its parents, ``f_in`` is the smallest partial F
+    ratio, and ``least`` the smallest share of the variance.
     """
     while len(chosen) > 2:
         losses, sse = losses_of(products, chosen)
-        needed = _needed(products.terms, chosen, above)
+        needed = _required_columns(products.terms, chosen, above)
         losses = [math.inf if i in needed else loss for i, loss in zip(chosen, losses, strict=True)]
         worst = int(np.argmin(losses))
-        F = ratio_of(products, losses[worst], sse, len(chosen))
+        F = partial_f_ratio(products, losses[worst], sse, len(chosen))
         if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
             break
         removed = chosen[worst]
         chosen = [i for i in chosen if i != removed]
-        steps.append(_step(products, chosen, removed, False, F))
+        steps.append(_selection_step(products, chosen, removed, False, F))
     return chosen
 
 
-def _exchanged(
+def _with_exchange(
     products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
 ) -> tuple[list[int], list[SelectionStep]]:
     """Return the chosen columns with one term exchanged for another, and the steps; unchanged where
     no exchange is better.
 
-    A term is exchanged for one that explains clearly more, by a partial F ratio of ``f_in``: it may
-    have entered for an effect that a later term explains. It is also exchanged for a simpler term
-    that explains no less but for noise: ``beta*mach`` for ``beta`` where mach hardly changes, or
-    ``rudder^3`` for ``rudder`` after pulses of one size.
+    A term is exchanged for one that explains clearly more, by a partial F ratio of ``f_in``: the
+    term may have entered because of an effect that a later term explains better. A term is also
+    exchanged for a simpler one that does not explain significantly less: ``beta*mach`` for ``beta``
+    if mach hardly changes, or ``rudder^3`` for ``rudder`` after pulses of one size.
     """
-    needed = _needed(products.terms, chosen, above)
+    needed = _required_columns(products.terms, chosen, above)
     swaps = []
     for removed in (i for i in chosen if i not in needed):
         others = [i for i in chosen if i != removed]
         gains, sse = gains_of(products, others)
         gains = np.where([required.issubset(others) for required in above], gains, 0.0)
-        added = _best(gains)
-        if gains[added] > (1.0 + AS_GOOD) * gains[removed]:
-            more = ratio_of(
+        added = _first_best_column(gains)
+        if gains[added] > (1.0 + EQUAL_GAIN_TOLERANCE) * gains[removed]:
+            more = partial_f_ratio(
                 products, gains[added] - gains[removed], sse - gains[added], len(chosen)
             )
             swaps += [(more, removed, added)] if more > f_in else []
-        for added in _simpler(products.terms, removed):
-            less = ratio_of(
+        for added in _simpler_columns(products.terms, removed):
+            less = partial_f_ratio(
                 products, gains[removed] - gains[added], sse - gains[removed], len(chosen)
             )
-            swaps += [(-less, removed, added)] if less < NO_WORSE else []
+            swaps += [(-less, removed, added)] if less < LARGEST_SIMPLER_F_RATIO else []
     if not swaps:
         return chosen, []
     _, removed, added = max(swaps)
     both, exchanged = [*chosen, added], [i for i in [*chosen, added] if i != removed]
     losses, sse = losses_of(products, exchanged)
-    added_ratio = ratio_of(products, losses[-1], sse, len(exchanged))
+    added_ratio = partial_f_ratio(products, losses[-1], sse, len(exchanged))
     losses, sse = losses_of(products, both)
-    removed_ratio = ratio_of(products, losses[both.index(removed)], sse, len(both))
+    removed_ratio = partial_f_ratio(products, losses[both.index(removed)], sse, len(both))
     return exchanged, [
-        _step(products, both, added, True, added_ratio),
-        _step(products, exchanged, removed, False, removed_ratio),
+        _selection_step(products, both, added, True, added_ratio),
+        _selection_step(products, exchanged, removed, False, removed_ratio),
     ]
 
 
-def _simpler(terms: Sequence[Term], at: int) -> list[int]:
-    """Return the columns of terms with fewer signals of term ``at``, and of its linear parents."""
+def _simpler_columns(terms: Sequence[Term], at: int) -> list[int]:
+    """Return the columns of terms that have only some of the signals of term ``at``, and of its
+    linear parents.
+    """
     term, above = terms[at], parents(terms[at])
     return [
         i
@@ -327,7 +271,7 @@ def _simpler(terms: Sequence[Term], at: int) -> list[int]:
     ]
 
 
-def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
+def _parent_columns(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
     """Return for each term the columns of its offered parents; none unless ``hierarchical``."""
     if not hierarchical:
         return [frozenset()] * len(terms)
@@ -335,14 +279,14 @@ def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
     return [frozenset(at[each] for each in parents(term) if each in at) for term in terms]
 
 
-def _linear(terms: Sequence[Term], axis: str) -> list[int]:
-    """Return the columns of the linear terms that the symmetry of the aircraft allows, but for Mach
+def _linear_columns(terms: Sequence[Term], axis: str) -> list[int]:
+    """Return the columns of the linear terms that the symmetry of the aircraft allows, except Mach
     number, which hardly changes in a maneuver.
     """
     return [i for i, each in enumerate(terms) if is_linear(each, axis) and each.signals != {"mach"}]
 
 
-def _needed(
+def _required_columns(
     terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
 ) -> set[int]:
     """Return the chosen columns that must stay: the constant, and parents of other terms."""
@@ -359,21 +303,21 @@ def _without_weak(
 ) -> tuple[list[int], list[SelectionStep]]:
     """Return the columns and steps without the terms whose F ratio is small for coloured residuals.
 
-    The partial F ratios of the search are those of white residuals. The residuals are taken as of
-    one variance, since a short maneuver shows little of where they are larger.
+    The partial F ratios of the search are those for white residuals. The residuals are assumed to
+    have the same variance everywhere, since a short maneuver hardly shows where they are larger.
     """
-    above = _parents(products.terms, hierarchical)
+    above = _parent_columns(products.terms, hierarchical)
     while True:
         values = values_of(products, chosen)
         variance = np.diag(columns.covariance(products, chosen, values, rows, local=False))
         ratios = values**2 / np.maximum(variance, 1e-300)
-        needed = _needed(products.terms, chosen, above)
+        needed = _required_columns(products.terms, chosen, above)
         weak = [(F, i) for F, i in zip(ratios, chosen, strict=True) if i not in needed and F < F_IN]
         if not weak:
             return chosen, steps
         F, removed = min(weak)
         chosen = [i for i in chosen if i != removed]
-        steps = [*steps, _step(products, chosen, removed, False, float(F))]
+        steps = [*steps, _selection_step(products, chosen, removed, False, float(F))]
 
 
 def _with_confounders(
@@ -394,7 +338,7 @@ def _with_confounders(
     .. [1] R. M. Mickey and S. Greenland, The impact of confounder selection criteria on effect
        estimation, American Journal of Epidemiology 129(1), 1989.
     """
-    offered = _linear(products.terms, axis)
+    offered = _linear_columns(products.terms, axis)
     while True:
         gains, _ = gains_of(products, chosen)
         values = values_of(products, chosen)
@@ -409,7 +353,7 @@ def _with_confounders(
             changes = np.abs(extended_values[:-1] - values) / np.maximum(sigma, 1e-300)
             change = float(np.max(changes, where=is_linear_term, initial=0.0))
             if (
-                change > (CHANGED if F > CLEAR_F_RATIO else MUCH)
+                change > (NOTABLE_CHANGE if F > CLEAR_F_RATIO else LARGE_CHANGE)
                 or change**2 > LARGEST_VARIANCE_INFLATION * F
             ):
                 confounders.append((change, F, candidate))
@@ -417,7 +361,7 @@ def _with_confounders(
             return chosen, steps
         _, F, candidate = max(confounders)
         chosen = [*chosen, candidate]
-        steps = [*steps, _step(products, chosen, candidate, True, F)]
+        steps = [*steps, _selection_step(products, chosen, candidate, True, F)]
 
 
 def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
@@ -430,12 +374,12 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
     most = min(len(products.terms), int(products.counts.sum()) // 4)
     while len(chosen) < most:
         gains, sse = gains_of(products, chosen)
-        place = _best(gains)
+        place = _first_best_column(gains)
         if not gains[place] > 0.0:
             break
-        F = ratio_of(products, gains[place], sse - gains[place], len(chosen) + 1)
+        F = partial_f_ratio(products, gains[place], sse - gains[place], len(chosen) + 1)
         chosen = [*chosen, place]
-        steps.append(_step(products, chosen, place, True, F))
+        steps.append(_selection_step(products, chosen, place, True, F))
         if steps[-1].pse < best:
             best, kept, counted = steps[-1].pse, list(chosen), len(steps)
         elif len(steps) > counted + _STEPS_PAST_MINIMUM:
@@ -443,11 +387,12 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
     return kept, steps[:counted]
 
 
-def _best(gains: np.ndarray) -> int:
-    """Return the first column whose gain is the largest but for rounding. Simple terms are offered
-    first: where a signal is constant, its product with another one is a multiple of the latter.
+def _first_best_column(gains: np.ndarray) -> int:
+    """Return the first column whose gain equals the largest one within rounding. Simple terms are
+    offered first: if a signal is constant, its product with another signal is a multiple of the
+    latter.
     """
-    return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
+    return int(np.argmax(gains >= (1.0 - EQUAL_GAIN_TOLERANCE) * np.max(gains)))
 
 
 def select(
@@ -469,11 +414,12 @@ def select(
     axis : name of the coefficient.
     terms : the offered terms, the constant first.
     method : ``stepwise`` or ``orthogonal``.
-    further : terms that are not offered; a residual larger than the noise is compared with them.
+    further : terms that are not offered. If the residual is larger than the noise, those that would
+        explain it are reported as lacking.
     columns : columns of ``terms``; None computes them.
     hierarchical : see ``stepwise``.
-    baseline : the coefficient is an increment to a model that has the linear terms, so that these
-        need not enter first.
+    baseline : whether the coefficient is an increment to a model with the linear terms, so that
+        these need not enter first.
 
     Returns
     -------
@@ -489,8 +435,8 @@ def select(
     products = columns.products(histories, axis)
     rows = [h.coefficients[axis] for h in histories]
     noise_squares = _noise_squares(histories, axis, {})
-    linear = _linear(terms, axis)
-    for _ in range(2):  # the values of the first round give the noise by the signals
+    linear = _linear_columns(terms, axis)
+    for _ in range(2):  # the values of the first round give the effect of noise in the signals
         products = replace(products, noise=noise_squares)
         if method == STEPWISE:
             first = () if baseline else linear
@@ -501,16 +447,15 @@ def select(
         else:
             chosen, steps = orthogonal(products)
             strong = len(chosen)
-        values, held = values_of(products, chosen), held_out_of(products, chosen)
+        values, held = values_of(products, chosen), cross_validated_r2(products, chosen)
         table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
-    losses, residual_squares = losses_of(products, chosen)
+    losses, sum_of_squares = losses_of(products, chosen)
     covariance, alternative = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
-    noise = math.sqrt(noise_squares / n)
-    rms = math.sqrt(sse / max(n - len(chosen), 1.0))
+    noise, rms = math.sqrt(noise_squares / n), math.sqrt(sse / max(n - len(chosen), 1.0))
     selection = Selection(
         axis,
         method,
@@ -519,13 +464,13 @@ def select(
         values,
         np.sqrt(np.diag(covariance)),
         covariance,
-        np.array([ratio_of(products, loss, residual_squares, len(chosen)) for loss in losses]),
+        np.array([partial_f_ratio(products, loss, sum_of_squares, len(chosen)) for loss in losses]),
         1.0 - sse / products.spread if products.spread > 0.0 else 0.0,
         held,
         rms,
         noise,
         confounders=tuple(terms[i] for i in chosen[strong:]),
-        alternative=None if alternative is None else _as_terms(alternative, terms),
+        alternative=None if alternative is None else _alternative_in_terms(alternative, terms),
     )
     if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return selection
@@ -540,27 +485,29 @@ def _reported_covariance(
     rows: Sequence[np.ndarray],
     linear: Sequence[int],
 ) -> tuple[np.ndarray, Alternative | None]:
-    """Return the covariance of the values, averaged over the models that explain the data as well,
-    and the most probable other model where it matters.
+    """Return the covariance of the values, averaged over models that explain the data almost as
+    well, and the most probable other model if it increases a standard deviation notably.
     """
     local_covariance, even_covariance = (
         columns.covariance(products, chosen, values, rows, local=local, unbiased=True)
         for local in (True, False)
     )
-    constituents = [_simpler(products.terms, i) for i in range(len(products.terms))]
+    constituents = [_simpler_columns(products.terms, i) for i in range(len(products.terms))]
     return averaged_covariance(
         products, chosen, local_covariance, np.diag(even_covariance), linear, constituents
     )
 
 
-def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
+def _alternative_in_terms(
+    other: Alternative, terms: Sequence[Term]
+) -> tuple[Term | None, Term | None, float]:
     added, removed = (None if i is None else terms[i] for i in (other.added, other.removed))
     return added, removed, other.probability
 
 
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:
-    """Return the sum of squares that is noise of the sensors, in the coefficient and in the signals
-    of its terms.
+    """Return the sum of squares due to sensor noise, in the coefficient ``axis`` and in the signals
+    of its terms. ``table`` maps the terms to their values.
     """
     return sum(float(np.sum(h.sigma[axis] ** 2 + h.noise_variance(table, axis))) for h in histories)
 
@@ -580,7 +527,7 @@ def _with_lacking(
     significant = [
         (
             all_terms[i],
-            ratio_of(products, gains[i], sse - gains[i], len(selection.terms) + 1),
+            partial_f_ratio(products, gains[i], sse - gains[i], len(selection.terms) + 1),
             gains[i] / sse,
         )
         for i in np.argsort(gains)[::-1][:_MOST_LACKING]
@@ -589,11 +536,11 @@ def _with_lacking(
     return replace(selection, lacking=tuple(entry for entry in significant if entry[1] > F_IN))
 
 
-def _step(
+def _selection_step(
     products: Products, chosen: list[int], place: int, added: bool, F: float
 ) -> SelectionStep:
     n, sse = float(products.counts.sum()), losses_of(products, chosen)[1]
     spread = max(products.spread, 1e-300)
     pse = sse / n + spread / n * len(chosen) / n
-    held = held_out_of(products, chosen)
+    held = cross_validated_r2(products, chosen)
     return SelectionStep(products.terms[place], added, F, 1.0 - sse / spread, pse, held)

@@ -57,7 +57,7 @@ class Check:
     @property
     def findings(self) -> tuple[str, ...]:
         """Names of the accepted sensor faults, such as ``"delay:alpha"``."""
-        accepted = (each.name for each in self.details.result.findings if each.stands)
+        accepted = (each.name for each in self.details.result.findings if each.supported)
         return tuple(dict.fromkeys(accepted))
 
     @property

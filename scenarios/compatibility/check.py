@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.signals import NO_AIRSPEED, measured_channels
-from ident.compatibility.six_degrees.kinematics import CHANNELS, WRAPPED, recorded
+from ident.compatibility.six_degrees.signals import CHANNELS, WRAPPED, usable_channels
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -260,7 +260,7 @@ def record_to_check(
     )
     (record,), look = checked_records([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
-    if not measured_channels(record) and not recorded(record):
+    if not measured_channels(record) and not usable_channels(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
         raise RecordError(
             what,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.compatibility.kinematics import BOOM, PACKAGE, VANES
-from ident.compatibility.six_degrees.kinematics import CHANNELS
+from ident.compatibility.six_degrees.signals import CHANNELS
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -118,9 +118,9 @@ def print_check(
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
-    if result.cannot_tell:
+    if result.unobservable:
         print_paragraph(out, "these channels cannot show:", indent=0)
-        for line in result.cannot_tell:
+        for line in result.unobservable:
             print_paragraph(out, line)
     for line in (*check.notes, *result.notes):
         print_paragraph(out, f"note: {line}", indent=0)
@@ -133,7 +133,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
     named_faults: set[str] = set()
     standing: list[str] = []
     for finding in result.findings:
-        if finding.stands and finding.name not in named_faults:
+        if finding.supported and finding.name not in named_faults:
             named_faults |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
     sentences = [
@@ -169,7 +169,7 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
     result, lines = check.result, []
     named: set[str] = set()
     for finding in result.findings:
-        if finding.stands and finding.name not in named:
+        if finding.supported and finding.name not in named:
             named |= {finding.name, *finding.group}
             other = equivalent_constant(check, finding)
             lines.append(f"fault found: {sentence(finding)}{f'; {other}' if other else ''}")
@@ -178,14 +178,14 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
             lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
     if len(result.single) > 1:
         for single in result.single:
-            drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
+            drifts = [f for f in single.findings if f.supported and f.kind == "drift"]
             lines += [
                 f"fault found in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]
             ]
             lines += [
                 f"fault found in {single.records[0]}: {sentence(f)}"
                 for f in single.findings
-                if f.stands and f.kind == "bias"
+                if f.supported and f.kind == "bias"
             ]
     if result.joint.estimates and not any(line.startswith("fault found") for line in lines):
         lines.append("no sensor fault found: the channels agree with each other within their noise")
@@ -322,8 +322,8 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
 def _remark(finding: SensorFinding) -> str:
     """Return whether a fault is found, and whether it was tried in place of a found one."""
     if not finding.instead_of:
-        return "found" if finding.stands else ""
-    return "as well" if finding.stands else "instead"
+        return "found" if finding.supported else ""
+    return "as well" if finding.supported else "instead"
 
 
 def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
@@ -354,7 +354,7 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
     if not result.joint.estimates:
         return []
     caption = "all records, one fault at a time" if several else "one fault at a time"
-    any_found = any(finding.stands for finding in result.joint.findings)
+    any_found = any(finding.supported for finding in result.joint.findings)
     notes = (METHODS_NOTE, IN_PLACE_NOTE) if any_found else (METHODS_NOTE,)
     blocks: list[Block] = [
         Bullets(tuple(map(as_sentence, notes))),
@@ -388,7 +388,7 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
     """Return the page of a check with the figures ``drawn``."""
     result, names = check.result, ", ".join(dict.fromkeys(record.name for record in check.records))
     lines = finding_lines(check)
-    faults = [finding.name for finding in result.findings if finding.stands]
+    faults = [finding.name for finding in result.findings if finding.supported]
     checked = bool(result.relations)
     inputs = [("checked", file.name, file.sha256) for file in check.files]
     inputs += (
@@ -408,7 +408,7 @@ def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Sensor faults", Bullets(tuple(map(as_sentence, lines)))),
             *section("Every fault by both methods", *_page_estimates(check)),
             *section(
-                "What these channels cannot show", Bullets(tuple(map(_limit, result.cannot_tell)))
+                "What these channels cannot show", Bullets(tuple(map(_limit, result.unobservable)))
             ),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
@@ -483,8 +483,8 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
         | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
         "joint": _result(check, result.joint),
         "single": [_result(check, item) for item in result.single],
-        "findings": [_finding(item) for item in result.findings if item.stands],
-        "cannot_tell": list(result.cannot_tell),
+        "findings": [_finding(item) for item in result.findings if item.supported],
+        "cannot_tell": list(result.unobservable),
         "warnings": [*check.look.doubts, *check.look.set_aside, *_equivalents(check)],
         "notes": [*check.notes, *result.notes],
         "record": record_content(check.look),
@@ -506,7 +506,7 @@ def _equivalents(check: CompatibilityCheck) -> list[str]:
     found = [
         (finding.name, equivalent_constant(check, finding))
         for finding in check.result.findings
-        if finding.stands
+        if finding.supported
     ]
     return [f"{name}: {sentence}" for name, sentence in found if sentence]
 
@@ -545,7 +545,7 @@ def _finding(item: SensorFinding) -> dict[str, Any]:
         "std": item.std,
         "unit": item.unit,
         "gain": item.gain,
-        "stands": item.stands,
+        "stands": item.supported,
         "group": list(item.group),
         "replicates": item.replicates,
         **({"probabilities": dict(item.probabilities)} if len(item.probabilities) > 1 else {}),

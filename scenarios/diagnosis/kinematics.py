@@ -131,7 +131,7 @@ def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
 
 def _accepted(result: Compatibility) -> list[SensorFinding]:
     """Return the faults that the check accepts, without biases."""
-    return [finding for finding in result.findings if finding.stands and finding.kind != BIAS]
+    return [finding for finding in result.findings if finding.supported and finding.kind != BIAS]
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
@@ -145,7 +145,7 @@ def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFindi
     faults = []
     for finding in kinematics.result.findings if kinematics.result is not None else ():
         group = {finding.name, *finding.group}
-        if finding.stands and not named & group:
+        if finding.supported and not named & group:
             faults.append(finding)
             named |= group
     return faults
@@ -259,13 +259,13 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
 
 def late_instead(rejected: SensorFinding, result: Compatibility) -> SensorFinding | None:
     """Return the accepted finding that delays the channel of a rejected one in another way."""
-    if rejected.stands or not _delays(rejected):
+    if rejected.supported or not _delays(rejected):
         return None
     return next(
         (
             finding
             for finding in result.findings
-            if finding.stands and finding.channel == rejected.channel and _delays(finding)
+            if finding.supported and finding.channel == rejected.channel and _delays(finding)
         ),
         None,
     )
@@ -446,7 +446,7 @@ def _level(
 
     Relations with the bank angle take all records.
     """
-    from ident.compatibility.check import misled_by_bank
+    from ident.compatibility.check import bank_angle_warnings
 
     if BANK in relations.channels:
         return records, []
@@ -455,7 +455,7 @@ def _level(
         unbanked = replace(
             record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
         )
-        sentences = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
+        sentences = bank_angle_warnings([unbanked], settings.airspeed, settings.gravity)
         notes += sentences
         if not sentences:
             level.append(record)
@@ -473,9 +473,9 @@ def _with_used_channels(record: Record, relations: Relations) -> Record:
 
 def _measured(record: Record, relations: Relations) -> tuple[str, ...]:
     from ident.compatibility.signals import measured_channels
-    from ident.compatibility.six_degrees.kinematics import recorded
+    from ident.compatibility.six_degrees.signals import usable_channels
 
-    return recorded(record) if relations.six else measured_channels(record)
+    return usable_channels(record) if relations.six else measured_channels(record)
 
 
 def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:

@@ -19,7 +19,7 @@ from ident.flying_qualities.stability_margins import (
     REQUIRED_GAIN,
     REQUIRED_PHASE,
 )
-from ident.frequency_response.transfer_function import unnoticeable
+from ident.frequency_response.envelopes import unnoticeable_envelopes
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
     BLACK,
@@ -151,7 +151,7 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         raise DeclarationError("no transfer function is fitted", where="mismatch", remedy=remedy)
     function, mismatch = fitted
     f = mismatch.frequency
-    limits = unnoticeable(2.0 * np.pi * f)
+    limits = unnoticeable_envelopes(2.0 * np.pi * f)
     sheet = make_sheet([1.6, 1.6], row_gap=0.14)
     rows = (
         (mismatch.gain, mismatch.gain_error, limits.low_gain, limits.high_gain, "gain (dB)"),

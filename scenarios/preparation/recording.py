@@ -18,7 +18,7 @@ from ident.recording.series import (
     FindingQuantity,
     Kind,
     RecordFinding,
-    shown,
+    quantity_text,
 )
 from ident.statistics.noise_levels import input_edges, isolated_wrong_samples
 from scenarios.files.sources import LARGEST_NUMBER
@@ -416,9 +416,8 @@ def _wild_points(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
         f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from "
         f"the fit ({places})"
     )
-    sentence += (
-        f", up to {shown(float(np.max(distance)), channel.unit)} from the middle of the channel"
-    )
+    farthest = quantity_text(float(np.max(distance)), channel.unit)
+    sentence += f", up to {farthest} from the middle of the channel"
     numbers = {"samples": FindingQuantity(float(count), "1")}
     finding = RecordFinding(
         name,

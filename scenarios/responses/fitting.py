@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from ident.flying_qualities.modes import level_flight, state_space
+from ident.flying_qualities.modes import level_flight
+from ident.flying_qualities.state_space import state_space
 from ident.frequency_response import FrequencyResponses
+from ident.frequency_response.envelopes import PILOT_BAND, unnoticeable_envelopes
 from ident.frequency_response.model_fit import ModelFit, fit_model
 from ident.frequency_response.transfer_function import (
     ACCEPTABLE_COST,
     FORMS,
     NEARLY_PERFECT_COST,
-    PILOTED,
     FittedResponse,
     ResponseTarget,
     TransferFit,
     fit_transfer_functions,
     form_of,
-    unnoticeable,
 )
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_with_file
@@ -105,12 +105,12 @@ class Mismatch:
     def piloted(self) -> np.ndarray:
         """Whether each frequency is in the range of the envelopes of unnoticeable dynamics."""
         omega = 2.0 * math.pi * self.frequency
-        return np.asarray((omega >= PILOTED[0]) & (omega <= PILOTED[1]))
+        return np.asarray((omega >= PILOT_BAND[0]) & (omega <= PILOT_BAND[1]))
 
     @property
     def outside(self) -> np.ndarray:
         """Whether the mismatch at each frequency exceeds the envelopes by more than its error."""
-        limits = unnoticeable(2.0 * math.pi * self.frequency)
+        limits = unnoticeable_envelopes(2.0 * math.pi * self.frequency)
         gain = (self.gain - self.gain_error > limits.high_gain) | (
             self.gain + self.gain_error < limits.low_gain
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.frequency_response import EvenSignals
-from ident.recording.misread_columns import SMALL_ANGLES, large_angle
+from ident.recording.misread_columns import SMALL_ANGLES, large_angle_finding
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, map_command, with_names
@@ -143,7 +143,7 @@ def _unit_doubts(record: Record) -> list[str]:
         for channel in record.channels
         if channel.name in SMALL_ANGLES
         and channel.unit == "rad"
-        and (doubt := large_angle(channel)) is not None
+        and (doubt := large_angle_finding(channel)) is not None
     ]
 
 

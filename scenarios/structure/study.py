@@ -20,8 +20,8 @@ from ident.structure.coefficients import (
     histories_of,
 )
 from ident.structure.collinearity import Collinearity, collinearity_of, multiples_of
-from ident.structure.products import columns_of, noise_columns
-from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
+from ident.structure.products import TermColumns, columns_of, noise_columns
+from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (

@@ -539,7 +539,7 @@ def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
         result = check_files(flight.request())
     except FlightidError as error:
         return {"done": False, "sentences": [error.what], "findings": []}
-    names = dict.fromkeys(finding.name for finding in result.result.findings if finding.stands)
+    names = dict.fromkeys(finding.name for finding in result.result.findings if finding.supported)
     return {"done": True, "sentences": list(finding_lines(result)), "findings": list(names)}
 
 

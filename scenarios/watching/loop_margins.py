@@ -26,8 +26,13 @@ from ident.frequency_response.estimate import (
     longest_run,
     window_lengths,
 )
-from ident.frequency_response.online import OnlineResponses, estimated, interrupt, online_responses
-from ident.frequency_response.online import take as take_samples
+from ident.frequency_response.online import (
+    OnlineResponses,
+    add_samples,
+    estimated,
+    interrupt,
+    online_responses,
+)
 from ident.frequency_response.transfer_function import ResponseTarget
 from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.sources import versions
@@ -192,7 +197,7 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
         if lost:
             session.gaps += 1
             interrupt(session.stream, lost)
-        take_samples(session.stream, samples)
+        add_samples(session.stream, samples)
     session.rows += block.shape[1]
     if session.names.excitation:
         sound = block[:, np.all(np.isfinite(block), axis=0)]

@@ -14,7 +14,13 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import modal_estimate
-from ident.frequency_domain.online import OnlineEquations, Sums, advance, begin, online_equations
+from ident.frequency_domain.online import (
+    OnlineEquations,
+    Sums,
+    advance,
+    empty_sums,
+    online_equations,
+)
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
 from ident.frequency_domain.online_regression import OnlineEstimate, estimate
 from scenarios.files.user_models import channel_units, moves_about_rest
@@ -174,7 +180,7 @@ def spectral_session(
     regressed = with_flow_inputs(declared, density=set(flow) == set(MEASURED)) if flow else declared
     equations = online_equations(compile_model(regressed), omega, outputs)
     holds = (hold,) if hold is not None else tuple(Hold) if system.inputs else (Hold.PREVIOUS,)
-    readings = {kind: (replace(equations, hold=kind), begin(equations)) for kind in holds}
+    readings = {kind: (replace(equations, hold=kind), empty_sums(equations)) for kind in holds}
     return SpectralSession(
         vehicle,
         name,

@@ -316,7 +316,7 @@ IDENT = (
         ("return 0.1 * self.plausible", "return self.plausible"),
     ),
     *changes(
-        "ident/recording/distorted_channels.py",
+        "ident/recording/spectra.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
             "gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2",
@@ -384,13 +384,13 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/levels.py",
+        "ident/flying_qualities/fitted_forms.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
-            'p["frequency"] ** 2 * over / p["inv_T_theta2"]',
-            'p["frequency"] ** 2 * over * p["inv_T_theta2"]',
+            "** 2 * inverse_time / p",
+            "** 2 * inverse_time * p",
         ),
-        ('p["inv_T_theta2"] / over', 'p["inv_T_theta2"] * over'),
+        ('p["inv_T_theta2"] / inverse_time', 'p["inv_T_theta2"] * inverse_time'),
         ("(2.0 * step))", "step)"),
     ),
     *changes(
@@ -407,7 +407,7 @@ IDENT = (
         ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
-        "ident/frequency_response/segments.py",
+        "ident/frequency_response/multitaper.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(zero_order_hold) ** 2", "np.abs(zero_order_hold)"),
     ),
@@ -419,27 +419,27 @@ IDENT = (
     *changes(
         "ident/frequency_domain/online.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
-        ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
+        ("step * (rate_at_begin - rate_at_end)", "step * (rate_at_end - rate_at_begin)"),
         ("_THIRD_DIFFERENCE_VARIANCE = 20.0", "_THIRD_DIFFERENCE_VARIANCE = 2.0"),
     ),
     *changes(
         "ident/frequency_domain/online_regression.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
-        ("less = scaled - taken / np.outer(scale, scale)", "less = scaled"),
+        ("= scaled - noise_share / np.outer(scale, scale)", "= scaled"),
         (
             "level = known[k] + shapes @ solution",
             "level = 0.1 * (known[k] + shapes @ solution)",
         ),
-        ("total += 0.5 * alike[k, m] * both.real", "total += 0.1 * alike[k, m] * both.real"),
+        ("total += 0.5 * correlation[k, m]", "total += 0.1 * correlation[k, m]"),
         (
-            "np.where(lag >= 0, sums.apart[np.abs(lag)], sums.apart[np.abs(lag)].conj())",
-            "np.where(lag == 0, sums.apart[0], 0.0)",
+            "np.where(lag >= 0, differences, differences.conj())",
+            "np.where(lag == 0, differences, 0.0)",
         ),
     ),
     *changes(
         "ident/frequency_domain/online_lag.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
-        ("second * (1.0 - first) * before", "(1.0 - first) * before"),
+        ("second_decay * (1.0 - first_decay)", "(1.0 - first_decay)"),
         ("integral = area - delta / lag", "integral = area + delta / lag"),
         ("(ends[0] - ends[1]) / (2.0 * reach)", "(ends[0] - ends[1]) / reach"),
     ),

@@ -53,7 +53,7 @@ def test_a_delay_at_25_hz_is_found_within_5_ms(channel: str, kind: str) -> None:
         (late,) = [
             finding for finding in found.findings if finding.name == f"sensor-delay:{channel}"
         ]
-        standing += late.stands
+        standing += late.supported
         errors.append(late.value - LATE)
         sigmas.append(late.std)
     rms = float(np.sqrt(np.mean(np.square(errors))))
@@ -75,7 +75,7 @@ def test_sound_sensors_are_accused_in_at_most_one_of_twenty_checks() -> None:
             ([linear_flight(Hidden(), seed, 50.0)], FIGHTER.airspeed),
         ]
         accused += sum(
-            any(f.stands for f in compatibility(records, CompatibilitySettings(speed)).findings)
+            any(f.supported for f in compatibility(records, CompatibilitySettings(speed)).findings)
             for records, speed in checks
         )
     assert accused <= 0.05 * 240
@@ -95,12 +95,12 @@ def test_a_delay_in_rough_air_is_found_within_its_standard_deviation(turbulence:
         )
         (late,) = [item for item in found.joint.estimates if item.name == "sensor-delay:alpha"]
         errors.append((late.smoother.value - LATE) / late.smoother.std)
-        standing = [finding.name for finding in found.findings if finding.stands]
+        standing = [finding.name for finding in found.findings if finding.supported]
         wrong += bool(standing) and "sensor-delay:alpha" not in standing
         sound = compatibility(
             [in_rough_air(100 + seed, turbulence)], CompatibilitySettings(TRAINER.airspeed)
         )
-        clean += any(finding.stands for finding in sound.findings)
+        clean += any(finding.supported for finding in sound.findings)
     assert (
         0.6 < float(np.sqrt(np.mean(np.square(errors)))) < 1.6 and abs(float(np.mean(errors))) < 1.0
     )

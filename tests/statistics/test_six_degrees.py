@@ -9,7 +9,8 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.kinematics import BIAS, SensorFault
-from ident.compatibility.six_degrees.kinematics import faults_of, ready, recorded, unknowns_of
+from ident.compatibility.six_degrees.kinematics import faults_of, unknowns_of
+from ident.compatibility.six_degrees.signals import prepared_signals, usable_channels
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from tests.oracles.six_degrees import LATERAL, SPEED, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
@@ -22,7 +23,7 @@ def groups(found: Compatibility) -> list[set[str]]:
     """Names of each group that stands."""
     out: list[set[str]] = []
     for finding in found.findings:
-        if finding.stands and not any(finding.name in group for group in out):
+        if finding.supported and not any(finding.name in group for group in out):
             out.append({finding.name, *finding.group})
     return out
 
@@ -50,9 +51,9 @@ def test_every_fault_is_within_its_standard_deviation_and_nothing_else_is_named(
     """One at a time, two seeds of each: what stands is it or holds it in its group; what the record
     tells too little of may stay unseen.
     """
-    s, _ = ready(
+    s, _ = prepared_signals(
         shown(fly(), WHOLE, Faults(), 0),
-        recorded(shown(fly(), WHOLE, Faults(), 0)),
+        usable_channels(shown(fly(), WHOLE, Faults(), 0)),
         SPEED,
         9.80665,
         0.0,

@@ -1,6 +1,4 @@
-"""Data compatibility in six degrees of freedom: biases, findings and the check of a set of
-records.
-"""
+"""Check of data compatibility in six degrees of freedom: estimates, findings and results."""
 
 from __future__ import annotations
 
@@ -10,190 +8,53 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import charge_of, confusable_loss, probabilities, same_lateness
-from ident.compatibility.fitting import KinematicFit, difference_in_sigmas
-from ident.compatibility.instruments import instruments_of, weigher
-from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, smoothed_walk, whitener
+from ident.compatibility.fault_sets import (
+    delay_same_channel,
+    largest_chance_loss,
+    penalty_per_fault,
+    probabilities,
+)
+from ident.compatibility.fitting import difference_in_sigmas
+from ident.compatibility.instruments import instruments_of
+from ident.compatibility.kinematics import BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
+from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, spike_notes
+from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
 from ident.compatibility.six_degrees.fitting import (
-    FaultLinearisation,
     NormalEquations,
     fit,
-    gradient_covariance,
     linearise_faults,
     output_error_equations,
-    output_error_gram,
     sum_of_equations,
 )
-from ident.compatibility.six_degrees.kinematics import (
-    BEYOND,
-    LEVEL,
-    faults_of,
-    ready,
-    recorded,
-    relations,
-    unknowns_of,
-)
+from ident.compatibility.six_degrees.kinematics import faults_of
+from ident.compatibility.six_degrees.linearised_sets import fit_sets, timed_channels
 from ident.compatibility.six_degrees.search import (
     SECANT_STEP,
     SixDegreeSearch,
     confusable_faults,
-    fit_sets,
     search,
-    timed_channels,
+)
+from ident.compatibility.six_degrees.signals import (
+    BEYOND_LONGITUDINAL,
+    WINGS_LEVEL_NOTE,
+    prepared_signals,
+    relations,
+    usable_channels,
 )
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
     CompatibilitySettings,
     FaultQuantity,
-    Reconstruction,
     SensorEstimate,
     SensorFinding,
     p_value,
+    reconstructions_of,
 )
 from ident.compatibility.unobservable import unobservable_faults
-from ident.statistics.intervals import bounded_inverse
 from sim.record import Record
 
 _REGULARISATION = 1e-9  # added to the unit diagonal of scaled information before its inversion
-
-# ---- Biases of each record by both methods
-
-
-def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
-    """Return the biases of record ``r`` by both methods, with the faults fixed at their values in
-    the fit.
-    """
-    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
-    unknowns, n = unknowns_of(s), len(own)
-    prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
-    slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
-    white = weigher(s, kinematic_fit.noise)(slopes)
-    innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
-    flat = white.reshape(-1, white.shape[2])
-    inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
-    scatter = np.diag(prior) + sum(
-        gradient_covariance(columns, e) for columns, e in zip(white, innovations, strict=True)
-    )
-    variances = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
-    gram, gradient, spread = output_error_gram(
-        s,
-        kinematic_fit,
-        r,
-        np.concatenate([slopes, kinematic_fit.residuals[r][:, :, None]], axis=2),
-    )
-    gradient[:n] -= prior[:n] * own
-    output_error_inverse = bounded_inverse(gram + np.diag(prior))
-    step, output_error_variances = (
-        output_error_inverse @ gradient,
-        np.diag(output_error_inverse @ (spread + np.diag(prior)) @ output_error_inverse),
-    )
-    estimates = []
-    for i, item in enumerate(unknowns):
-        if item.key[1] == BIAS:
-            fault = SensorFault(item.key[0], BIAS)
-            value, variance = float(own[i]), float(variances[i])
-            output_error_value = float(own[i] + step[i])
-            output_error_variance = max(float(output_error_variances[i]), variance)
-            determined = 0.0 < variance < fault.plausible**2
-            difference = 0.0
-            if determined:
-                difference = difference_in_sigmas(
-                    output_error_value, output_error_variance, value, variance
-                )
-            gain = 0.5 * value**2 / variance if variance > 0 else 0.0
-            quantities = (
-                FaultQuantity(output_error_value, math.sqrt(output_error_variance)),
-                FaultQuantity(value, math.sqrt(variance)),
-            )
-            estimates.append(
-                SensorEstimate(
-                    fault.name,
-                    fault.channel,
-                    BIAS,
-                    fault.unit,
-                    *quantities,
-                    difference,
-                    gain,
-                    p_value(gain, value, fault),
-                    determined,
-                )
-            )
-    return tuple(estimates)
-
-
-def bias_findings(
-    linear: FaultLinearisation, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
-) -> tuple[SensorFinding, ...]:
-    """Return the biases of record ``r`` that are large and significant, each with the faults that
-    explain the record as well. ``false_alarm`` is the probability of any false finding.
-    """
-    findings = []
-    for item in estimates:
-        fault, size = SensorFault(item.channel, BIAS), item.smoother
-        # Only the excess over the smallest finding counts: the rotation and curvature of the earth
-        # and the decrease of gravity with height cause smaller biases.
-        excess = max(abs(size.value) - fault.smallest_finding, 0.0)
-        p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
-        if item.determined and item.agrees and p * len(estimates) < false_alarm:
-            group = faults_instead_of_bias(linear, r, item.channel, false_alarm)
-            findings.append(
-                SensorFinding(
-                    item.channel,
-                    BIAS,
-                    size.value,
-                    size.std,
-                    item.unit,
-                    item.gain,
-                    True,
-                    group,
-                    item.name,
-                )
-            )
-    return tuple(findings)
-
-
-def faults_instead_of_bias(
-    linear: FaultLinearisation, r: int, channel: str, false_alarm: float
-) -> tuple[str, ...]:
-    """Return the faults that, added to the accepted ones, explain record ``r`` as well as the bias
-    of a channel does.
-    """
-    information, gradient = linear.full_equations[r]
-    own, faults = linear.fit.own[r], linear.faults
-    n = len(own)
-    b = [item.key for item in unknowns_of(linear.fit.signals[r])].index((channel, BIAS))
-    members = [n + faults.index(fault) for fault in linear.fit.faults]
-    gain_with_bias, _, _ = _gain_value_variance([*range(n), *members], information, gradient)
-    # The bias is set to zero by a step of minus its value.
-    others = [*(i for i in range(n) if i != b), *members]
-    gradient_without = gradient + information[:, b] * own[b]
-    loss_without = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
-    losses = []
-    for j, fault in enumerate(faults):
-        if n + j not in members and information[n + j, n + j] > 0:
-            gain, size, variance = _gain_value_variance(
-                [*others, n + j], information, gradient_without
-            )
-            notable = fault.smallest_finding < abs(size) < fault.largest
-            possible_sign = size > 0 or not fault.one_sided
-            if notable and possible_sign and variance < fault.plausible**2:
-                losses.append((gain_with_bias - gain + loss_without, fault.name))
-    chance = confusable_loss(false_alarm, len(faults))
-    return tuple(name for loss, name in sorted(losses) if loss <= chance)
-
-
-def _gain_value_variance(
-    free: Sequence[int], information: np.ndarray, gradient: np.ndarray
-) -> tuple[float, float, float]:
-    """Return the gain of log likelihood by the unknowns ``free``, and the value and variance of the
-    last of them.
-    """
-    inverse = bounded_inverse(information[np.ix_(free, free)])
-    values = inverse @ gradient[list(free)]
-    return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
-
 
 # ---- Estimates of all faults by both methods
 
@@ -202,22 +63,22 @@ def estimates_and_findings(
     search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
     """Return the estimates of every fault by both methods, and all findings, accepted first."""
-    linear, faults = search_result.lines, search_result.lines.faults
-    accepted = _accepted_and_loss(search_result)
+    linear, faults = search_result.linear, search_result.linear.faults
+    accepted_and_loss = _accepted_and_loss(search_result)
     output_error = sum_of_equations(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
     losses: dict[int, float | None] = {}
     for j in search_result.common:
-        context, losses[j] = _context(search_result, j, accepted)
+        context, losses[j] = _context(search_result, j, accepted_and_loss)
         estimates[j] = _estimate(linear.joint, output_error, faults, context, j)
     findings, named = [], set()
     for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
-            if j not in named and accepted[j][0] == group[0][0]:
+            if j not in named and accepted_and_loss[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
-                finding = _finding(estimates[j], faults[j], others, loss, stands=True)
+                finding = _finding(estimates[j], faults[j], others, loss, supported=True)
                 leader = "" if j == group[0][0] else names[0]
                 findings.append(replace(finding, probabilities=shares, instead_of=leader))
                 named.add(j)
@@ -225,9 +86,9 @@ def estimates_and_findings(
         (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     for j in not_accepted:
-        finding = _finding(estimates[j], faults[j], (), losses[j], stands=False)
-        late = [i for i in search_result.standing if same_lateness(faults[i], faults[j])]
-        finding = replace(finding, instead_of=faults[late[0]].name if late else "")
+        finding = _finding(estimates[j], faults[j], (), losses[j], supported=False)
+        same_delay = [i for i in search_result.accepted if delay_same_channel(faults[i], faults[j])]
+        finding = replace(finding, instead_of=faults[same_delay[0]].name if same_delay else "")
         findings.append(replace(finding, replicates=j not in search_result.refused))
     return tuple(estimates.values()), tuple(findings)
 
@@ -236,30 +97,30 @@ def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, f
     """Return for each fault that is accepted, or may be confused with an accepted one, the accepted
     fault and the loss of log likelihood against it.
     """
-    groups = list(zip(search_result.standing, search_result.groups, strict=True))
+    groups = list(zip(search_result.accepted, search_result.groups, strict=True))
     confusable = {j: (i, loss) for i, group in reversed(groups) for j, loss in group}
-    return confusable | {i: (i, 0.0) for i in search_result.standing}
+    return confusable | {i: (i, 0.0) for i in search_result.accepted}
 
 
 def _context(
-    search_result: SixDegreeSearch, j: int, accepted: dict[int, tuple[int, float]]
+    search_result: SixDegreeSearch, j: int, accepted_and_loss: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """Return the set in which fault ``j`` is tested, with ``j`` last. Where it replaces an accepted
-    fault, return its loss of log likelihood too, else None.
+    """Return the set in which fault ``j`` is tested, with ``j`` last, and its loss of log
+    likelihood if it replaces an accepted fault; else None.
     """
-    faults, standing = search_result.lines.faults, search_result.standing
-    if j in accepted:
-        replaced, loss = accepted[j]
-        return [*(k for k in standing if k != replaced and k != j), j], loss
-    same_delay = [i for i in standing if same_lateness(faults[i], faults[j])]
+    faults, accepted = search_result.linear.faults, search_result.accepted
+    if j in accepted_and_loss:
+        replaced, loss = accepted_and_loss[j]
+        return [*(k for k in accepted if k != replaced and k != j), j], loss
+    same_delay = [i for i in accepted if delay_same_channel(faults[i], faults[j])]
     if not same_delay:
-        return [*standing, j], None
+        return [*accepted, j], None
     i = same_delay[0]
-    members = [*(k for k in standing if k != i), j]
-    if (i, j) in search_result.lateness:
-        return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
+    members = [*(k for k in accepted if k != i), j]
+    if (i, j) in search_result.exchange_losses:
+        return members, max(search_result.exchange_losses[i, j], 0.0) / search_result.widening
     pair = fit_sets(
-        search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
+        search_result.linear.joint, faults, np.array([[*members[:-1], i], members]), early=False
     )
     return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
 
@@ -305,13 +166,13 @@ def _estimate(
 
 def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
     """Return the variance of the last fault of a set, from the scatter of the gradient."""
-    at = np.ix_(context, context)
-    diagonal = np.diag(normal.information[at])
+    block = np.ix_(context, context)
+    diagonal = np.diag(normal.information[block])
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     inverse = np.linalg.inv(
-        normal.information[at] * np.outer(scale, scale) + _REGULARISATION * np.eye(len(scale))
+        normal.information[block] * np.outer(scale, scale) + _REGULARISATION * np.eye(len(scale))
     ) * np.outer(scale, scale)
-    return float(inverse[-1] @ normal.scatter[at] @ inverse[-1])
+    return float(inverse[-1] @ normal.scatter[block] @ inverse[-1])
 
 
 def _finding(
@@ -320,7 +181,7 @@ def _finding(
     group: tuple[str, ...],
     lost: float | None,
     *,
-    stands: bool,
+    supported: bool,
 ) -> SensorFinding:
     size = item.smoother
     return SensorFinding(
@@ -330,7 +191,7 @@ def _finding(
         size.std,
         fault.unit,
         item.gain,
-        stands,
+        supported,
         group,
         fault.name,
         True,
@@ -342,11 +203,17 @@ def estimates_of_record(search_result: SixDegreeSearch, r: int) -> tuple[SensorE
     """Return the estimates of all faults from record ``r`` alone, each in the same set as in the
     joint check.
     """
-    linear = search_result.lines
-    accepted = _accepted_and_loss(search_result)
+    linear = search_result.linear
+    accepted_and_loss = _accepted_and_loss(search_result)
     smoother, output_error = linear.smoother[r], search_result.output_error[r]
     return tuple(
-        _estimate(smoother, output_error, linear.faults, _context(search_result, j, accepted)[0], j)
+        _estimate(
+            smoother,
+            output_error,
+            linear.faults,
+            _context(search_result, j, accepted_and_loss)[0],
+            j,
+        )
         for j in search_result.common
     )
 
@@ -357,7 +224,7 @@ def drift_finding(
     """Return the finding of a drift in record ``r`` in addition to all accepted faults, or no
     finding. ``false_alarm`` is the probability of a false drift.
     """
-    linear, members = search_result.lines, search_result.standing
+    linear, members = search_result.linear, search_result.accepted
     faults = linear.faults
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # This selection takes the noise as white: a drift itself makes residuals coloured.
@@ -369,8 +236,8 @@ def drift_finding(
     )
     gains = np.where(sets.sound, sets.gain, 0.0)
     j = drifts[int(np.argmax(gains))]
-    charge = charge_of(false_alarm, len(drifts))
-    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < charge:
+    penalty = penalty_per_fault(false_alarm, len(drifts))
+    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < penalty:
         return ()
     record_fit = replace(linear.fit, signals=(linear.fit.signals[r],), own=(linear.fit.own[r],))
     with_drift = linearise_faults(
@@ -383,14 +250,14 @@ def drift_finding(
     )
     if (
         not item.determined
-        or item.gain < charge
+        or item.gain < penalty
         or abs(item.smoother.value) < faults[j].smallest_finding
     ):
         return ()
     rivals = confusable_faults(
-        with_drift, (*members, j), j, confusable_loss(false_alarm, len(drifts)), drifts
+        with_drift, (*members, j), j, largest_chance_loss(false_alarm, len(drifts)), drifts
     )
-    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
+    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, supported=True),)
 
 
 def _gain_of(
@@ -415,7 +282,7 @@ STEADY_WIND = (
 
 def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
     """Return the channels of six-degree kinematics that all records have."""
-    first, *others = (recorded(record) for record in records)
+    first, *others = (usable_channels(record) for record in records)
     return tuple(name for name in first if all(name in names for names in others))
 
 
@@ -425,20 +292,51 @@ def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) 
     """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
-    return any(name in BEYOND for name in relations(channels, speed=known_speed))
+    return any(name in BEYOND_LONGITUDINAL for name in relations(channels, speed=known_speed))
 
 
 def check(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
 ) -> Compatibility:
     """Return the result of `ident.compatibility.check.compatibility` for records with six degrees
-    of freedom. Where ``each`` is True, the result also has every record alone.
+    of freedom. Where ``each`` is True, every one of several records is also checked alone.
     """
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
     related = relations(channels, speed=known_speed)
+    signals, notes = _signals_and_notes(records, channels, related, settings)
+    base = fit(signals)
+    search_result = search(signals, base, faults_of(signals[0], settings.chord), settings)
+    joint, single = _joint_and_single(search_result, settings.false_alarm, each=each)
+    notes += _notes(search_result, signals)
+    final = search_result.linear.fit
+    unobservable = (
+        *_channels_without_relation(channels, related),
+        *_unobservable(search_result, signals[0], settings.false_alarm),
+        STEADY_WIND,
+    )
+    return Compatibility(
+        channels,
+        related,
+        joint,
+        single,
+        reconstructions_of(base, final),
+        unobservable,
+        tuple(notes),
+    )
+
+
+def _signals_and_notes(
+    records: Sequence[Record],
+    channels: Sequence[str],
+    related: dict[str, tuple[str, ...]],
+    settings: CompatibilitySettings,
+) -> tuple[tuple[KinematicSignals, ...], list[str]]:
+    """Return the signals of each record, and sentences on changes of the channels and on missing
+    relations. ``related`` has the usable relations.
+    """
     prepared = [
-        ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
+        prepared_signals(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
     ]
     signals = tuple(s for s, _ in prepared)
@@ -448,28 +346,26 @@ def check(
         signals = tuple(
             replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True)
         )
-    for s in signals:
-        notes += [
-            f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside"
-            for name, count in s.spikes.items()
-            if count
-        ]
+    notes += spike_notes(signals)
     lacking = [name for name in relations(channels, speed=True) if name not in related]
     if lacking:
         notes.append(
             f"{NO_AIRSPEED}, without which these relations cannot be used: {', '.join(lacking)}"
         )
     if "phi" not in channels:
-        notes.append(LEVEL)
-    together = len(signals) > 1
-    base = fit(signals)
-    faults = faults_of(signals[0], settings.chord)
-    search_result = search(signals, base, faults, settings)
+        notes.append(WINGS_LEVEL_NOTE)
+    return signals, notes
+
+
+def _joint_and_single(
+    search_result: SixDegreeSearch, false_alarm: float, *, each: bool
+) -> tuple[CheckResult, tuple[CheckResult, ...]]:
+    """Return the result of all records together and those of single records; the latter are empty
+    for several records unless ``each`` is True.
+    """
     estimates, findings = estimates_and_findings(search_result)
-    final = search_result.lines.fit
-    names = tuple(s.name for s in signals)
-    biases = [bias_estimates(final, r) for r in range(len(signals))]
-    noise = final.noise
+    final = search_result.linear.fit
+    noise, names = final.noise, tuple(s.name for s in final.signals)
     # A channel that is an input of another relation has its own white noise as an output.
     levels = dict(
         zip(
@@ -478,54 +374,41 @@ def check(
             strict=True,
         )
     )
-    if together:
-        joint = CheckResult(names, estimates, (), findings, levels)
-        single = tuple(
-            CheckResult(
-                (names[r],),
-                estimates_of_record(search_result, r),
-                biases[r],
-                _single_record_results(
-                    search_result, r, biases[r], settings.false_alarm, len(signals)
-                ),
-                levels,
-            )
-            for r in (range(len(signals)) if each else ())
-        )
-    else:
-        joint = CheckResult(
-            names,
-            estimates,
-            biases[0],
-            (*bias_findings(search_result.lines, 0, biases[0], settings.false_alarm), *findings),
+    biases = [bias_estimates(final, r) for r in range(len(names))]
+    if len(names) == 1:
+        found_biases = bias_findings(search_result.linear, 0, biases[0], false_alarm)
+        joint = CheckResult(names, estimates, biases[0], (*found_biases, *findings), levels)
+        return joint, (joint,)
+    joint = CheckResult(names, estimates, (), findings, levels)
+    single = tuple(
+        CheckResult(
+            (names[r],),
+            estimates_of_record(search_result, r),
+            biases[r],
+            _findings_of_record(search_result, r, biases[r], false_alarm, len(names)),
             levels,
         )
-        single = (joint,)
-    notes += _notes(search_result, signals)
-    unobservable = (
-        *_channels_without_relation(channels, related),
-        *_unobservable(search_result, signals[0], settings.false_alarm),
-        STEADY_WIND,
+        for r in (range(len(names)) if each else ())
     )
-    return Compatibility(
-        channels, related, joint, single, _reconstructions(base, final), unobservable, tuple(notes)
-    )
+    return joint, single
 
 
-def _single_record_results(
+def _findings_of_record(
     search_result: SixDegreeSearch,
     r: int,
     biases: Sequence[SensorEstimate],
     false_alarm: float,
     count: int,
 ) -> tuple[SensorFinding, ...]:
-    """Return the biases and the drift of one record of several."""
+    """Return the findings of biases and of a drift in record ``r`` of ``count`` records. A bias
+    that may be confused with the drift is left out.
+    """
     drift = drift_finding(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (
         *(
             bias
-            for bias in bias_findings(search_result.lines, r, biases, false_alarm)
+            for bias in bias_findings(search_result.linear, r, biases, false_alarm)
             if not drifts.intersection(bias.group)
         ),
         *drift,
@@ -539,10 +422,10 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
         channel, ahead = search_result.early
         notes.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
-            "than any sensor fault: something acts that the kinematics do not know, a gust on vane "
-            "and load most likely, so that no further fault is named"
+            "than any sensor fault: most likely a gust on vane and load, which the kinematics do "
+            "not include, so that no further fault is named"
         )
-    delayed = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
+    delayed = channels_with_delay([search_result.linear.faults[i] for i in search_result.accepted])
     on_time = [name for name in timed_channels(tuple(signals[0].channels)) if name not in delayed]
     if delayed & set(timed_channels(tuple(signals[0].channels))) and on_time:
         notes.append(
@@ -556,16 +439,16 @@ def _unobservable(
     search_result: SixDegreeSearch, s: KinematicSignals, false_alarm: float
 ) -> tuple[str, ...]:
     """Return sentences on faults that the records do not determine."""
-    faults = (*search_result.lines.faults, *search_result.lines.biases)
+    faults = (*search_result.linear.faults, *search_result.linear.biases)
     size = np.array([fault.plausible for fault in faults])
     mounts = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *mounts, "wind")
     return unobservable_faults(
-        search_result.lines.information_with_biases * np.outer(size, size),
+        search_result.linear.information_with_biases * np.outer(size, size),
         faults,
         [name for name in channels if _has_fault(name, faults)],
-        confusable_loss(false_alarm, len(search_result.common)),
-        {search_result.lines.faults[j].name for group in search_result.groups for j, _ in group},
+        largest_chance_loss(false_alarm, len(search_result.common)),
+        {search_result.linear.faults[j].name for group in search_result.groups for j, _ in group},
     )
 
 
@@ -579,21 +462,7 @@ def _channels_without_relation(
     """Return a sentence on each channel that is in no relation."""
     named = {name for names in related.values() for name in names}
     return tuple(
-        f"{name}: nothing can be told, no relation that these channels close has it"
+        f"{name}: cannot be checked, no relation among the recorded channels contains it"
         for name in channels
         if name not in named
     )
-
-
-def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
-    """Return the reconstruction of each record, from fits without faults and with them."""
-    reconstructions = []
-    for s, without_faults, y, residual in zip(
-        final.signals, base.outputs, final.outputs, final.residuals, strict=True
-    ):
-        smooth = y + smoothed_walk(s, final.noise, residual)
-        measured = {name: s.channels[name] for name in s.outputs}
-        every = (without_faults, y, smooth, s.valid)
-        by_output = [dict(zip(s.outputs, values, strict=True)) for values in every]
-        reconstructions.append(Reconstruction(s.name, s.time, measured, *by_output))
-    return tuple(reconstructions)

@@ -1,4 +1,4 @@
-"""Fits of the kinematics of six degrees of freedom, in full and to first order, and their noise.
+"""Fits of the kinematics of six degrees of freedom, in full and to first order.
 
 Slopes with respect to delays and lags are secants: at size zero, the derivatives of a delay and of
 a lag are equal.
@@ -6,7 +6,6 @@ a lag are equal.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,206 +21,22 @@ from ident.compatibility.fitting import (
     residual_of,
     starting_sizes,
 )
-from ident.compatibility.instruments import instrumented, part_of_controls, shortened, weigher
+from ident.compatibility.instruments import (
+    instrument_projection,
+    instrumented,
+    projected_whitener,
+    reduced_whitener,
+)
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
 from ident.compatibility.signals import (
     KinematicSignals,
-    RelationNoise,
-    differences,
-    floors,
-    inputs_of,
-    roughness,
     walk_gains,
     whitener,
 )
 from ident.compatibility.six_degrees.kinematics import evaluate, linearised, start_of, unknowns_of
+from ident.compatibility.six_degrees.noise import estimated_noise, noise_from_roughness
 from ident.statistics.intervals import bounded_inverse
 from ident.statistics.residual_spectrum import autocovariance
-
-# ---- Variances of white noise and walk
-
-# grid of ratios: variance that the walk gains over one step, over the white variance
-_WALK_TO_WHITE_RATIOS = np.logspace(-6.0, 4.0, 21)
-_ROUNDING_EIGENVALUE_SHARE = 1e-10  # smallest eigenvalue above rounding, relative to the largest
-_LEAST_WALK_SHARE = 0.1  # smallest walk, relative to the noise of its inputs by their roughness
-# prior of the walk's level: standard deviation of its logarithm below the expected level
-_LOG_LEVEL_STD_BELOW = 0.5
-_LOG_LEVEL_STD_ABOVE = 3.0  # the same above that level: other errors add to the noise of inputs
-_GOLDEN_SECTION, _GOLDEN_SECTION_STEPS = 0.382, 12  # search for the best ratio between grid points
-_FEWEST_NOISE_SAMPLES = 5  # fewest samples, less the fitted unknowns, that give a noise level
-_LEAST_WHITE_SHARE = 1e-3  # smallest white variance, relative to that from the roughness
-_MISSING_VARIANCE = 1e8  # variance of a missing sample, relative to a valid one
-
-
-def walk_inputs(s: KinematicSignals) -> tuple[str, ...]:
-    """Return the channels whose noise causes a random walk in an output: the inputs of all
-    relations, each once.
-    """
-    return tuple(
-        dict.fromkeys(
-            name for output in s.outputs for name in inputs_of(output) if name in s.channels
-        )
-    )
-
-
-def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """Return starting values of the noise from the roughness of the channels."""
-    outputs, inputs = signals[0].outputs, walk_inputs(signals[0])
-    rough = [
-        float(np.mean([roughness(s.channels[name]) for s in signals]))
-        for name in (*outputs, *inputs)
-    ]
-    return RelationNoise(
-        outputs, inputs, np.array(rough[: len(outputs)]), np.array(rough[len(outputs) :])
-    )
-
-
-def settled_noise(
-    signals: Sequence[KinematicSignals],
-    residuals: Sequence[np.ndarray],
-    columns: Sequence[np.ndarray],
-    starting_noise: RelationNoise,
-) -> RelationNoise:
-    """Return the noise variances that maximise the restricted likelihood of each output by itself.
-
-    The walk of an output is the integral of the noise of its inputs. A relation with one input
-    gives the noise of that input. In the other relations, the known inputs are subtracted, and the
-    remaining walk scales the starting values of the unknown inputs.
-
-    Parameters
-    ----------
-    residuals : ``(m, N)`` of each record.
-    columns : ``(m, N, c)`` of each record, derivatives of the outputs with respect to the fitted
-        unknowns.
-    starting_noise : noise from the roughness of the channels.
-    """
-    white, walk = np.empty(len(starting_noise.outputs)), np.empty(len(starting_noise.outputs))
-    gains = np.mean([walk_gains(s, starting_noise) for s in signals], axis=0)
-    for i in range(len(starting_noise.outputs)):
-        white[i], walk[i] = _noise_of_output(
-            i,
-            signals,
-            residuals,
-            columns,
-            starting_noise.white[i],
-            float(gains[i] ** 2 @ starting_noise.density),
-        )
-    density, alone = starting_noise.density.copy(), np.count_nonzero(gains, axis=1) == 1
-    known: set[int] = set()
-    for i in np.flatnonzero(alone).tolist():
-        j = int(np.flatnonzero(gains[i])[0])
-        density[j] = walk[i] / gains[i, j] ** 2
-        known.add(j)
-    for i in np.flatnonzero(~alone).tolist():
-        free = [j for j in np.flatnonzero(gains[i]) if j not in known]
-        unexplained = walk[i] - sum(
-            gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known
-        )
-        if free:
-            expected = float((gains[i, free] ** 2 * starting_noise.density[free]).sum())
-            factor = np.maximum(unexplained / expected, _LEAST_WALK_SHARE)
-            density[free] = factor * starting_noise.density[free]
-        elif unexplained > 0:
-            factor = walk[i] / (walk[i] - unexplained)
-            density[np.flatnonzero(gains[i])] *= factor
-    # A record cannot show less noise than the resolution of its columns.
-    white, density = (
-        np.maximum(white, floors(signals, starting_noise.outputs)),
-        np.maximum(density, floors(signals, starting_noise.inputs)),
-    )
-    return RelationNoise(starting_noise.outputs, starting_noise.inputs, white, density)
-
-
-def _noise_of_output(
-    i: int,
-    signals: Sequence[KinematicSignals],
-    residuals: Sequence[np.ndarray],
-    columns: Sequence[np.ndarray],
-    rough: float,
-    expected: float,
-) -> tuple[float, float]:
-    """Return the white variance of output ``i`` of all records, and the variance of the noise of
-    its rate. A step of the walk is this noise times the sampling interval.
-
-    Parameters
-    ----------
-    rough : white variance from the roughness of the channel, returned where samples are too few.
-    expected : variance of the noise of the rate, from the noise of the inputs.
-    """
-    parts = []
-    for s, residual, slopes in zip(signals, residuals, columns, strict=True):
-        basis = _orthonormal_basis(np.where(s.valid[i][:, None], slopes[i], 0.0))
-        flat = differences(np.concatenate([residual[i][None, :, None], basis[None]], axis=2))
-        parts.append((s, s.valid[i], np.asfortranarray(flat)))
-    count = sum(int(np.count_nonzero(valid)) - flat.shape[1] + 1 for _, valid, flat in parts)
-    if count < _FEWEST_NOISE_SAMPLES:
-        return rough, expected
-    step = float(np.median(np.concatenate([s.steps for s, _, _ in parts])))
-
-    def cost(ratio: float) -> float:
-        likelihood_cost, variance = _restricted_misfit(parts, count, ratio)
-        log_excess = math.log(ratio * variance / expected)
-        std = _LOG_LEVEL_STD_BELOW if log_excess < 0 else _LOG_LEVEL_STD_ABOVE
-        return likelihood_cost + 0.5 * (log_excess / std) ** 2
-
-    ratios = _WALK_TO_WHITE_RATIOS / step**2
-    best = int(np.argmin([cost(ratio) for ratio in ratios.tolist()]))
-    low, high = math.log(ratios[max(best - 1, 0)]), math.log(ratios[min(best + 1, len(ratios) - 1)])
-    for _ in range(_GOLDEN_SECTION_STEPS):
-        lower = low + _GOLDEN_SECTION * (high - low)
-        upper = low + (1.0 - _GOLDEN_SECTION) * (high - low)
-        if cost(math.exp(lower)) < cost(math.exp(upper)):
-            high = upper
-        else:
-            low = lower
-    ratio = math.exp(0.5 * (low + high))
-    white = max(_restricted_misfit(parts, count, ratio)[1], _LEAST_WHITE_SHARE * rough, 1e-20)
-    return white, max(ratio * white, _LEAST_WALK_SHARE * expected)
-
-
-def _restricted_misfit(
-    parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float
-) -> tuple[float, float]:
-    """Return minus the restricted log likelihood at a ratio of rate noise to white variance, and
-    the white variance that maximises it.
-
-    ``parts`` has for each record its signals, the valid samples ``(N,)``, and the differences ``(N,
-    1 + c)`` of the residual and of the columns. ``count`` is the number of degrees of freedom.
-    """
-    from scipy.linalg.lapack import dpbtrf, dtbtrs
-
-    squares = logs = 0.0
-    for s, valid, flat in parts:
-        variances = np.where(valid, 1.0, _MISSING_VARIANCE)
-        band = np.zeros((2, len(variances)))
-        band[0] = variances
-        band[0, 1:] += variances[:-1] + ratio * s.steps**2
-        band[1, :-1] = -variances[:-1]
-        factor, failure = dpbtrf(band, lower=1)
-        if failure:
-            return math.inf, 1.0
-        white = dtbtrs(factor, flat, uplo="L")[0]
-        e, q = white[:, 0], white[:, 1:]
-        gram, right = q.T @ q, q.T @ e
-        squares += float(e @ e) - float(right @ np.linalg.solve(gram, right))
-        logs += (
-            2.0 * float(np.sum(np.log(factor[0])))
-            + float(np.linalg.slogdet(gram)[1])
-            - 18.42 * float(np.count_nonzero(~valid))
-        )
-    variance = max(squares / count, 1e-30)
-    return 0.5 * (count * math.log(variance) + logs), variance
-
-
-def _orthonormal_basis(columns: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis ``(N, r)`` of the columns ``(N, c)``."""
-    scale = np.linalg.norm(columns, axis=0)
-    columns = columns[:, scale > 0] / scale[scale > 0]
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    largest = max(float(values[-1]), 1e-300) if len(values) else 1.0
-    determined = values > _ROUNDING_EIGENVALUE_SHARE * largest
-    return np.asarray(columns @ (vectors[:, determined] / np.sqrt(values[determined])))
-
 
 # ---- Fits of the kinematics of six degrees of freedom
 
@@ -239,7 +54,7 @@ def fit(
     """Return the smoother fit of R records with some faults.
 
     ``begin`` is a fit of the same records. It gives the noise, and starting values of the unknowns
-    and of the faults that it has; other faults start at zero. None takes first samples.
+    and of the faults that it has; other faults start at zero. None starts from `start_of`.
     """
     unknowns = [unknowns_of(s) for s in signals]
     if begin is None:
@@ -247,10 +62,10 @@ def fit(
     else:
         own = [np.array(values) for values in begin.own]
     sizes = starting_sizes(faults, begin)
-    starting_noise = first_noise(signals)
+    starting_noise = noise_from_roughness(signals)
     noise = begin.noise if begin is not None else starting_noise
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
-    lines = [
+    linear = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
     ]
     search = KinematicDescent(
@@ -265,19 +80,19 @@ def fit(
         _NEGLIGIBLE_GAIN,
     )
     for _ in range(MOST_PASSES):
-        whiteners = [shortened(s, noise) for s in signals]
-        own, sizes, lines = descend(search, (own, sizes, lines), whiteners)
-        residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
+        whiteners = [reduced_whitener(s, noise) for s in signals]
+        own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
+        residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
         before, noise = (
             noise,
-            settled_noise(signals, residuals, [slope for _, slope in lines], starting_noise),
+            estimated_noise(signals, residuals, [slope for _, slope in linear], starting_noise),
         )
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_CHANGE):
             break
-    residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
-    whiteners = [shortened(s, noise) for s in signals]
-    cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
-    slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
+    residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
+    whiteners = [reduced_whitener(s, noise) for s in signals]
+    cost = misfit(signals, priors, own, [y for y, _ in linear], whiteners)
+    slopes, outputs = tuple(slope for _, slope in linear), tuple(y for y, _ in linear)
     return KinematicFit(
         tuple(signals),
         tuple(faults),
@@ -294,8 +109,8 @@ def fit(
 def negative_log_likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     """Return minus the log likelihood of each of some fits of the same records, up to a constant.
 
-    Records with instruments are compared by their projected misfits, all under the noise of the
-    likeliest fit.
+    If the records have instruments, the results are the projected misfits, all under the noise of
+    the likeliest fit.
     """
     costs = np.array(
         [
@@ -307,7 +122,7 @@ def negative_log_likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     if not instrumented(fits[0].signals):
         return costs
     likeliest = fits[int(np.argmin(costs))]
-    whiteners = [shortened(s, likeliest.noise) for s in likeliest.signals]
+    whiteners = [reduced_whitener(s, likeliest.noise) for s in likeliest.signals]
     priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in likeliest.signals]
     return np.array([least_misfit(candidate, whiteners, priors) for candidate in fits])
 
@@ -348,7 +163,7 @@ class FaultLinearisation:
 
     Attributes
     ----------
-    fit : the fit.
+    fit : the fit at which the outputs are linearised.
     faults : the k faults, among them those of the fit.
     smoother : normal equations of each record under the noise of the fit.
     biases : the b biases of a record.
@@ -397,7 +212,9 @@ def linearise_faults(
         )
         delay_columns = np.where(s.valid[:, :, None], delay_slopes, 0.0)
         white, white_delays = np.split(
-            weigher(s, kinematic_fit.noise)(np.concatenate([columns, delay_columns], axis=2)),
+            projected_whitener(s, kinematic_fit.noise)(
+                np.concatenate([columns, delay_columns], axis=2)
+            ),
             [columns.shape[2]],
             axis=2,
         )
@@ -415,7 +232,8 @@ def linearise_faults(
                 gram[:-1, -1] - extended_prior * np.append(own, np.zeros(len(faults))),
             )
         )
-        # Secants of a delay that is common to all channels differ; their derivatives do not.
+        # A delay common to all channels is unobservable. Only derivatives show this exactly:
+        # secants of the channels over different times would not cancel.
         delays = [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]
         flat[:, delays] = white_delays.reshape(len(flat), -1)
         bias_information.append(
@@ -435,9 +253,11 @@ def linearise_faults(
 def _fault_slopes(
     kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes ``(m, N, n + k)`` with respect to the unknowns of record ``r`` and to the
-    faults, those of time shifts as secants; and the derivatives ``(m, N, d)`` with respect to the d
-    delays at the fit.
+    """Return two arrays of slopes of the outputs of record ``r`` at the fit.
+
+    The first, ``(m, N, n + k)``, is with respect to the unknowns of the record and to the faults;
+    for delays and lags it has secants. The second, ``(m, N, d)``, has the derivatives with respect
+    to the d delays.
     """
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
@@ -512,8 +332,8 @@ def _projected(
 
 
 def gradient_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the covariance ``(c, c)`` of the gradient of one output where the noise has the
-    autocovariance of its residual, as in ``corrected_covariance``.
+    """Return the covariance ``(c, c)`` of the gradient of one output, if its noise has the
+    autocovariance of the residual, as `corrected_covariance` assumes.
 
     ``columns (N, c)`` and ``residual (N,)`` are those of the output.
     """
@@ -529,13 +349,11 @@ def gradient_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray
     return np.asarray(columns.T @ smooth)
 
 
-def output_error_equations(lines: FaultLinearisation, r: int) -> NormalEquations:
-    """Return the normal equations of record ``r`` by output error, which takes residuals as
-    white.
-    """
-    s, own = lines.fit.signals[r], lines.fit.own[r]
+def output_error_equations(linearisation: FaultLinearisation, r: int) -> NormalEquations:
+    """Return the normal equations of record ``r`` by output error (white residuals)."""
+    s, own = linearisation.fit.signals[r], linearisation.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
-    gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
+    gram, gradient, scatter = output_error_gram(s, linearisation.fit, r, linearisation.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _projection_matrix(gram, prior))
@@ -550,7 +368,7 @@ def output_error_gram(
     ``columns (m, N, c + 1)`` are the slopes and, last, the residual. The covariance has these
     weights and the noise of the smoother fit.
     """
-    project = part_of_controls(s)
+    project = instrument_projection(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
     weight = 1.0 / np.maximum((kinematic_fit.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
     slopes, residual = columns[:, :, :-1], columns[:, :, -1]

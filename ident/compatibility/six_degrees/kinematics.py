@@ -1,6 +1,6 @@
 """Kinematics of six degrees of freedom: channels, relations, unknowns.
 
-Body axes, x forward, y to the right, z down; flat earth, wind that does not change (Klein and
+Body axes, x forward, y to the right, z down; flat earth and constant wind (Klein and
 Morelli, Aircraft System Identification, AIAA 2006, ch. 10; Jategaonkar, Flight Vehicle System
 Identification, AIAA 2006, ch. 10):
 
@@ -30,7 +30,7 @@ The terms of any other load that is not recorded are zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,152 +51,21 @@ from ident.compatibility.kinematics import (
     SensorFault,
     Unknown,
     Values,
+    cumulative,
     difference_step,
-    increments,
-    middle,
-    samples,
-    shown,
-    summed,
+    midpoints,
+    sensor_reading,
+    true_increments,
+    true_samples,
 )
-from ident.compatibility.signals import (
-    IGNORED_ENDS,
-    LEAST_RECORD_ENDS,
-    KinematicSignals,
-    isolated,
-)
-from sim.errors import RecordError
+from ident.compatibility.signals import KinematicSignals
+from ident.compatibility.six_degrees.signals import HEIGHTS, load_on
 from sim.maths import G0
-from sim.record import Record
-
-# ---- Records with lateral channels or a height made ready for the kinematics
-
-HEIGHTS = ("height", "altitude")
-AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
-_LONGITUDINAL = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx")
-CHANNELS = (*_LONGITUDINAL, "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
-BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
-WRAPPED = ("phi", "psi")  # angles that may jump by a turn
-_INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
-_STEEPEST_PITCH = 1.4  # rad: at steeper pitch Euler angles are not usable
-
-
-def recorded(record: Record) -> tuple[str, ...]:
-    """Return the channels of a record that the kinematics use, with one accelerometer for each axis
-    and one height.
-    """
-    have = [
-        name
-        for name in CHANNELS
-        if name in record.output_names and np.count_nonzero(record[name].valid) > 1
-    ]
-    for alternatives in (*AXES.values(), HEIGHTS):
-        for name in [name for name in alternatives if name in have][1:]:
-            have.remove(name)
-    return tuple(have)
-
-
-def load_on(axis: str, names: Sequence[str]) -> str | None:
-    """Return the channel of the accelerometer along an axis (x, y, z); None without one."""
-    return next((name for name in AXES[axis] if name in names), None)
-
-
-def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
-    """Return the output of each relation that these channels close -> the channels of the relation,
-    the required ones first. ``speed`` : whether an airspeed is recorded or given.
-    """
-    have = set(names)
-    x, y, z = (load_on(axis, names) or "" for axis in "xyz")
-    height = next((name for name in HEIGHTS if name in have), "")
-    needs = {
-        "alpha": (("alpha", "q", z), ("theta", "phi", x, "beta", "p", "r", "airspeed"), speed),
-        "theta": (("theta", "q"), ("phi", "r"), "phi" not in have or "r" in have),
-        "airspeed": (("airspeed", x, "theta", "alpha", z), ("beta", y, "phi"), True),
-        "beta": (("beta", "r", y, "phi"), ("p", "alpha", "theta", x, z, "airspeed"), speed),
-        "phi": (("phi", "p"), ("r", "q", "theta"), True),
-        "psi": (("psi", "r", "phi"), ("q", "theta"), True),
-        height: ((height, "theta", "alpha"), ("airspeed", "phi", "beta"), speed),
-    }
-    return {
-        output: (*required, *(name for name in optional if name in have))
-        for output, (required, optional, possible) in needs.items()
-        if possible and set(required) <= have
-    }
-
-
-def ready(
-    record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
-) -> tuple[KinematicSignals, tuple[str, ...]]:
-    """Return the signals of a record, and sentences on changes made to them.
-
-    Angles that wrap around are unwrapped. A vertical load without the weight gets it.
-
-    Parameters
-    ----------
-    channels : the channels common to all records.
-    airspeed : m/s, where none is recorded; None without.
-    gravity : m/s2.
-    vane_arm : m.
-
-    Raises
-    ------
-    RecordError : where the pitch attitude is near the vertical.
-    """
-    bridged, valid, spikes, notes = {}, {}, {}, []
-    for name in channels:
-        values, mask = record[name].values.copy(), record[name].valid.copy()
-        if name in WRAPPED:
-            values[mask] = np.unwrap(values[mask])
-        wrong = isolated(record.time[mask], values[mask])
-        spikes[name] = int(np.count_nonzero(wrong))
-        mask[np.flatnonzero(mask)[wrong]] = False
-        if name == "theta" and np.any(np.abs(values[mask]) > _STEEPEST_PITCH):
-            where = f"{record.name}, channel theta"
-            raise RecordError(
-                "an attitude near the vertical, where bank and heading mean nothing",
-                where=where,
-                remedy="cut the record there",
-            )
-        bridged[name] = np.interp(record.time, record.time[mask], values[mask])
-        valid[name] = mask
-    if (z := load_on("z", channels)) is not None:
-        weight = 1.0 if z == "nz" else -G0
-        if float(np.median(bridged[z])) / weight < _INCREMENTAL_LOAD:
-            bridged[z] = bridged[z] + weight
-            notes.append(f"{z} of {record.name} is without the weight, which is added")
-    relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
-    used = {name for joined in relation_list.values() for name in joined}
-    long_enough = record.time[-1] - record.time[0] > LEAST_RECORD_ENDS * IGNORED_ENDS
-    edge = IGNORED_ENDS if long_enough else 0.0
-    inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
-    if "airspeed" in bridged:
-        speed = bridged["airspeed"]
-    else:
-        speed = np.full(len(record), np.inf if airspeed is None else airspeed)
-    measured = np.array([valid[name] & inside for name in relation_list]).reshape(
-        len(relation_list), len(record)
-    )
-    used_channels = {name: bridged[name] for name in channels if name in used}
-    return KinematicSignals(
-        record.name,
-        record.time,
-        used_channels,
-        tuple(relation_list),
-        measured,
-        speed,
-        gravity,
-        vane_arm,
-        np.zeros(0),
-        spikes,
-    ), tuple(notes)
-
-
-LEVEL = "no bank angle is recorded: the wings are taken as level"
-
 
 # ---- The kinematic relations of six degrees of freedom
 
 # factors on load factors that make them specific forces along the body axes, m/s2
-_TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
+_SPECIFIC_FORCE_PER_LOAD = {"nx": G0, "ny": G0, "nz": -G0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,19 +89,25 @@ class _CorrectedMotion:
     force_integrals: dict[str, np.ndarray]
 
 
-def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
+def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
     """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
 
     ``value`` gives the sizes of the faults. It also gives the initial states ``("start", STATE)``,
     the constants ``("level", "theta")`` and ``("level", "alpha")`` where these angles are not
     recorded, and the vertical wind ``("wind", "bias")``, m/s upward.
     """
-    rates = {name: samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
+    rates = {name: true_samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
     motion = _motion(s, value, rates)
     readings = []
     for name in s.outputs:
-        state = value("start", name) + summed(_CHANGES.get(name, _height)(s, motion, value))
-        readings.append(shown(s, name, _at_vane(s, name, state, value, rates, motion.speed), value))
+        state = value("start", name) + cumulative(
+            _OUTPUT_INCREMENTS.get(name, _height)(s, motion, value)
+        )
+        readings.append(
+            sensor_reading(
+                s, name, _flow_angle_at_vane(s, name, state, value, rates, motion.speed), value
+            )
+        )
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
@@ -241,26 +116,26 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     """Return the motion corrected for faults. ``rates`` are the true rates at the samples."""
     h, zero = s.steps, np.zeros((1, len(s.time)))
     if "airspeed" in s.channels:
-        speed = samples(s, "airspeed", value)
+        speed = true_samples(s, "airspeed", value)
     else:
         speed = s.speed[None] / (1.0 + value("airspeed", SCALE))
     angles = {}
     for name in ("phi", "theta", "alpha", "beta"):
         if name in s.channels:
-            angles[name] = _at_vane(
-                s, name, samples(s, name, value), value, rates, speed, back=True
+            angles[name] = _flow_angle_at_vane(
+                s, name, true_samples(s, name, value), value, rates, speed, to_cg=True
             )
         else:
             angles[name] = zero + value("level", name)
-    rate_integrals = {name: increments(s, name, value, h) for name in rates}
+    rate_integrals = {name: true_increments(s, name, value, h) for name in rates}
     if "p" not in rate_integrals and "phi" in s.channels:
         rate_integrals["p"] = np.diff(angles["phi"])
     force_integrals = {}
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
-            force_integrals[axis] = _TO_BODY.get(channel, 1.0) * increments(
+            force_integrals[axis] = _SPECIFIC_FORCE_PER_LOAD.get(channel, 1.0) * true_increments(
                 s, channel, value, h
-            ) - _lever(s, axis, channel, value, rates)
+            ) - _lever_arm_integral(s, axis, channel, value, rates)
     return _CorrectedMotion(
         angles["phi"],
         angles["theta"],
@@ -272,7 +147,7 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     )
 
 
-def _at_vane(
+def _flow_angle_at_vane(
     s: KinematicSignals,
     name: str,
     angle: np.ndarray,
@@ -280,27 +155,27 @@ def _at_vane(
     rates: dict[str, np.ndarray],
     speed: np.ndarray,
     *,
-    back: bool = False,
+    to_cg: bool = False,
 ) -> np.ndarray:
-    """Return a flow angle ``(P, N)`` at its vane from that at the centre of gravity, or with
-    ``back`` the reverse. Other angles are returned unchanged.
+    """Return a flow angle ``(P, N)`` at its vane from that at the centre of gravity. If ``to_cg``,
+    convert from the vane to the centre of gravity. Other angles are returned unchanged.
     """
-    ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
+    arm = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
-        "alpha": (("q", -ahead), ("p", value(name, RIGHT))),
-        "beta": (("r", ahead), ("p", -value(name, BELOW))),
+        "alpha": (("q", -arm), ("p", value(name, RIGHT))),
+        "beta": (("r", arm), ("p", -value(name, BELOW))),
     }.get(name, ())
-    for rate, arm in terms:
-        if rate in rates and np.any(arm):
-            angle = angle + (-arm if back else arm) / speed * rates[rate]
+    for rate, distance in terms:
+        if rate in rates and np.any(distance):
+            angle = angle + (-distance if to_cg else distance) / speed * rates[rate]
     return angle
 
 
-def _lever(
+def _lever_arm_integral(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` over each interval, m/s, of the specific force that an
-    accelerometer measures because it is away from the centre of gravity.
+    """Return the integral ``(P, N - 1)`` over each interval, m/s, of the additional specific force
+    that an accelerometer measures at a distance from the centre of gravity.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -309,7 +184,7 @@ def _lever(
     p, q, r = (rates.get(name, none) for name in ("p", "q", "r"))
 
     def integral(product: np.ndarray) -> np.ndarray:
-        return h * middle(product)
+        return h * midpoints(product)
 
     if axis == "x":
         force = (
@@ -336,7 +211,9 @@ def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarra
     q = m.rate_integrals["q"]
     if "r" not in m.rate_integrals or "phi" not in s.channels:
         return np.asarray(q)
-    return np.asarray(q * middle(np.cos(m.phi)) - m.rate_integrals["r"] * middle(np.sin(m.phi)))
+    return np.asarray(
+        q * midpoints(np.cos(m.phi)) - m.rate_integrals["r"] * midpoints(np.sin(m.phi))
+    )
 
 
 def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
@@ -344,33 +221,35 @@ def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "r" not in m.rate_integrals:
         return np.asarray(
             m.rate_integrals["p"]
-            + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+            + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
         )
     if "q" not in m.rate_integrals:
         return np.asarray(
-            m.rate_integrals["p"] + m.rate_integrals["r"] * middle(tan / np.cos(m.phi))
+            m.rate_integrals["p"] + m.rate_integrals["r"] * midpoints(tan / np.cos(m.phi))
         )
     return np.asarray(
         m.rate_integrals["p"]
-        + m.rate_integrals["q"] * middle(tan * np.sin(m.phi))
-        + m.rate_integrals["r"] * middle(tan * np.cos(m.phi))
+        + m.rate_integrals["q"] * midpoints(tan * np.sin(m.phi))
+        + m.rate_integrals["r"] * midpoints(tan * np.cos(m.phi))
     )
 
 
 def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "q" not in m.rate_integrals:
-        return np.asarray(m.rate_integrals["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
+        return np.asarray(
+            m.rate_integrals["r"] * midpoints(1.0 / (np.cos(m.phi) * np.cos(m.theta)))
+        )
     return np.asarray(
-        m.rate_integrals["q"] * middle(np.sin(m.phi) / np.cos(m.theta))
-        + m.rate_integrals["r"] * middle(np.cos(m.phi) / np.cos(m.theta))
+        m.rate_integrals["q"] * midpoints(np.sin(m.phi) / np.cos(m.theta))
+        + m.rate_integrals["r"] * midpoints(np.cos(m.phi) / np.cos(m.theta))
     )
 
 
 def _forces(
     s: KinematicSignals, m: _CorrectedMotion, axes: tuple[tuple[str, np.ndarray], ...]
 ) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` over each interval of specific force and gravity, with a
-    coefficient ``(P, N)`` at the samples for each axis.
+    """Return the integral ``(P, N - 1)`` over each interval of a weighted sum of specific force and
+    gravity. ``axes`` has pairs of an axis and its weights ``(P, N)`` at the samples.
     """
     weight = {
         "x": -np.sin(m.theta),
@@ -382,38 +261,44 @@ def _forces(
         if axis in m.force_integrals:
             total = (
                 total
-                + m.force_integrals[axis] * middle(coefficient)
-                + s.gravity * s.steps * middle(weight[axis] * coefficient)
+                + m.force_integrals[axis] * midpoints(coefficient)
+                + s.gravity * s.steps * midpoints(weight[axis] * coefficient)
             )
     return total
 
 
 def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
-    over = 1.0 / (m.speed * np.cos(m.beta))
+    inverse_speed = 1.0 / (m.speed * np.cos(m.beta))
     axes = (
-        (("z", cos * over), ("x", -sin * over))
+        (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
         if "x" in m.force_integrals
-        else (("z", over / cos),)
+        else (("z", inverse_speed / cos),)
     )
     change = m.rate_integrals["q"] + _forces(s, m, axes)
     if "beta" in s.channels:
         slip = np.tan(m.beta)
-        for rate, part in (("p", cos), ("r", sin)):
+        for rate, coefficient in (("p", cos), ("r", sin)):
             if rate in m.rate_integrals:
-                change = change - m.rate_integrals[rate] * middle(slip * part)
+                change = change - m.rate_integrals[rate] * midpoints(slip * coefficient)
     return np.asarray(change)
 
 
 def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
-    slip, over = np.sin(m.beta), 1.0 / m.speed
+    slip, inverse_speed = np.sin(m.beta), 1.0 / m.speed
     change = _forces(
-        s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over))
+        s,
+        m,
+        (
+            ("y", np.cos(m.beta) * inverse_speed),
+            ("x", -cos * slip * inverse_speed),
+            ("z", -sin * slip * inverse_speed),
+        ),
     )
-    change = change - m.rate_integrals["r"] * middle(cos)
+    change = change - m.rate_integrals["r"] * midpoints(cos)
     return np.asarray(
-        change + m.rate_integrals["p"] * middle(sin) if "p" in m.rate_integrals else change
+        change + m.rate_integrals["p"] * midpoints(sin) if "p" in m.rate_integrals else change
     )
 
 
@@ -431,11 +316,14 @@ def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarr
         - np.sin(m.beta) * np.sin(m.phi) * level
         - np.sin(m.alpha) * cos * np.cos(m.phi) * level
     )
-    return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
+    return np.asarray(s.steps * (midpoints(m.speed * rise) + value("wind", BIAS)))
 
 
-# function of each output that returns its increments over the intervals; others are heights
-_CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
+# Function of each output that returns its increments over the intervals. `_height` serves all
+# outputs that are not listed.
+_OUTPUT_INCREMENTS: dict[
+    str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]
+] = {
     "theta": _theta,
     "phi": _phi,
     "psi": _psi,
@@ -450,7 +338,7 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 # prior sigma (rad) of an angle that is not recorded and is a fitted constant of the record
 _UNRECORDED_ANGLE_STD = 0.15
 _BIAS_PRIOR_FACTOR = 5.0  # prior standard deviation of a bias, relative to a notable one
-_WITHOUT_BIAS = ("psi", *HEIGHTS)  # a bias of these equals another initial state
+_WITHOUT_BIAS = ("psi", *HEIGHTS)  # a bias of these acts like another initial state
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
@@ -464,10 +352,10 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
             unknowns.append(Unknown((name, BIAS), 0.02 * size, _BIAS_PRIOR_FACTOR * size))
     if any(name in s.outputs for name in HEIGHTS):
         unknowns.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
-    turns, flows = {"alpha", "phi", "psi", "beta"} & set(s.outputs), {"beta"} & set(s.outputs)
-    if "theta" not in s.channels and turns:
+    uses_theta = {"alpha", "phi", "psi", "beta"} & set(s.outputs)
+    if "theta" not in s.channels and uses_theta:
         unknowns.append(Unknown(("level", "theta"), 1e-3, _UNRECORDED_ANGLE_STD))
-    if "alpha" not in s.channels and flows:
+    if "alpha" not in s.channels and "beta" in s.outputs:
         unknowns.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
         unknowns.append(Unknown(("airspeed", SCALE), 1e-3, AIRSPEED_UNCERTAINTY))
@@ -487,39 +375,40 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """Return all possible faults of the sensors of a record but biases, which are unknowns of each
-    record. ``chord`` in m.
+    """Return all possible faults of the sensors of a record except biases, which are unknowns of
+    each record. ``chord`` in m.
     """
     channels = tuple(s.channels)
     faults = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
-    arms: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
+    arm_kinds: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
     loads = {axis: load_on(axis, channels) for axis in "xyz"}
     for axis, kinds in (("x", [RIGHT, BELOW]), ("y", [ARM, BELOW]), ("z", [ARM, RIGHT])):
         if (name := loads[axis]) is not None:
-            arms[name] = kinds
+            arm_kinds[name] = kinds
     if sum(name is not None for name in loads.values()) > 1:
-        arms[PACKAGE] = [ARM, RIGHT, BELOW]
+        arm_kinds[PACKAGE] = [ARM, RIGHT, BELOW]
     if {"alpha", "beta"} <= set(channels):
-        arms[BOOM] = [ARM]
-    rates = {
+        arm_kinds[BOOM] = [ARM]
+    # rates on which the effect of each arm depends; at least one must be recorded
+    rates_of_arm = {
         BOOM: {ARM: "qr"},
         "alpha": {ARM: "q", RIGHT: "p"},
         "beta": {ARM: "r", BELOW: "p"},
         PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"},
     }
-    rates |= dict(
+    rates_of_arm |= dict(
         zip(
             (loads[axis] or "" for axis in "xyz"),
             ({RIGHT: "r", BELOW: "q"}, {ARM: "r", BELOW: "p"}, {ARM: "q", RIGHT: "p"}),
             strict=True,
         )
     )
-    for name, kinds in arms.items():
+    for name, kinds in arm_kinds.items():
         if name in channels or name in (PACKAGE, BOOM):
             faults += [
                 SensorFault(name, kind, chord)
                 for kind in kinds
-                if any(rate in channels for rate in rates[name][kind])
+                if any(rate in channels for rate in rates_of_arm[name][kind])
             ]
     return tuple(faults)
 
@@ -527,7 +416,9 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
 def values_of(
     unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
 ) -> Values:
-    """Return the values for P sets of unknowns ``own (P, n)`` and of sizes ``(P, k)``."""
+    """Return the function that gives the values of P sets: ``own (P, n)`` of the unknowns and
+    ``sizes (P, k)`` of the faults.
+    """
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
@@ -545,10 +436,10 @@ def evaluate(
     own: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` for P sets of unknowns ``own (P, n)`` and ``sizes (P, k)``
-    of the faults.
+    """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
+    record and ``sizes (P, k)`` of the faults.
     """
-    result = reconstructed(s, values_of(unknowns, faults, own, sizes))
+    result = reconstructed_outputs(s, values_of(unknowns, faults, own, sizes))
     return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
 
 
@@ -562,26 +453,26 @@ def linearised(
     """Return the outputs ``(m, N)`` and their derivatives ``(m, N, n + k)``: forward differences
     for the unknowns of the record, central ones for the faults.
 
-    The unknowns and faults of one channel are changed in one call, since quantities that the
-    channel does not change are then computed once.
+    All unknowns and faults of one channel are varied in one call: quantities that do not depend on
+    this channel are then computed only once.
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
     centre = np.concatenate([own, sizes])
     y = evaluate(s, unknowns, faults, own[None], sizes[None])[:, 0]
     slope = np.empty((len(s.outputs), len(s.time), n + k))
-    sides = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [
+    channel_of_column = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [
         fault.channel for fault in faults
     ]
-    for channel in dict.fromkeys(sides):
-        at = np.array([i for i, side in enumerate(sides) if side == channel])
-        moved = np.repeat(centre[None], 2 * len(at), axis=0)
-        moved[np.arange(len(at)), at] += step[at]
-        behind = at >= n
-        moved[len(at) + np.flatnonzero(behind), at[behind]] -= step[at[behind]]
-        both = evaluate(s, unknowns, faults, moved[:, :n], moved[:, n:])
-        width = np.where(behind, 2.0, 1.0) * step[at]
-        slope[:, :, at] = ((both[:, : len(at)] - both[:, len(at) :]) / width[:, None]).transpose(
-            0, 2, 1
-        )
+    for channel in dict.fromkeys(channel_of_column):
+        columns = np.array([i for i, name in enumerate(channel_of_column) if name == channel])
+        varied = np.repeat(centre[None], 2 * len(columns), axis=0)
+        varied[np.arange(len(columns)), columns] += step[columns]
+        central = columns >= n
+        varied[len(columns) + np.flatnonzero(central), columns[central]] -= step[columns[central]]
+        outputs = evaluate(s, unknowns, faults, varied[:, :n], varied[:, n:])
+        difference = np.where(central, 2.0, 1.0) * step[columns]
+        slope[:, :, columns] = (
+            (outputs[:, : len(columns)] - outputs[:, len(columns) :]) / difference[:, None]
+        ).transpose(0, 2, 1)
     return y, slope

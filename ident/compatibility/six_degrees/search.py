@@ -5,21 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from types import MappingProxyType
 
 import numpy as np
 
 from ident.compatibility.fault_sets import (
     TIE_LOG_LIKELIHOOD,
-    charge_of,
-    confusable_loss,
-    same_lateness,
-    same_trace,
+    delay_same_channel,
+    equivalent_to_arm,
+    largest_chance_loss,
+    penalty_per_fault,
 )
 from ident.compatibility.fitting import KinematicFit
 from ident.compatibility.instruments import instrumented
-from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
+from ident.compatibility.kinematics import DRIFT, SensorFault
 from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.six_degrees.fitting import (
     LEAST_SECANT,
@@ -30,229 +29,16 @@ from ident.compatibility.six_degrees.fitting import (
     negative_log_likelihoods,
     output_error_equations,
 )
+from ident.compatibility.six_degrees.linearised_sets import (
+    best_set,
+    fit_sets,
+    without_weak_faults,
+)
 from ident.compatibility.trials import (
     CONTRADICTION_P_VALUE,
     LEAST_FAULT_SIGMAS,
     CompatibilitySettings,
 )
-
-# ---- FittedSets of faults to first order
-
-LOADS = ("nz", "az", "ny", "ay")
-_SLOW = ("airspeed", "height", "altitude")  # channels that change too slowly to show time shifts
-# added to the unit diagonal of scaled information: nearly equal columns then give a large variance
-_RIDGE = 1e-9
-_BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
-_MOST_PAIRS = 96  # most pairs to which a third fault is added; more would double the cost
-
-
-@dataclass(frozen=True, eq=False)
-class FittedSets:
-    """M sets of s faults each, fitted to first order.
-
-    Attributes
-    ----------
-    members : ``(M, s)`` positions of the faults.
-    sizes : ``(M, s)``.
-    white : ``(M, s)`` variances of the sizes for white residuals.
-    widening : ``(M, s)`` factors of the variances for coloured residuals.
-    gain : ``(M,)`` gain of log likelihood for white residuals.
-    sound : ``(M,)`` whether every fault is determined, notable, within its bounds and of a possible
-        sign.
-    early : ``(M,)`` the same, but for a load with a negative delay.
-    """
-
-    members: np.ndarray
-    sizes: np.ndarray
-    white: np.ndarray
-    widening: np.ndarray
-    gain: np.ndarray
-    sound: np.ndarray
-    early: np.ndarray
-
-    @property
-    def variances(self) -> np.ndarray:
-        """``(M, s)`` variances corrected for coloured residuals."""
-        return self.white * self.widening
-
-
-def fit_sets(
-    normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool
-) -> FittedSets:
-    """Return the fits of sets of faults to first order.
-
-    Parameters
-    ----------
-    members : ``(M, s)`` positions of the faults of each set.
-    early : whether sets with a negative delay of a load are marked as such.
-    """
-    members = np.atleast_2d(members)
-    rows, s = members[:, :, None], members.shape[1]
-    if not s:
-        empty = np.empty((len(members), 0))
-        sound = np.ones(len(members), dtype=bool)
-        return FittedSets(members, empty, empty, empty, np.zeros(len(members)), sound, ~sound)
-    diagonal = np.diag(normal.information)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[members]
-    scales = scale[:, :, None] * scale[:, None, :]
-    information = normal.information[rows, members[:, None, :]] * scales + _RIDGE * np.eye(s)
-    inverse = np.linalg.inv(information) * scales
-    gradient = normal.gradient[members]
-    sizes = np.einsum("mij,mj->mi", inverse, gradient)
-    corrected = np.einsum(
-        "mij,mjk,mki->mi",
-        inverse,
-        normal.scatter[rows, members[:, None, :]],
-        inverse,
-        optimize=True,
-    )
-    white = np.einsum("mii->mi", inverse).copy()
-    widening = np.maximum(corrected / np.where(white > 0, white, 1.0), 1.0)
-    plausible = np.array([fault.plausible for fault in faults])[members]
-    smallest = np.array([fault.smallest_finding for fault in faults])[members]
-    largest = np.array([_BOUND_SHARE * fault.largest for fault in faults])[members]
-    one_sided = np.array([fault.one_sided for fault in faults])[members]
-    load_time = np.array([_is_load_time(fault) for fault in faults])[members]
-    determined = (diagonal[members] > 0) & (white * widening < plausible**2)
-    notable = (np.abs(sizes) > smallest) & (np.abs(sizes) < largest)
-    possible_sign = (sizes > 0) | ~one_sided
-    allowed = (determined & notable).all(axis=1) & _leaves_a_time_reference(faults, members)
-    sound = allowed & possible_sign.all(axis=1)
-    early_load = allowed & ~sound & (possible_sign | load_time).all(axis=1)
-    gain = 0.5 * np.einsum("mi,mi->m", gradient, sizes)
-    return FittedSets(members, sizes, white, widening, gain, sound, early_load & early)
-
-
-def best_set(
-    normal: NormalEquations,
-    faults: Sequence[SensorFault],
-    among: Sequence[int],
-    charge: float,
-    most: int,
-    *,
-    early: bool,
-) -> tuple[FittedSets, int]:
-    """Return fits of sets of one number of faults, and the row of the best set among them.
-
-    The best set has the greatest gain of log likelihood under coloured residuals, less ``charge``
-    for each fault and less the loss by the priors of the sizes (``SensorFault.surprise``). All sets
-    of up to two faults are compared, and larger sets that contain one of the best smaller sets.
-
-    Parameters
-    ----------
-    among : positions of the faults that a set may contain.
-    charge : gain of log likelihood that is required of each fault.
-    most : largest number of faults of a set.
-    early : whether a set may have a negative delay of a load.
-    """
-    fits = [fit_sets(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
-    members = np.array([[i] for i in among], dtype=int).reshape(-1, 1)
-    for size in range(1, most + 1):
-        if not len(members):
-            break
-        sets = fit_sets(normal, faults, members, early=early)
-        fits.append(sets)
-        if size < most:
-            members = _larger_sets(sets, among, size)
-    return _best_by_score(fits, faults, charge)
-
-
-def without_weak_faults(
-    normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
-) -> tuple[int, ...]:
-    """Return a set without its weak faults. A fault is weak if it adds less than ``charge`` to the
-    gain of the others, under coloured residuals. The weakest one leaves first.
-    """
-    while members:
-        whole = fit_sets(normal, faults, np.array([members]), early=False)
-        # one fault less in each row
-        smaller = np.array([[j for j in members if j != i] for i in members], dtype=int)
-        gains_without = [
-            fit_sets(normal, faults, row[None], early=False).gain[0] for row in smaller
-        ]
-        gains = (whole.gain[0] - np.array(gains_without)) / whole.widening[0]
-        weakest = int(np.argmin(gains))
-        if gains[weakest] >= charge:
-            break
-        members = tuple(i for k, i in enumerate(members) if k != weakest)
-    return members
-
-
-def _larger_sets(sets: FittedSets, among: Sequence[int], size: int) -> np.ndarray:
-    """Return sets with one fault more than ``size``, ``(M, size + 1)``: all pairs, or the best sets
-    with each fault added.
-    """
-    if size == 1:
-        return np.array(list(combinations(among, 2)), dtype=int).reshape(-1, 2)
-    order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[:_MOST_PAIRS]
-    bases = {tuple(row) for row in sets.members[order].tolist()}
-    larger = {tuple(sorted((*base, i))) for base in bases for i in among if i not in base}
-    return np.array(sorted(larger), dtype=int).reshape(-1, size + 1)
-
-
-def _best_by_score(
-    fault_sets: Sequence[FittedSets], faults: Sequence[SensorFault], charge: float
-) -> tuple[FittedSets, int]:
-    """Return the fits that contain the set of least score, and its row. The score is the charge of
-    a set minus its gain, and the empty set has a score of zero.
-
-    The widening of the sound set of greatest gain divides all gains.
-    """
-    sound_gains = [np.where(sets.sound, sets.gain, 0.0) for sets in fault_sets]
-    best = int(np.argmax([np.max(gains) for gains in sound_gains]))
-    widening = 1.0
-    if fault_sets[best].members.shape[1]:
-        widening = float(np.mean(fault_sets[best].widening[int(np.argmax(sound_gains[best]))]))
-    rare = np.array([fault.rare for fault in faults])
-    chosen, least = (fault_sets[0], 0), 0.0
-    for sets in fault_sets[1:]:
-        score = (
-            charge * sets.members.shape[1]
-            - sets.gain / widening
-            + TIE_LOG_LIKELIHOOD * (sets.early + rare[sets.members].sum(axis=1))
-        )
-        score = score + prior_losses(sets, faults)
-        score = np.where(sets.sound | sets.early, score, np.inf)
-        row = int(np.argmin(score))
-        if score[row] < least:
-            chosen, least = (sets, row), float(score[row])
-    return chosen
-
-
-def prior_losses(sets: FittedSets, faults: Sequence[SensorFault]) -> np.ndarray:
-    """Return the log likelihood ``(M,)`` that each set loses by the priors of its sizes."""
-    spread = np.array([fault.spread for fault in faults])[sets.members]
-    return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
-
-
-def _is_load_time(fault: SensorFault) -> bool:
-    """Return whether the fault is a delay or lag of a load."""
-    return fault.channel in LOADS and fault.kind in (DELAY, LAG)
-
-
-def timed_channels(channels: Sequence[str]) -> tuple[str, ...]:
-    """Return the channels that change fast enough to show a delay of a fraction of a second. One of
-    them must be on time: it is the time reference.
-    """
-    return tuple(name for name in channels if name not in _SLOW)
-
-
-def _leaves_a_time_reference(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
-    """Return whether each set leaves one timed channel without delay and lag, ``(M,)``."""
-    delayable = tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY))
-    timed = timed_channels(delayable)
-    late = np.array(
-        [
-            [fault.kind in (DELAY, LAG) and fault.channel == name for name in timed]
-            for fault in faults
-        ]
-    )
-    if not len(timed):
-        return np.ones(len(members), dtype=bool)
-    return ~np.any(late[members], axis=1).all(axis=1)
-
-
-# ---- The search for sensor faults in six degrees of freedom
 
 _MOST_ROUNDS = 5  # most repetitions of the choice of a set and its fit
 NO_LOSSES: Mapping[tuple[int, int], float] = MappingProxyType({})
@@ -263,32 +49,33 @@ _LEAST_SHIFT = 1e-3  # s, a smaller estimate of a time shift gives no secant
 
 @dataclass(frozen=True, eq=False)
 class SixDegreeSearch:
-    """Result of a search. A position is that of a fault in ``lines.faults``.
+    """Result of a search. All positions are those of faults in ``linear.faults``.
 
     Attributes
     ----------
-    lines : linearisation at the joint fit of the accepted faults.
-    standing : positions of the accepted faults.
+    linear : linearisation at the joint fit of the accepted faults.
+    accepted : positions of the accepted faults.
     groups : for each accepted fault, the positions of it and of its alternatives, each with the
         loss of log likelihood.
     refused : positions of the faults on which records disagree.
-    early : a load and its negative delay, s, if that explains more than any fault; else None.
+    early : name of a load and its negative delay, s, if this explains more than any fault; else
+        None.
     widening : factor of the variances for coloured residuals, as a mean over the accepted faults.
     output_error : normal equations of each record by output error.
     common : positions of the faults that all records may share.
-    lateness : (accepted fault, fault of the same lateness or trace) -> loss of log likelihood by
-        the exchange, from full fits.
+    exchange_losses : (accepted fault, replacement) -> loss of log likelihood by the exchange, from
+        full fits, for the replacements of `_best_delay_exchange`.
     """
 
-    lines: FaultLinearisation
-    standing: tuple[int, ...]
+    linear: FaultLinearisation
+    accepted: tuple[int, ...]
     groups: tuple[tuple[tuple[int, float], ...], ...]
     refused: frozenset[int]
     early: tuple[str, float] | None
     widening: float
     output_error: tuple[NormalEquations, ...]
     common: tuple[int, ...]
-    lateness: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    exchange_losses: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
 
 def search(
@@ -302,42 +89,47 @@ def search(
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
-    charge, early = charge_of(settings.false_alarm, len(common)), not instrumented(signals)
-    chance = confusable_loss(settings.false_alarm, len(common))
+    penalty, early = penalty_per_fault(settings.false_alarm, len(common)), not instrumented(signals)
+    chance_loss = largest_chance_loss(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, early_load, lateness = _converged_sets(
+        linear, members, early_load, exchange_losses = _converged_sets(
             signals,
             base,
             faults,
             [i for i in common if i not in refused],
-            charge,
+            penalty,
             settings.most,
             early,
         )
-        failing = {i for i in members if not _records_agree(lines, members, i)}
+        failing = {i for i in members if not _records_agree(linear, members, i)}
         if not failing:
             break
         # Confusable faults fail together, so that they are refused together.
         refused |= failing
         for i in failing:
-            for j in confusable_faults(lines, members, i, chance, common, lateness):
-                if not _records_agree(lines, _with_replacement(members, i, j), j):
+            for j in confusable_faults(linear, members, i, chance_loss, common, exchange_losses):
+                if not _records_agree(linear, _with_replacement(members, i, j), j):
                     refused.add(j)
-    sets = fit_sets(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
+    sets = fit_sets(
+        linear.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False
+    )
     widening = float(np.mean(sets.widening)) if members else 1.0
-    among = [i for i in common if i not in refused]
-    groups = tuple(_group(lines, members, i, chance, widening, among, lateness) for i in members)
+    candidates = [i for i in common if i not in refused]
+    groups = tuple(
+        _group(linear, members, i, chance_loss, widening, candidates, exchange_losses)
+        for i in members
+    )
     return SixDegreeSearch(
-        lines,
+        linear,
         members,
         groups,
         frozenset(refused),
         early_load,
         widening,
-        tuple(output_error_equations(lines, r) for r in range(len(signals))),
+        tuple(output_error_equations(linear, r) for r in range(len(signals))),
         tuple(common),
-        lateness,
+        exchange_losses,
     )
 
 
@@ -345,26 +137,28 @@ def _converged_sets(
     signals: Sequence[KinematicSignals],
     base: KinematicFit,
     faults: Sequence[SensorFault],
-    among: Sequence[int],
-    charge: float,
+    candidates: Sequence[int],
+    penalty: float,
     most: int,
     early: bool,
 ) -> tuple[
     FaultLinearisation, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]
 ]:
-    """Choose and fit sets in turn until one repeats, then exchange kinds of delay where that is
-    likelier. Return the results of `_choose_and_fit`, and the losses of `_best_delay_exchange`.
+    """Choose and fit sets in turn until one repeats, then replace faults by others with nearly the
+    same effect where that is likelier.
+
+    Return the results of `_choose_and_fit`, and the losses of `_best_delay_exchange`.
     """
-    lines, members, early_load = _choose_and_fit(
-        signals, base, (), faults, among, charge, most, early
+    linear, members, early_load = _choose_and_fit(
+        signals, base, (), faults, candidates, penalty, most, early
     )
-    likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
+    likeliest, exchange_losses = _best_delay_exchange(signals, linear, members, candidates)
     if likeliest[1] != members:
-        lines, members, early_load = _choose_and_fit(
-            signals, *likeliest, faults, among, charge, most, early
+        linear, members, early_load = _choose_and_fit(
+            signals, *likeliest, faults, candidates, penalty, most, early
         )
-        _, lateness = _best_delay_exchange(signals, lines, members, among)
-    return lines, members, early_load, lateness
+        _, exchange_losses = _best_delay_exchange(signals, linear, members, candidates)
+    return linear, members, early_load, exchange_losses
 
 
 def _choose_and_fit(
@@ -372,28 +166,28 @@ def _choose_and_fit(
     kinematic_fit: KinematicFit,
     members: tuple[int, ...],
     faults: Sequence[SensorFault],
-    among: Sequence[int],
-    charge: float,
+    candidates: Sequence[int],
+    penalty: float,
     most: int,
     early: bool,
 ) -> tuple[FaultLinearisation, tuple[int, ...], tuple[str, float] | None]:
     """Choose and fit sets in turn, starting from a fit of the faults ``members``.
 
-    Return the linearisation at the last fit, the faults of this fit, and the load with its negative
-    delay, s, where the last choice contains one.
+    Return the linearisation at the last fit, the faults of this fit, and the name of a load with
+    its negative delay, s, if the last choice has one; else None.
     """
     secants, early_load = np.full(len(faults), SECANT_STEP), None
     secants[list(members)] = [
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
     ]
     for turn in range(_MOST_ROUNDS):
-        lines = linearise_faults(kinematic_fit, faults, secants)
-        normal = lines.joint
+        linear = linearise_faults(kinematic_fit, faults, secants)
+        normal = linear.joint
         if not turn and not members:
-            # The residual of a fit without faults contains the faults: its colour is not that of
+            # Without fitted faults the residual contains their effects: its colour is not that of
             # the noise.
             normal = replace(normal, scatter=normal.information)
-        sets, row = best_set(normal, faults, among, charge, most, early=early)
+        sets, row = best_set(normal, faults, candidates, penalty, most, early=early)
         chosen, early_load = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
             negative = [
@@ -402,17 +196,17 @@ def _choose_and_fit(
             first = negative[0]
             early_load = (faults[chosen[first]].channel, float(sets.sizes[row, first]))
             chosen = tuple(i for k, i in enumerate(chosen) if k not in negative)
-        chosen = without_weak_faults(normal, faults, chosen, charge)
+        chosen = without_weak_faults(normal, faults, chosen, penalty)
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
             kinematic_fit = fit(signals, [faults[i] for i in chosen], kinematic_fit)
         members = chosen
-        secants = _secants_of_variants(lines, chosen)
+        secants = _secants_of_variants(linear, chosen)
         secants[list(chosen)] = [_secant(size) for size in kinematic_fit.sizes.tolist()]
     else:
-        lines = linearise_faults(kinematic_fit, faults, secants)
-    return lines, members, early_load
+        linear = linearise_faults(kinematic_fit, faults, secants)
+    return linear, members, early_load
 
 
 def _secant(size: float) -> float:
@@ -422,25 +216,28 @@ def _secant(size: float) -> float:
 
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals],
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
-    among: Sequence[int],
+    candidates: Sequence[int],
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """Compare a set with its variants: one fault is replaced by another one of the same lateness or
-    trace.
+    """Compare a set with its variants. In a variant, another fault that delays the same channel
+    (`delay_same_channel`), or that is equivalent to the arm of an accelerometer
+    (`equivalent_to_arm`), replaces one fault.
 
-    Return the fit and the faults of the likeliest of these sets, the priors of sizes included; and
-    for each variant (replaced fault, replacement) -> loss of log likelihood without these priors.
+    Return the fit and the faults of the likeliest of these sets, with the priors of sizes; and a
+    mapping (replaced fault, replacement) -> loss of log likelihood without these priors.
 
     Full fits are needed: a first-order comparison uses the noise of the accepted variant, which
-    includes its own misfit, and neglects the delay of the arm's contribution.
+    includes its own misfit, and neglects that a delay also acts on the contribution of an arm.
     """
-    kinematic_fit, faults = lines.fit, lines.faults
-    places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
+    kinematic_fit, faults = linear.fit, linear.faults
+    places = [
+        (place, i, j) for place, i in enumerate(members) for j in candidates if j not in members
+    ]
     pairs = [
         (place, j)
         for place, i, j in places
-        if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])
+        if delay_same_channel(faults[i], faults[j]) or equivalent_to_arm(faults[i], faults[j])
     ]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
     fits = [
@@ -450,11 +247,11 @@ def _best_delay_exchange(
     if not pairs:
         return (kinematic_fit, sets[0]), {}
     costs = negative_log_likelihoods(fits)
-    accepted = fit_sets(lines.joint, faults, np.array([list(members)]), early=False)
+    accepted = fit_sets(linear.joint, faults, np.array([list(members)]), early=False)
     widening = float(np.mean(accepted.widening))
     losses_by_priors = [
         sum(
-            float(fault.surprise(size, 0.0))
+            float(fault.prior_loss(size, 0.0))
             for fault, size in zip(variant.faults, variant.sizes.tolist(), strict=True)
         )
         for variant in fits
@@ -466,51 +263,51 @@ def _best_delay_exchange(
     }
 
 
-def _secants_of_variants(lines: FaultLinearisation, members: Sequence[int]) -> np.ndarray:
-    """Return the secants ``(k,)`` of all faults: the size of each fault where it replaces a member
-    of the set, in the replacement of greatest gain.
+def _secants_of_variants(linear: FaultLinearisation, members: Sequence[int]) -> np.ndarray:
+    """Return the secants ``(k,)`` of all faults. The secant of a fault is its size where it
+    replaces a member of the set; of several replacements, that with the greatest gain counts.
     """
-    secants = np.full(len(lines.faults), SECANT_STEP)
-    greatest_gains = np.full(len(lines.faults), -math.inf)
+    secants = np.full(len(linear.faults), SECANT_STEP)
+    greatest_gains = np.full(len(linear.faults), -math.inf)
     for replaced in members or (None,):
         others = [i for i in members if i != replaced]
-        rows = np.array([[*others, i] for i in range(len(lines.faults)) if i not in others])
-        sets = fit_sets(lines.joint, lines.faults, rows, early=False)
+        rows = np.array([[*others, i] for i in range(len(linear.faults)) if i not in others])
+        sets = fit_sets(linear.joint, linear.faults, rows, early=False)
         for i, gain, size in zip(rows[:, -1], sets.gain, sets.sizes[:, -1], strict=True):
             if gain > greatest_gains[i]:
                 greatest_gains[i], secants[i] = gain, size
     return np.copysign(np.clip(np.abs(secants), LEAST_SECANT, _LONGEST_SECANT), secants)
 
 
-def _records_agree(lines: FaultLinearisation, members: Sequence[int], i: int) -> bool:
-    """Return whether single records agree on the size of fault ``i``, and their mean is significant
-    with the sign of the joint fit. The other faults have their joint sizes.
+def _records_agree(linear: FaultLinearisation, members: Sequence[int], i: int) -> bool:
+    """Return whether single records agree on the size of fault ``i``, and their weighted mean is
+    significant with the sign of the joint fit. The other faults keep their joint sizes.
     """
     from scipy.special import chdtrc
 
-    if len(lines.smoother) < 2:
+    if len(linear.smoother) < 2:
         return True
-    values, weights = _values_by_record(lines, members, i)
-    determined = weights > lines.faults[i].plausible ** -2
+    values, weights = _values_by_record(linear, members, i)
+    determined = weights > linear.faults[i].plausible ** -2
     if np.count_nonzero(determined) < 2:
         return False
     v, w = values[determined], weights[determined]
     mean, std = float(np.sum(w * v) / np.sum(w)), 1.0 / math.sqrt(float(np.sum(w)))
-    joint = fit_sets(lines.joint, lines.faults, np.array([members]), early=False)
+    joint = fit_sets(linear.joint, linear.faults, np.array([members]), early=False)
     sign = math.copysign(1.0, joint.sizes[0, list(members).index(i)])
     agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
     return agree and mean * sign > LEAST_FAULT_SIGMAS * std
 
 
 def _values_by_record(
-    lines: FaultLinearisation, members: Sequence[int], i: int
+    linear: FaultLinearisation, members: Sequence[int], i: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the size of fault ``i`` in each of R records, ``(R,)``, and the inverse variances
-    ``(R,)``. The other faults have their joint sizes.
+    ``(R,)``. The other faults keep their joint sizes.
     """
-    sizes = fit_sets(lines.joint, lines.faults, np.array([members]), early=False).sizes[0]
+    sizes = fit_sets(linear.joint, linear.faults, np.array([members]), early=False).sizes[0]
     values, weights = [], []
-    for normal in lines.smoother:
+    for normal in linear.smoother:
         information = normal.information[i, i]
         if information <= 0:
             values.append(0.0)
@@ -528,72 +325,74 @@ def _values_by_record(
 
 
 def _group(
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
     i: int,
-    chance: float,
+    chance_loss: float,
     widening: float,
-    among: Sequence[int],
-    lateness: Mapping[tuple[int, int], float],
+    candidates: Sequence[int],
+    exchange_losses: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
     """Return the positions of accepted fault ``i`` and of its alternatives, each with its loss of
     log likelihood under coloured residuals.
     """
-    losses = confusable_faults(lines, members, i, chance * widening, among, lateness)
+    losses = confusable_faults(
+        linear, members, i, chance_loss * widening, candidates, exchange_losses
+    )
     return (
         (i, 0.0),
         *(
             (j, loss / widening)
             for j, loss in losses.items()
-            if _records_agree(lines, _with_replacement(members, i, j), j)
+            if _records_agree(linear, _with_replacement(members, i, j), j)
         ),
     )
 
 
 def confusable_faults(
-    lines: FaultLinearisation,
+    linear: FaultLinearisation,
     members: Sequence[int],
     i: int,
-    chance: float,
-    among: Sequence[int],
-    lateness: Mapping[tuple[int, int], float] = NO_LOSSES,
+    chance_loss: float,
+    candidates: Sequence[int],
+    exchange_losses: Mapping[tuple[int, int], float] = NO_LOSSES,
 ) -> dict[int, float]:
     """Return the faults that may be confused with accepted fault ``i``: position -> loss of log
     likelihood where the fault replaces it, the smallest loss first.
 
     Parameters
     ----------
-    chance : largest loss that may be due to chance.
-    among : positions of the faults that are tried.
-    lateness : (accepted fault, replacement) -> loss from full fits.
+    chance_loss : largest loss that may be due to chance.
+    candidates : positions of the faults that are tried.
+    exchange_losses : (accepted fault, replacement) -> loss from full fits.
     """
-    rivals = [j for j in among if j not in members]
+    rivals = [j for j in candidates if j not in members]
     sets = fit_sets(
-        lines.joint,
-        lines.faults,
+        linear.joint,
+        linear.faults,
         np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
         early=False,
     )
-    own = fit_sets(
-        lines.joint, lines.faults, np.array([_with_replacement(members, i, i)]), early=False
+    accepted = fit_sets(
+        linear.joint, linear.faults, np.array([_with_replacement(members, i, i)]), early=False
     )
     losses = (
-        own.gain[0]
+        accepted.gain[0]
         - sets.gain
-        + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
+        + TIE_LOG_LIKELIHOOD * np.array([linear.faults[j].rare for j in rivals])
     )
     for k, j in enumerate(rivals):
-        if (i, j) in lateness:
+        if (i, j) in exchange_losses:
             # Of two faults with equal effect, the data may prefer the less common one.
-            least = -np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0
-            losses[k] = max(lateness[i, j], least)
+            least = -np.inf if equivalent_to_arm(linear.faults[i], linear.faults[j]) else 0.0
+            losses[k] = max(exchange_losses[i, j], least)
     return {
         rivals[k]: float(losses[k])
         for k in np.argsort(losses)
-        if losses[k] <= chance and sets.sound[k]
+        if losses[k] <= chance_loss and sets.sound[k]
     }
 
 
 def _with_replacement(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
-    """Return the set with fault ``i`` replaced by ``j``, which comes last."""
+    """Return the set with fault ``i`` replaced by fault ``j``, which is the last one."""
     return (*(k for k in members if k != i), j)

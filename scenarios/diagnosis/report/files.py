@@ -345,8 +345,8 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
             "supports the diagnosis and is not independent of it."
         )
         blocks.append(Prose(note, "note"))
-    if kinematics.result is not None and kinematics.result.cannot_tell:
-        limits = tuple(kinematics.result.cannot_tell)
+    if kinematics.result is not None and kinematics.result.unobservable:
+        limits = tuple(kinematics.result.unobservable)
         blocks.append(Fold("What these channels cannot show", limits))
     return section("Kinematics alone", *blocks)
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.compatibility.kinematics import ARMS
-from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import SensorFinding
-from ident.flying_qualities.levels import ModeLevel, mode_levels
+from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
 from scenarios.diagnosis.kinematics import (
     BIAS,
@@ -443,7 +443,7 @@ def kinematics_lines(
     if not lines:
         lines = ["kinematics alone find no sensor fault"]
     # The declared equations already assume level wings, so this note is left out.
-    notes = [f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL]
+    notes = [f"kinematics: {note}" for note in kinematics.result.notes if note != WINGS_LEVEL_NOTE]
     return [*lines, kinematics.source, *notes]
 
 
@@ -478,7 +478,7 @@ def kinematics_content(
     findings = [
         finding
         for finding in kinematics.result.findings
-        if finding.stands and np.all(np.isfinite([finding.value, finding.std, finding.gain]))
+        if finding.supported and np.all(np.isfinite([finding.value, finding.std, finding.gain]))
     ]
     return {
         "records": list(kinematics.records),
@@ -506,7 +506,7 @@ def kinematics_content(
             }
             for agreement in agreements(kinematics, claims)
         ],
-        "cannot_tell": list(kinematics.result.cannot_tell),
+        "cannot_tell": list(kinematics.result.unobservable),
         "notes": list(kinematics.result.notes),
         "sentences": lines,
     }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.instruments import weigher
+from ident.compatibility.instruments import projected_whitener
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -20,7 +20,7 @@ SETTINGS = CompatibilitySettings(SPEED)
 
 
 def standing(found: Compatibility) -> list[str]:
-    return [finding.name for finding in found.findings if finding.stands]
+    return [finding.name for finding in found.findings if finding.supported]
 
 
 @pytest.mark.sampled
@@ -30,7 +30,9 @@ def test_sound_sensors_raise_nothing_and_both_methods_agree(channels: tuple[str,
     assert standing(found) == []
     assert all(item.agrees for item in found.joint.estimates)
     assert found.joint.noise_std["alpha"] == pytest.approx(0.0026, rel=0.1)
-    assert weigher.cache_info().currsize == 0, "what was made for this check is not kept after it"
+    assert projected_whitener.cache_info().currsize == 0, (
+        "what was made for this check is not kept after it"
+    )
 
 
 @pytest.mark.long
@@ -38,7 +40,7 @@ def test_sound_sensors_raise_nothing_and_both_methods_agree(channels: tuple[str,
 def test_a_late_channel_stands_with_its_delay_within_the_standard_deviation(channel: str) -> None:
     found = compatibility([record(sensors=Sensors(delay={channel: 0.06}), seed=1)], SETTINGS)
     (late,) = [finding for finding in found.findings if finding.name == f"sensor-delay:{channel}"]
-    assert late.stands and {finding.name for finding in found.findings if finding.stands} == {
+    assert late.supported and {finding.name for finding in found.findings if finding.supported} == {
         late.name,
         *late.group,
     }
@@ -62,7 +64,7 @@ def test_other_faults_stand_under_the_names_of_their_effects(
 ) -> None:
     found = compatibility([record(sensors=sensors, seed=2)], SETTINGS)
     (fault,) = [finding for finding in found.findings if finding.name == name]
-    assert fault.stands and abs(fault.value - value) < 3.5 * fault.std
+    assert fault.supported and abs(fault.value - value) < 3.5 * fault.std
     assert set(standing(found)) == {name, *fault.group}
 
 
@@ -109,10 +111,10 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
     assert standing(found) == []
     assert (
         "a delay common to alpha, q and nz is not observable, only relative delays are"
-        in found.cannot_tell
+        in found.unobservable
     )
     assert (
-        "a scale common to alpha, q and nz is not observable, only ratios are" in found.cannot_tell
+        "a scale common to alpha, q and nz is not observable, only ratios are" in found.unobservable
     )
 
 
@@ -127,9 +129,9 @@ def test_theta_tells_the_biases_of_q_and_nz_apart() -> None:
     assert values["bias:nz"].smoother.value == pytest.approx(
         0.05, abs=4.0 * values["bias:nz"].smoother.std
     )
-    assert not any("bias:nz and bias:q" in line for line in found.cannot_tell)
+    assert not any("bias:nz and bias:q" in line for line in found.unobservable)
     assert any(
-        "bias:nz and bias:q" in line for line in compatibility([record()], SETTINGS).cannot_tell
+        "bias:nz and bias:q" in line for line in compatibility([record()], SETTINGS).unobservable
     )
 
 
@@ -137,8 +139,8 @@ def test_alpha_and_q_alone_tell_nothing_for_want_of_the_lift() -> None:
     found = compatibility([record(("alpha", "q"))], SETTINGS)
     assert found.relations == {} and found.findings == () and found.joint.estimates == ()
     assert any(
-        line.startswith("alpha: nothing can be told") and "nz" in line and "lift" in line
-        for line in found.cannot_tell
+        line.startswith("alpha: cannot be checked") and "nz" in line and "lift" in line
+        for line in found.unobservable
     )
 
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.fault_sets import charge_of, confusable_loss
+from ident.compatibility.fault_sets import largest_chance_loss, penalty_per_fault
 from ident.compatibility.kinematics import ARM, DELAY, LAG, SCALE, SensorFault
 from ident.compatibility.trials import (
     Compatibility,
     CompatibilitySettings,
-    leaves_a_reference,
+    leaves_time_reference,
     reference_sentence,
 )
 from sim.record import Channel, Record
@@ -70,7 +70,7 @@ def leaders(found: Compatibility) -> list[str]:
     out: list[str] = []
     said: set[str] = set()
     for finding in found.findings:
-        if finding.stands and finding.name not in said:
+        if finding.supported and finding.name not in said:
             out.append(finding.name)
             said |= {finding.name, *finding.group}
     return out
@@ -86,12 +86,12 @@ def test_the_true_one_of_two_loses_by_more_than_chance_in_no_more_than_its_share
     noise = np.random.default_rng(1).standard_normal(200_000)
     lost = 0.5 * noise**2 - 0.5 * (noise - distance) ** 2
     for share in (0.2, 0.02):
-        frequency = float(np.mean(lost > confusable_loss(share, 2)))
+        frequency = float(np.mean(lost > largest_chance_loss(share, 2)))
         assert frequency <= 0.5 * share * 1.1
     # The bound is reached where it is hardest: at a distance of the quantile itself.
-    worst = np.sqrt(2.0 * confusable_loss(0.02, 2))
+    worst = np.sqrt(2.0 * largest_chance_loss(0.02, 2))
     assert float(
-        np.mean(noise * worst - 0.5 * worst**2 > confusable_loss(0.02, 2))
+        np.mean(noise * worst - 0.5 * worst**2 > largest_chance_loss(0.02, 2))
     ) == pytest.approx(0.01, rel=0.1)
 
 
@@ -100,7 +100,9 @@ def test_the_best_of_many_absent_faults_brings_the_charge_less_often_than_the_sh
 ):
     gains = 0.5 * np.random.default_rng(2).standard_normal((100_000, 14)) ** 2
     for share in (0.1, 0.01):
-        assert 0.02 * share < float(np.mean(gains.max(axis=1) > charge_of(share, 14))) < share
+        assert (
+            0.02 * share < float(np.mean(gains.max(axis=1) > penalty_per_fault(share, 14))) < share
+        )
 
 
 @pytest.mark.long
@@ -155,7 +157,7 @@ def test_several_airspeeds_tell_an_arm_from_a_delay(sensors: Sensors, name: str)
         CompatibilitySettings(),
     )
     assert leaders(found) == [name]
-    alike = {finding.name for finding in found.findings if finding.stands}
+    alike = {finding.name for finding in found.findings if finding.supported}
     assert not {"vane-offset", "sensor-delay:alpha", "sensor-lag:alpha"} - {name} & alike
 
 
@@ -163,10 +165,10 @@ def test_a_group_holds_what_gains_as_much_within_chance_and_nothing_else() -> No
     found = compatibility(
         [record(sensors=Sensors(delay={"q": 0.04}), seed=1)], CompatibilitySettings(SPEED)
     )
-    chance = confusable_loss(0.01, len(found.findings))
+    chance = largest_chance_loss(0.01, len(found.findings))
     best = found.findings[0]
     for finding in found.findings:
-        if finding.stands:
+        if finding.supported:
             assert (
                 finding.lost is not None
                 and finding.lost <= chance
@@ -195,7 +197,7 @@ def test_three_late_channels_are_two_against_the_one_that_is_least_late() -> Non
         set(leaders(found)) <= {"sensor-delay:alpha", "sensor-delay:q", "sensor-lag:q"}
         and len(leaders(found)) == 2
     )
-    assert not late["sensor-delay:nz"].stands
+    assert not late["sensor-delay:nz"].supported
     assert late["sensor-delay:alpha"].value == pytest.approx(0.07, abs=0.012) and late[
         "sensor-delay:q"
     ].value == pytest.approx(0.04, abs=0.012)
@@ -207,11 +209,13 @@ def test_three_late_channels_are_two_against_the_one_that_is_least_late() -> Non
 
 def test_not_all_clocks_can_be_late() -> None:
     timed = ("alpha", "q", "nz")
-    assert leaves_a_reference((ALPHA, Q), timed) and not leaves_a_reference((ALPHA, Q, NZ), timed)
-    assert leaves_a_reference((ALPHA, Q, NZ), (*timed, "theta")) and leaves_a_reference(
+    assert leaves_time_reference((ALPHA, Q), timed) and not leaves_time_reference(
+        (ALPHA, Q, NZ), timed
+    )
+    assert leaves_time_reference((ALPHA, Q, NZ), (*timed, "theta")) and leaves_time_reference(
         (ALPHA, SensorFault("alpha", LAG)), timed
     )
-    assert not leaves_a_reference((ALPHA, SensorFault("nz", ARM)), ("alpha", "q"))
+    assert not leaves_time_reference((ALPHA, SensorFault("nz", ARM)), ("alpha", "q"))
     assert "alpha and nz, which agree" in reference_sentence((Q,), timed)
     assert reference_sentence((SensorFault("q", SCALE),), timed) == ""
 
@@ -223,7 +227,7 @@ def test_without_a_recorded_control_the_load_is_no_clock() -> None:
         CompatibilitySettings(SPEED),
     )
     assert not {"sensor-delay:alpha", "sensor-delay:q"} <= {
-        finding.name for finding in found.findings if finding.stands
+        finding.name for finding in found.findings if finding.supported
     }
 
 
@@ -235,7 +239,7 @@ def test_an_accelerometer_ahead_is_a_lag_of_q_by_the_arm_over_the_airspeed() -> 
     found = compatibility(
         [controlled(Hidden(accelerometer_arm=2.0))], CompatibilitySettings(TRAINER.airspeed)
     )
-    both = {finding.name: finding for finding in found.findings if finding.stands}
+    both = {finding.name: finding for finding in found.findings if finding.supported}
     arm, lag = both["accelerometer-offset:nz"], both["sensor-lag:q"]
     assert abs(arm.value - 2.0) < 3.0 * arm.std and arm.value == pytest.approx(
         lag.value * TRAINER.airspeed, rel=0.02
@@ -248,7 +252,7 @@ def test_an_accelerometer_behind_is_an_arm_of_the_vane() -> None:
     found = compatibility(
         [controlled(Hidden(accelerometer_arm=-2.0))], CompatibilitySettings(TRAINER.airspeed)
     )
-    both = {finding.name: finding for finding in found.findings if finding.stands}
+    both = {finding.name: finding for finding in found.findings if finding.supported}
     assert leaders(found) == ["vane-offset"] and both[
         "accelerometer-offset:nz"
     ].value == pytest.approx(-both["vane-offset"].value, rel=0.01)

@@ -9,7 +9,7 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.fitting import fit
-from ident.compatibility.instruments import instruments_of, weigher
+from ident.compatibility.instruments import instruments_of, projected_whitener
 from ident.compatibility.signals import signals_of, whitener
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record
@@ -27,12 +27,12 @@ def test_the_weighed_part_is_a_projection_of_what_is_white() -> None:
     s = replace(signals_of(one, THREE, TRAINER.airspeed, 9.80665), instruments=instruments_of(one))
     noise = fit([s]).noise
     x = np.where(s.valid, np.random.default_rng(1).standard_normal(s.valid.shape), 0.0)[:, :, None]
-    part, whole = weigher(s, noise)(x), whitener(s, noise)(x)
+    part, whole = projected_whitener(s, noise)(x), whitener(s, noise)(x)
     assert float(np.sum(part * (whole - part))) == pytest.approx(
         0.0, abs=1e-9 * float(np.sum(whole**2))
     )
     moved = s.instruments[:, [4]].T[:, :, None] * s.valid[:, :, None]
-    assert weigher(s, noise)(moved) == pytest.approx(
+    assert projected_whitener(s, noise)(moved) == pytest.approx(
         whitener(s, noise)(moved), abs=1e-6 * float(np.abs(whitener(s, noise)(moved)).max())
     )
 
@@ -60,10 +60,10 @@ def test_a_fault_shows_in_rough_air_in_its_size(
 ) -> None:
     found = checked([in_rough_air(0, sensors=sensor)])
     (fault,) = [each for each in found.findings if each.name == name]
-    assert fault.stands and abs(fault.value - value) < 3.0 * fault.std
+    assert fault.supported and abs(fault.value - value) < 3.0 * fault.std
 
 
 @pytest.mark.long
 def test_rough_air_alone_accuses_no_sensor() -> None:
     for seed in (2, 3):
-        assert not [each.name for each in checked([in_rough_air(seed)]).findings if each.stands]
+        assert not [each.name for each in checked([in_rough_air(seed)]).findings if each.supported]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.signals import resolution, roughness
+from ident.compatibility.signals import roughness, rounding_variance
 from ident.compatibility.trials import CompatibilitySettings
 from tests.recorded_flight import flight, rounded
 
@@ -38,11 +38,15 @@ def test_no_channel_has_less_noise_than_its_rounding() -> None:
     best.
     """
     moved = 0.3 * np.sin(0.013 * np.arange(COUNT))
-    assert resolution(np.round(moved / 0.01) * 0.01) == pytest.approx(0.01**2 / 12.0, rel=1e-6)
-    assert resolution(np.linspace(0.0, 4.0, 500)) == pytest.approx((2.0**-23 * 4.0) ** 2 / 12.0)
+    assert rounding_variance(np.round(moved / 0.01) * 0.01) == pytest.approx(
+        0.01**2 / 12.0, rel=1e-6
+    )
+    assert rounding_variance(np.linspace(0.0, 4.0, 500)) == pytest.approx(
+        (2.0**-23 * 4.0) ** 2 / 12.0
+    )
     noisy = moved + 1e-3 * np.random.default_rng(3).standard_normal(COUNT)
-    assert resolution(noisy) < 1e-4 * 1e-3**2
-    assert resolution(np.zeros(100)) == 0.0
+    assert rounding_variance(noisy) < 1e-4 * 1e-3**2
+    assert rounding_variance(np.zeros(100)) == 0.0
 
 
 @pytest.mark.long

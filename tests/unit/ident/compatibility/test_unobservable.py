@@ -18,7 +18,7 @@ def told(first: SensorFault, second: SensorFault, traces: np.ndarray, standing: 
     sentences = unobservable_faults(
         traces.T @ traces, (first, second), ("alpha", "nz"), CHANCE, {standing}
     )
-    return "; ".join(line for line in sentences if "told apart" in line)
+    return "; ".join(line for line in sentences if "distinguished" in line)
 
 
 def traces(gain: float, apart: float, sign: float = 1.0) -> np.ndarray:

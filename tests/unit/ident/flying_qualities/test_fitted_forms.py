@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ident.flying_qualities.levels import GRAVITY, form_levels, form_qualities
+from ident.flying_qualities.fitted_forms import GRAVITY, form_levels, form_qualities
+from ident.frequency_response.envelopes import unnoticeable_envelopes
 from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,
     ResponseTarget,
     fit_transfer_functions,
     neighbour_correlation,
-    unnoticeable,
 )
 
 OMEGA = np.geomspace(0.3, 20.0, 80)
@@ -123,7 +123,7 @@ def test_envelopes_are_those_of_a_second_copy() -> None:
         "low_phase": ([475.32, 184100.0, 29460.0], [1.0, 11.66, 0.039]),
         "high_phase": ([68.89, 1100.12, -275.22], [1.0, 39.94, 9.99]),
     }
-    ours = unnoticeable(np.abs(s))
+    ours = unnoticeable_envelopes(np.abs(s))
     for name, (top, bottom) in copies.items():
         value = np.polyval(top, s) / np.polyval(bottom, s)
         expected = 20.0 * np.log10(np.abs(value)) if "gain" in name else np.degrees(np.angle(value))

@@ -12,16 +12,14 @@ import pytest
 from scipy.stats import norm
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.levels import (
-    CATEGORIES,
-    CLASSES,
+from ident.flying_qualities.levels import CATEGORIES, CLASSES, qualities
+from ident.flying_qualities.mode_levels import (
     DETERMINED_PROBABILITY,
     LEVEL_DRAWS,
     FlightPhase,
     ModeLevel,
     flight_phase_of,
     mode_levels,
-    qualities,
 )
 from ident.flying_qualities.modes import Characteristics, characteristics, characteristics_at
 from sim.declaration.compile import compile_model

@@ -9,8 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from ident.flying_qualities.modes import StateSpace, level_flight, state_space, to_control
-from ident.frequency_response.segments import model_response
+from ident.flying_qualities.modes import level_flight
+from ident.flying_qualities.state_space import StateSpace, state_space, to_control
+from ident.frequency_response.multitaper import model_response
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect
@@ -188,7 +189,7 @@ def test_an_input_that_passes_through_is_delayed_as_well() -> None:
 
 def test_a_point_without_slopes_is_refused() -> None:
     with pytest.raises(
-        ModelError, match=r"no finite slopes at airspeed 0, .*; choose another point"
+        ModelError, match=r"no finite derivatives at airspeed 0, .*; choose another point"
     ):
         state_space(compile_model(true_model("longitudinal")), {})
     assert math.isfinite(state_space(compile_model(true_model("lateral")), {}).eigenvalues[0].real)

@@ -12,14 +12,14 @@ import pytest
 
 from ident.estimate import Estimate, Outcome
 from ident.frequency_domain import transform
+from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.output_error import (
     FrequencySettings,
     fit_frequency_domain,
-    fit_transforms,
     frequency_fit,
     from_best_start,
 )
-from ident.frequency_domain.transform import coloured, equal_bands
+from ident.frequency_domain.transform import equal_bands, levels_differ
 from ident.statistics.intervals import clustered_share
 from ident.whole_record.output_error import fit_output_error
 from scenarios.identification.conditions import delays_of
@@ -197,7 +197,7 @@ def test_noise_that_is_not_level_gets_bands() -> None:
         system,
         FrequencySettings((0.0, 12.0)),
     )
-    assert "the noise is not level along the frequency: 6 bands" in found.message
+    assert "the noise level depends on frequency: 6 bands" in found.message
     assert found.outcome is Outcome.CONVERGED and np.all(np.abs(errors(found, case)) < 4.0)
 
 
@@ -209,7 +209,7 @@ def test_level_noise_is_not_split() -> None:
     bands = equal_bands([np.arange(90.0)])
     for _ in range(400):
         residual = rng.standard_normal((3, 90)) + 1j * rng.standard_normal((3, 90))
-        accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
+        accused += levels_differ([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
     assert accused < 3
 
 
@@ -222,7 +222,7 @@ def test_level_noise_is_split_as_often_as_is_declared(monkeypatch: pytest.Monkey
     bands = equal_bands([np.arange(180.0)])
     for _ in range(600):
         residual = rng.standard_normal((3, 180)) + 1j * rng.standard_normal((3, 180))
-        accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
+        accused += levels_differ([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
     assert accused / 600 == pytest.approx(0.1, abs=0.05)
 
 

@@ -16,7 +16,7 @@ from ident.frequency_domain.online import (
     OnlineEquations,
     Sums,
     advance,
-    begin,
+    empty_sums,
     frequencies,
     online_equations,
 )
@@ -43,7 +43,7 @@ def followed(
     inputs = record.input_array(system.input_names)
     rows, valid = record.output_array(system.output_names)
     rows = np.where(valid, rows, np.nan)
-    sums = begin(equations)
+    sums = empty_sums(equations)
     found: OnlineEstimate | None = None
     for first in range(0, len(record), block):
         part = slice(first, first + block)
@@ -103,8 +103,8 @@ def test_a_users_model_and_one_pass_as_many() -> None:
     record = noisy(model, flight, np.random.default_rng(2))
     _, whole, once = followed(model, record, block=500)
     equations, parts, often = followed(model, record, block=37, curved=False)
-    np.testing.assert_allclose(parts.left, whole.left, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(parts.apart, whole.apart, atol=1e-9)
+    np.testing.assert_allclose(parts.known_side, whole.known_side, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(parts.at_differences, whole.at_differences, atol=1e-9)
     assert once is not None and often is not None and parts.rows == whole.rows == 500
     # Noise levels are medians of the blocks.
     np.testing.assert_allclose(often.values, once.values, atol=0.2 * float(once.std.min()))
@@ -124,7 +124,7 @@ def test_sums_are_the_transforms_of_increments() -> None:
         turn = np.exp(-1j * OMEGA * time[k])
         left += (q[k + 1] - q[k]) * turn
         areas += 0.5 * (alpha[k] + alpha[k + 1]) * (time[k + 1] - time[k]) * turn
-    np.testing.assert_allclose(sums.left[1], left, atol=1e-12)
+    np.testing.assert_allclose(sums.known_side[1], left, atol=1e-12)
     values = bases.RIGID_VALUES
     pressure = 0.5 * values["air_density"] * values["airspeed"] ** 2 * values["wing_area"]
     slope = pressure * values["chord"] / values["pitch_inertia"]
@@ -134,7 +134,7 @@ def test_sums_are_the_transforms_of_increments() -> None:
         rtol=0.01,
         atol=0.01 * slope * np.abs(areas).max(),
     )
-    np.testing.assert_allclose(sums.apart[0], len(record) - 1)
+    np.testing.assert_allclose(sums.at_differences[0], len(record) - 1)
 
 
 def coverage(scale: float, duration: float, seeds: int) -> tuple[np.ndarray, np.ndarray]:
@@ -168,8 +168,8 @@ def test_the_residuals_are_as_large_as_the_noise_of_the_samples_says() -> None:
     for seed in range(60):
         record = noisy(model, flight, np.random.default_rng(seed), offsets=OFFSETS)
         equations, sums, _ = followed(model, record)
-        left.append(sums.left - np.einsum("eqf,q->ef", sums.regressors, TRUE))
-        sensors = _sensor_levels(equations, sums, TRUE, float(np.abs(sums.apart[0])))
+        left.append(sums.known_side - np.einsum("eqf,q->ef", sums.regressors, TRUE))
+        sensors = _sensor_levels(equations, sums, TRUE, float(np.abs(sums.at_differences[0])))
         told.append(sensors.within + sensors.ends)
     power = np.var(np.array(left), axis=0, ddof=1)
     ratio = power / np.mean(told, axis=0)
@@ -262,7 +262,7 @@ def test_refusals(wrong_one: str) -> None:
     equations = online_equations(system, OMEGA, ("p",))
     time = np.arange(10) / 50.0
     with pytest.raises(ModelError, match="not linear in a"):
-        advance(equations, begin(equations), time, np.ones((1, 10)), np.sin(time)[None])
+        advance(equations, empty_sums(equations), time, np.ones((1, 10)), np.sin(time)[None])
 
 
 # The low-order equivalent system ----------------------------------------------------------------
@@ -367,7 +367,7 @@ def test_inputs_that_are_linear_between_rows(block: int) -> None:
     found = {}
     for hold in Hold:
         equations = replace(online_equations(system, OMEGA, system.output_names), hold=hold)
-        sums, last = begin(equations), None
+        sums, last = empty_sums(equations), None
         for first in range(0, 400, block):
             part = slice(first, first + block)
             values = None if last is None else last.values

@@ -9,12 +9,12 @@ import pytest
 
 from ident.frequency_domain.transform import (
     Delay,
-    bent,
+    default_band,
+    first_nonlinear,
     linear_model,
     response,
     step_of,
     transformed,
-    usual_band,
 )
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect
@@ -140,10 +140,10 @@ def test_slopes_are_those_of_differences(hold: Hold) -> None:
 def test_what_is_not_linear_is_named() -> None:
     rng = np.random.default_rng(1)
     assert (
-        bent(compile_model(rigid_model()), []) == ""
-        and bent(compile_model(oscillator()), [record_of(rng)]) == ""
+        first_nonlinear(compile_model(rigid_model()), []) == ""
+        and first_nonlinear(compile_model(oscillator()), [record_of(rng)]) == ""
     )
-    assert bent(compile_model(longitudinal_model()), []) == "the rate of airspeed"
+    assert first_nonlinear(compile_model(longitudinal_model()), []) == "the rate of airspeed"
 
 
 @pytest.mark.parametrize("name", ["derivative-jump", "unmeasured-input", "gust-discrete"])
@@ -153,7 +153,7 @@ def test_what_changes_with_time_is_named(name: str) -> None:
     """
     model = rigid_model()
     system = compile_model(model.with_effects(find_effect(name, model.equations)))
-    assert bent(system, [rigid_record(np.random.default_rng(0))]) != ""
+    assert first_nonlinear(system, [rigid_record(np.random.default_rng(0))]) != ""
 
 
 def test_records_that_have_no_transform() -> None:
@@ -176,5 +176,5 @@ def test_the_usual_band_holds_the_power_of_the_inputs() -> None:
     )
     record = Record(time, inputs, (Channel.of("place", "m", time),))
     assert step_of(record) == pytest.approx(0.02)
-    assert usual_band([record], ("pull", "push"), 1) == pytest.approx((0.05, 1.5))
-    assert usual_band([record], ("pull", "push"), 60)[1] == pytest.approx(61 / 20.0)
+    assert default_band([record], ("pull", "push"), 1) == pytest.approx((0.05, 1.5))
+    assert default_band([record], ("pull", "push"), 60)[1] == pytest.approx(61 / 20.0)

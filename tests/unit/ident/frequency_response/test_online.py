@@ -12,10 +12,10 @@ from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies
 from ident.frequency_response.online import (
     OnlineResponses,
+    add_samples,
     estimated,
     interrupt,
     online_responses,
-    take,
 )
 from sim.errors import DeclarationError
 
@@ -38,7 +38,7 @@ def rows(seed: int = 1, count: int = 3000) -> np.ndarray:
 def streamed(table: np.ndarray, block: int, **options: Any) -> OnlineResponses:
     stream = online_responses(STEP, FREQUENCY, LENGTHS, joint=True, **options)
     for first in range(0, table.shape[1], block):
-        take(stream, table[:, first : first + block])
+        add_samples(stream, table[:, first : first + block])
     return stream
 
 
@@ -78,7 +78,7 @@ def test_a_gap_is_bridged_by_no_window() -> None:
     before = [len(window.rows) for window in stream.windows]
     interrupt(stream, 50)
     for first in range(1200, 2400, 100):
-        take(stream, table[:, first : first + 100])
+        add_samples(stream, table[:, first : first + 100])
     for window, count in zip(stream.windows, before, strict=True):
         behind = np.array(window.starts[count:])
         assert np.all(behind >= 1250) and (behind.size == 0 or behind[0] == 1250)

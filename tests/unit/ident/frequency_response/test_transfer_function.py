@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from ident.frequency_response.envelopes import unnoticeable_envelopes
 from ident.frequency_response.transfer_function import (
     FORMS,
     Form,
@@ -20,7 +21,6 @@ from ident.frequency_response.transfer_function import (
     form_of,
     mismatch_cost,
     neighbour_correlation,
-    unnoticeable,
 )
 from sim.errors import ModelError
 
@@ -195,10 +195,10 @@ def test_envelopes_are_narrow_where_pilots_close_the_loop() -> None:
     """Two points of the published curves, with scipy; narrowest about the short period."""
     w, high, _ = signal.bode(([3.16, 31.61, 22.79], [1.0, 27.14, 1.84]), [0.5, 5.0])
     _, low, _ = signal.bode(([0.0955, 9.92, 2.15], [1.0, 11.60, 4.95]), [0.5, 5.0])
-    found = unnoticeable(w)
+    found = unnoticeable_envelopes(w)
     np.testing.assert_allclose(found.high_gain, high, rtol=1e-9)
     np.testing.assert_allclose(found.low_gain, low, rtol=1e-9)
-    wide = unnoticeable(np.geomspace(0.1, 10.0, 200))
+    wide = unnoticeable_envelopes(np.geomspace(0.1, 10.0, 200))
     assert np.all(wide.low_gain < 0.0) and np.all(wide.high_gain > 0.0)
     assert np.all(wide.low_phase < 0.0) and np.all(wide.high_phase > 0.0)
     least = np.geomspace(0.1, 10.0, 200)[np.argmin(wide.high_gain - wide.low_gain)]

@@ -20,7 +20,7 @@ from ident.recording.kinematic_relations import (
     columns_of,
     control_power,
     disagreement,
-    sure,
+    is_reliable,
     unexplained_lift,
 )
 from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
@@ -256,11 +256,11 @@ def test_a_very_late_vane_in_rough_air_turns_no_sign_of_the_control(seed: int) -
     assert turned == [Kind.SIGN]
 
 
-def test_a_control_power_that_the_other_sign_explains_nearly_as_well_is_not_sure() -> None:
-    assert sure(ControlPower(-40.0, 2.0, 0.95, 0.7)) and not sure(
+def test_a_control_power_that_the_other_sign_explains_nearly_as_well_is_not_is_reliable() -> None:
+    assert is_reliable(ControlPower(-40.0, 2.0, 0.95, 0.7)) and not is_reliable(
         ControlPower(-40.0, 2.0, 0.93, 0.81)
     )
-    assert not sure(ControlPower(-40.0, 6.0, 0.95, 0.0)) and not sure(
+    assert not is_reliable(ControlPower(-40.0, 6.0, 0.95, 0.0)) and not is_reliable(
         ControlPower(-40.0, 2.0, 0.75, 0.0)
     )
 
@@ -388,7 +388,7 @@ def test_no_clock_is_quicker_than_any_recorder() -> None:
     columns = columns_of(flight(np.random.default_rng(7)), CRAFT.expected)
     assert columns is not None
     assert not [one for one in all_readings(columns) if one.kind is Kind.TIME_BASE]
-    slow = all_readings(columns.times({"time": 1000.0}))
+    slow = all_readings(columns.scaled({"time": 1000.0}))
     assert [one.remedy for one in slow if one.kind is Kind.TIME_BASE] == [
         "name the column time [ms], or say its unit in a channel map"
     ]

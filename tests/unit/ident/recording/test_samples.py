@@ -13,7 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.recording.inspection import inspect
-from ident.recording.series import Certainty, Kind, RecordFinding, least_bit, series_of, shown
+from ident.recording.series import (
+    Certainty,
+    Kind,
+    RecordFinding,
+    least_bit,
+    quantity_text,
+    series_of,
+)
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, altered, fall, flight, rounded
 
@@ -225,7 +232,7 @@ def test_a_coarse_least_bit_is_noted(sound: Record) -> None:
     assert [(one.channel, one.certainty) for one in told] == [("alpha", Certainty.NOTED)]
     assert (
         told[0].numbers["least_bit"].value == pytest.approx(0.006)
-        and shown(0.006, "rad") in told[0].sentence
+        and quantity_text(0.006, "rad") in told[0].sentence
     )
     assert inspect(rounded(sound, alpha=0.0005)) == ()
 

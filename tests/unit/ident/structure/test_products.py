@@ -10,16 +10,17 @@ from hypothesis import strategies as st
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LEAST_MOTION_SHARE,
+    TermColumns,
     covariance_of,
+    cross_validated_r2,
     gains_of,
-    held_out_of,
     losses_of,
     noise_columns,
-    normal_of,
+    normal_equations,
     products_of,
     values_of,
 )
-from ident.structure.selection import TermColumns, select, stepwise
+from ident.structure.selection import select, stepwise
 from sim.aerodynamics import Term, parse_term
 
 NAMES = ("alpha", "beta", "p", "q", "r", "aileron")
@@ -88,7 +89,7 @@ def test_without_noise_it_is_least_squares() -> None:
         apart = np.linalg.lstsq(X[other][:, chosen], z[other], rcond=None)[0]
         error += float(np.sum((z[own] - X[own][:, chosen] @ apart) ** 2))
     spread = float(np.sum((z - z.mean()) ** 2))
-    assert held_out_of(products, chosen) == pytest.approx(1.0 - error / spread)
+    assert cross_validated_r2(products, chosen) == pytest.approx(1.0 - error / spread)
 
     def left(at: list[int]) -> float:
         return float(np.linalg.lstsq(X[:, at], z, rcond=None)[1][0])
@@ -119,7 +120,7 @@ def test_noise_larger_than_the_motion_is_taken_out_in_part(seed: int, noise: flo
     history, _ = measured(seed, noise)
     products = columns_of(history).products([history], "CX")
     chosen = [0, 1, 2, 3]
-    found = normal_of(products, chosen)
+    found = normal_equations(products, chosen)
     part = np.ix_(chosen, chosen)
     raw, clean = found.gram[part], found.clean_gram[part]
     least = np.min(np.linalg.eigvals(np.linalg.solve(raw, clean)).real)

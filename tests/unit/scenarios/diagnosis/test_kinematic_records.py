@@ -86,10 +86,10 @@ def test_a_late_vane_is_found_and_one_that_is_not_late_contradicted(
     (said,) = agreements(found, [claim])
     assert said.says == AGREES
     standing = delay_of(found, claim.name)
-    assert standing.stands and abs(standing.value - 2.0 / RATE) < 0.006
+    assert standing.supported and abs(standing.value - 2.0 / RATE) < 0.006
     # Under the noise that it leaves an arm of the vane would seem likelier: each is fitted in full.
     assert (
-        not delay_of(found, "vane-offset").stands
+        not delay_of(found, "vane-offset").supported
         or claim.name in delay_of(found, "vane-offset").group
     )
     sound = asked(records, model)
@@ -120,7 +120,7 @@ def test_an_accelerometer_below_has_the_name_of_the_longitudinal_effect(
         )
 
     found = asked(records, "longitudinal", "nx", felt)
-    assert delay_of(found, "accelerometer-offset:nx").stands
+    assert delay_of(found, "accelerometer-offset:nx").supported
     names = {effect.name for effect in effects_for(true_model("longitudinal").equations)}
     assert "accelerometer-offset:nx" in names and found.result is not None
     assert all(name in names for name in LONGITUDINAL.names.values())

@@ -73,16 +73,16 @@ def finding(
     std: float,
     group: tuple[str, ...] = (),
     *,
-    stands: bool = True,
+    supported: bool = True,
     kind: str = "delay",
 ) -> SensorFinding:
     return SensorFinding(
-        name.partition(":")[2] or "alpha", kind, value, std, "s", 30.0, stands, group, name
+        name.partition(":")[2] or "alpha", kind, value, std, "s", 30.0, supported, group, name
     )
 
 
 # ruled out in the place of what stands
-INSTEAD = replace(finding("sensor-delay:alpha", 0.055, 0.004, stands=False), lost=40.0)
+INSTEAD = replace(finding("sensor-delay:alpha", 0.055, 0.004, supported=False), lost=40.0)
 
 
 def estimate(
@@ -116,7 +116,7 @@ def test_a_fault_on_which_the_methods_disagree_is_not_named() -> None:
         # metres and seconds
         (checked([finding("vane-offset", 9.0, 1.0, ("sensor-lag:alpha",), kind="arm")]), IN_KIND),
         (checked([INSTEAD, finding("vane-offset", 9.0, 1.0, kind="arm")]), CONTRADICTS),
-        (checked([finding("sensor-delay:alpha", 0.058, 0.004, stands=False)]), NOTHING),
+        (checked([finding("sensor-delay:alpha", 0.058, 0.004, supported=False)]), NOTHING),
         (checked([], [estimate(0.060, 0.005)]), AGREES),
         (checked([], [estimate(0.001, 0.005)]), CONTRADICTS),
         (checked([], [estimate(0.030, 0.020)]), NOTHING),
@@ -204,7 +204,7 @@ def test_a_record_in_a_bank_is_no_witness_of_level_wings() -> None:
     known = replace(banked, outputs=(*banked.outputs, Channel.of("phi", "rad", phi)))
     for turning in (banked, known):
         alone = kinematics_of([turning], CompatibilitySettings(airspeed=SPEED))
-        assert alone.result is None and "p and r say that the wings were up to" in alone.why
+        assert alone.result is None and "p and r show that the wings were up to" in alone.why
         assert kinematics_of([level, turning], CompatibilitySettings(airspeed=SPEED)).records == (
             level.name,
         )
@@ -271,7 +271,10 @@ def test_of_many_samples_every_record_keeps_its_liveliest_stretch(
         float(np.var(lively["q"].values[first : first + 200])) for first in range(len(lively) - 199)
     ]
     assert len(cut) == 200 and float(np.var(cut["q"].values)) > 0.95 * max(power)
-    assert [len(each) for each in shortened([lively, lively.window(0.0, 2.0)], 300)] == [249, 51]
+    assert [len(each) for each in shortened([lively, lively.window(0.0, 2.0)], 300)] == [
+        249,
+        51,
+    ]
 
 
 def test_of_too_many_records_those_of_spread_airspeeds_are_kept() -> None:
@@ -343,7 +346,7 @@ def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: P
     told = check_files(Request(tuple(paths))).result
     assert kinematics.result is not None and kinematics.records == ("flight1.csv", "flight2.csv")
     assert kinematics.result.joint.estimates == told.joint.estimates and "sensor-delay:theta" in [
-        each.name for each in told.findings if each.stands
+        each.name for each in told.findings if each.supported
     ]
     (tmp_path / "strange.csv").write_text("time,fuel\n0,1\n1,2\n")
     strange = kinematics_of_files(

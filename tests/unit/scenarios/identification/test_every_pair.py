@@ -22,7 +22,7 @@ REFUSED = {
     (
         "ballistic",
         "frequency-domain",
-    ): "it has no input, to which a frequency response could be; use output-error",
+    ): "it has no input, and therefore no frequency response; use output-error",
     (
         "multirotor",
         "frequency-domain",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flightid as fid
-from ident.recording.misread_columns import large_angle
+from ident.recording.misread_columns import large_angle_finding
 from scenarios.files.measured.columns import read_record_file
 from scenarios.identification.cautions import NO_LIFT
 from scenarios.preparation.draft_text import map_text
@@ -67,8 +67,8 @@ def test_a_wrong_map_is_refused_with_what_was_meant(
 
 def test_pulses_are_told_from_degrees() -> None:
     angle = 5.0 * np.sin(np.arange(200) / 9.0)
-    pulses = large_angle(Channel.of("elevator", "rad", 1500.0 + 10.0 * angle))
-    degrees = large_angle(Channel.of("elevator", "rad", angle))
+    pulses = large_angle_finding(Channel.of("elevator", "rad", 1500.0 + 10.0 * angle))
+    degrees = large_angle_finding(Channel.of("elevator", "rad", angle))
     assert pulses is not None and "servo pulses in us" in pulses.sentence
     assert degrees is not None and "name it elevator_deg" in degrees.remedy
 

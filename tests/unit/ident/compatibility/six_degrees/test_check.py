@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.instruments import shortened
+from ident.compatibility.instruments import reduced_whitener
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from ident.tracing.diagnosis import Claim, Quantity
@@ -29,7 +29,7 @@ def leaders(found: Compatibility) -> dict[str, tuple[str, ...]]:
     out: dict[str, tuple[str, ...]] = {}
     said: set[str] = set()
     for finding in found.findings:
-        if finding.stands and finding.name not in said:
+        if finding.supported and finding.name not in said:
             out[finding.name] = finding.group
             said |= {finding.name, *finding.group}
     return out
@@ -54,9 +54,9 @@ def test_sound_sensors_raise_nothing_and_the_noise_is_found() -> None:
         ("height", 1.0),
     ):
         assert found.joint.noise_std[name] == pytest.approx(sigma, rel=0.15)
-    assert any("steady wind" in line for line in found.cannot_tell)
+    assert any("steady wind" in line for line in found.unobservable)
     assert any(
-        "bias:airspeed, bias:ax and sensor-drift:airspeed" in line for line in found.cannot_tell
+        "bias:airspeed, bias:ax and sensor-drift:airspeed" in line for line in found.unobservable
     )
 
 
@@ -138,7 +138,7 @@ def test_an_accelerometer_ahead_is_printed_beside_the_lag_of_its_rate_however_un
     wrong = Faults(accelerometers={load: (4.0, 0.0, 0.0)})
     records = [shown(fly(), channels, wrong, 2), shown(fly(seed=2), channels, wrong, 12)]
     found = compatibility(records, SETTINGS, each=False, six=True)
-    both = {finding.name: finding for finding in found.findings if finding.stands}
+    both = {finding.name: finding for finding in found.findings if finding.supported}
     arm, lag = both[f"accelerometer-offset:{load}"], both[f"sensor-lag:{rate}"]
     assert abs(arm.value - 4.0) < 3.0 * arm.std
     assert lag.value == pytest.approx(arm.value / SPEED, rel=0.1)
@@ -150,7 +150,7 @@ def test_an_accelerometer_ahead_is_printed_beside_the_lag_of_its_rate_however_un
         Kinematics(("flight",), found), [Claim(arm.name, {"arm": Quantity(4.0, 0.05, "m")})]
     )
     assert said.says == AGREES and f"% {lag.name}" in said.sentence
-    lines = " ".join(found.cannot_tell)
+    lines = " ".join(found.unobservable)
     assert arm.name not in lines and lag.name not in lines
 
 
@@ -162,8 +162,8 @@ def test_where_sensors_usually_are() -> None:
         for chord in (0.0, 8.0)
     ]
     assert spreads == [5.0, 24.0, 5.0, 24.0, 1.0, 2.0, 1.0, 2.0]
-    assert SensorFault("q", SCALE).surprise(0.3, 0.01) == 0.0
-    assert SensorFault("ay", ARM).surprise(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
+    assert SensorFault("q", SCALE).prior_loss(0.3, 0.01) == 0.0
+    assert SensorFault("ay", ARM).prior_loss(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
 
 
 @pytest.mark.sampled
@@ -181,7 +181,7 @@ def test_lateral_channels_alone_at_a_given_airspeed(wrong: Faults, name: str) ->
     stand = leaders(found)
     assert set(found.relations) == {"beta", "phi"} and len(stand) == bool(name)
     assert all(name in (best, *group) for best, group in stand.items())
-    assert any("ny" in line and "phi" in line for line in found.cannot_tell)
+    assert any("ny" in line and "phi" in line for line in found.unobservable)
 
 
 def test_which_of_two_is_late_takes_a_third() -> None:
@@ -193,7 +193,7 @@ def test_which_of_two_is_late_takes_a_third() -> None:
         "sensor-scale:p",
         "sensor-scale:phi",
     }
-    assert "a scale common to p and phi is not observable, only ratios are" in two.cannot_tell
+    assert "a scale common to p and phi is not observable, only ratios are" in two.unobservable
     five = compatibility([shown(fly(), LATERAL, Faults(scale={"phi": 1.1}), 1)], SETTINGS)
     assert leaders(five) == {"sensor-scale:phi": ()}
 
@@ -206,14 +206,14 @@ def test_biases_that_make_up_for_each_other_are_not_seen_and_said_to_be() -> Non
     assert set(found.relations) == {"airspeed", "phi"} and leaders(found) == {}
     assert any(
         "bias:ax" in line and "bias:theta" in line and "only combinations" in line
-        for line in found.cannot_tell
+        for line in found.unobservable
     )
     leaning = compatibility(
         [shown(fly(), LATERAL, Faults(bias={"phi": 0.03, "ny": -0.03}), 1)], SETTINGS
     )
     assert (
         leaders(leaning) == {}
-        and "bias:ny and bias:phi: only combinations are observable" in leaning.cannot_tell
+        and "bias:ny and bias:phi: only combinations are observable" in leaning.unobservable
     )
 
 
@@ -224,14 +224,14 @@ def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
     assert leaders(found) == {}
     assert (
         "a delay common to beta, p, r, ny and phi is not observable, only relative delays are"
-        in found.cannot_tell
+        in found.unobservable
     )
 
 
 def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
     found = compatibility([shown(fly(), LATERAL, Faults(), 1)], CompatibilitySettings())
     assert set(found.relations) == {"phi"} and any("airspeed" in note for note in found.notes)
-    assert any(line.startswith("beta: nothing can be told") for line in found.cannot_tell)
+    assert any(line.startswith("beta: cannot be checked") for line in found.unobservable)
 
 
 @pytest.mark.long
@@ -246,7 +246,7 @@ def test_several_records_share_a_fault_and_keep_their_own_biases_and_drifts() ->
         leaders(found)
     ) == 1
     one, two = found.single
-    assert [f.name for f in one.findings if f.stands] == ["bias:p"]
+    assert [f.name for f in one.findings if f.supported] == ["bias:p"]
     assert "sensor-drift:p" in [
         name for f in two.findings if f.kind == "drift" for name in (f.name, *f.group)
     ]
@@ -311,7 +311,7 @@ def test_channels_that_close_nothing_leave_a_longitudinal_check_as_it_is() -> No
     more = with_more(more, Channel.of("r", "rad/s", 1e-4 * rng.standard_normal(len(plain))))
     more = replace(more, inputs=(*more.inputs, Channel.of("aileron", "rad", np.sin(plain.time))))
     one, two = compatibility([plain], SETTINGS), compatibility([more], SETTINGS)
-    assert one.joint.estimates == two.joint.estimates and one.cannot_tell == two.cannot_tell
+    assert one.joint.estimates == two.joint.estimates and one.unobservable == two.unobservable
 
 
 def test_an_attitude_near_the_vertical_is_refused_and_a_short_record_ends_well() -> None:
@@ -323,7 +323,9 @@ def test_an_attitude_near_the_vertical_is_refused_and_a_short_record_ends_well()
         np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all()
         for item in short.joint.estimates
     )
-    assert shortened.cache_info().currsize == 0, "what was made for this check is not kept after it"
+    assert reduced_whitener.cache_info().currsize == 0, (
+        "what was made for this check is not kept after it"
+    )
 
 
 def test_exact_and_constant_data_end_well() -> None:

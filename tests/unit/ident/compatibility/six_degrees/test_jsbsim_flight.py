@@ -68,7 +68,7 @@ def test_sound_sensors_raise_nothing_and_faults_are_named(
     named: Mapping[str, float],
 ) -> None:
     found = compatibility([recorded(2, late, scaled, biased)], CompatibilitySettings())
-    standing = [finding for finding in found.findings if finding.stands]
+    standing = [finding for finding in found.findings if finding.supported]
     assert {name for finding in standing for name in (finding.name, *finding.group)} >= set(named)
     for finding in standing:
         assert {finding.name, *finding.group} & set(named), f"{finding.name} is not there"

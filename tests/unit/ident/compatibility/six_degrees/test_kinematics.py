@@ -9,15 +9,8 @@ import pytest
 
 from ident.compatibility.kinematics import SensorFault
 from ident.compatibility.signals import KinematicSignals
-from ident.compatibility.six_degrees.kinematics import (
-    evaluate,
-    faults_of,
-    linearised,
-    ready,
-    recorded,
-    relations,
-    unknowns_of,
-)
+from ident.compatibility.six_degrees.kinematics import evaluate, faults_of, linearised, unknowns_of
+from ident.compatibility.six_degrees.signals import prepared_signals, relations, usable_channels
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, UNITS, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
@@ -27,7 +20,7 @@ def signals(
     channels: tuple[str, ...], faults: Faults, rate: float = 50.0, noise: float = 0.0
 ) -> KinematicSignals:
     record = shown(fly(), channels, faults, 0, rate, noise)
-    return ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
+    return prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)[0]
 
 
 def true_unknowns(s: KinematicSignals) -> np.ndarray:
@@ -85,7 +78,7 @@ def test_a_climbing_turn_without_yaw_rate_keeps_its_bank() -> None:
             for n, v in (("p", p), ("phi", bank), ("theta", climb))
         ),
     )
-    s = ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
+    s = prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)[0]
     own = np.array([bank if item.key == ("start", "phi") else 0.0 for item in unknowns_of(s)])
     assert (
         np.abs(evaluate(s, unknowns_of(s), (), own[None], np.zeros((1, 0)))[0, 0] - bank).max()
@@ -157,8 +150,8 @@ def test_a_heading_through_north_is_unwrapped_and_a_load_without_weight_gets_it(
         fly(), ("p", "q", "r", "phi", "psi", "alpha", "nz"), Faults(bias={"nz": -1.0}), 0, 25.0, 0.0
     )
     assert np.ptp(record["psi"].values) > 6.0
-    s, notes = ready(record, recorded(record), SPEED, 9.80665, 0.0)
+    s, notes = prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)
     assert np.ptp(s.channels["psi"]) < 0.5 and np.mean(s.channels["nz"]) == pytest.approx(
         1.0, abs=0.1
     )
-    assert notes == ("nz of flight 0 is without the weight, which is added",)
+    assert notes == ("nz of flight 0 does not include the weight, which is added",)

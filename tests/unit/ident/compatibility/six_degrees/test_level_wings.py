@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.compatibility.check import compatibility, misled_by_bank
-from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.check import bank_angle_warnings, compatibility
+from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import CompatibilitySettings
 from sim.maths import G0
 from sim.record import Channel, Record
@@ -44,11 +44,11 @@ def turning(
 @pytest.mark.parametrize("channels", [(), ("p",), ("r",), ("p", "r")])
 def test_level_flight_is_taken_as_level_and_that_is_said(channels: tuple[str, ...]) -> None:
     found = compatibility([turning(channels=channels)], AT_SPEED)
-    assert found.notes.count(LEVEL) == 1 and set(found.relations) == {"alpha", "theta"}
+    assert found.notes.count(WINGS_LEVEL_NOTE) == 1 and set(found.relations) == {"alpha", "theta"}
 
 
 def test_a_gyro_with_a_bias_is_no_bank() -> None:
-    assert misled_by_bank([turning(bias=np.radians(1.0))], SPEED, G0) == ()
+    assert bank_angle_warnings([turning(bias=np.radians(1.0))], SPEED, G0) == ()
 
 
 @pytest.mark.parametrize("channels", [("p",), ("r",), ("p", "r")])
@@ -57,11 +57,11 @@ def test_of_banked_flight_nothing_is_told(channels: tuple[str, ...]) -> None:
     assert (
         not found.relations
         and not found.findings
-        and LEVEL not in found.notes
+        and WINGS_LEVEL_NOTE not in found.notes
         and len(found.single) == 2
     )
-    (line,) = found.cannot_tell
-    assert f"{' and '.join(channels)} say" in line
+    (line,) = found.unobservable
+    assert f"{' and '.join(channels)} show" in line
     lean = float(line.split("up to ")[1].split(" deg")[0])
     assert lean == pytest.approx(40.0, abs=6.0 if "p" in channels else 10.0)
 
@@ -76,10 +76,14 @@ def test_what_a_bank_leaves_in_the_relation_of_theta_is_what_the_limit_is_about(
         phi = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(t))])
         off = np.cumsum((q * np.cos(phi) - r * np.sin(phi) - q) * np.median(np.diff(t)))
         left = off - np.polyval(np.polyfit(t, off, 1), t)
-        assert (float(np.std(left)) > 0.002) is refused is bool(misled_by_bank([given], SPEED, G0))
+        assert (
+            (float(np.std(left)) > 0.002)
+            is refused
+            is bool(bank_angle_warnings([given], SPEED, G0))
+        )
 
 
 def test_a_recorded_bank_serves_and_is_not_asked_for() -> None:
     banked = turning(np.radians(40.0))
     phi = Channel.of("phi", "rad", np.radians(40.0) * np.ones(len(banked)))
-    assert misled_by_bank([replace(banked, outputs=(*banked.outputs, phi))], SPEED, G0) == ()
+    assert bank_angle_warnings([replace(banked, outputs=(*banked.outputs, phi))], SPEED, G0) == ()
