@@ -147,13 +147,6 @@ RULES: Mapping[str, Rule] = {
         lambda search, best, clear: (best, {}, set()),
         lambda before, result, search, best, *_: result[0] is not best,
     ),
-    "large error": Rule(
-        "forces prove no cause where the residual is ten times the noise",
-        decision,
-        "_reasons_of_large_error",
-        lambda *_: {},
-        lambda before, result, *_: bool(result),
-    ),
     "other faults": Rule(
         "beside a discrepancy, other faults of a sensor that kinematics name are tried",
         decision,

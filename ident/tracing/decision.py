@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 
-from ident.process_noise.filter_error import noise_levels
 from ident.tracing.diagnosis import Candidate, FittedSet, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
@@ -39,7 +38,6 @@ from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
-LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
 WITH_ROUGH_AIR_REASON = (
     "the model needs turbulence that follows the maneuvers: some load is missing, which this "
@@ -48,9 +46,6 @@ WITH_ROUGH_AIR_REASON = (
 CATCH_ALL_REASON = "the model also needs a term that stands for a cause outside the library"
 LOCAL_REASON = (
     "its gain comes from a few places of the records: Vuong's z is {:.1f}, required is at least {}"
-)
-LARGE_ERROR_REASON = (
-    "the model with all effects found still has an error of {:.1f} times the sensor noise"
 )
 
 
@@ -237,7 +232,6 @@ def _decide(
     beside = _decide_beside_discrepancy(
         search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
     )
-    beside = _claims_to_hints(beside, _reasons_of_large_error(beside))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
@@ -455,32 +449,3 @@ def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, 
         if smaller is None or spread[least] >= required_z(search, least):
             return best, spread
         best = smaller
-
-
-def _reasons_of_large_error(decision: Decision) -> dict[str, str]:
-    """Return the claims made with a discrepancy that may represent a cause outside the library, by
-    name with the reason: without the discrepancy the residual is far above the noise.
-
-    Effects with kinematic evidence do not depend on the force model, and rough air does not change
-    the mean; both are left out.
-    """
-    known = decision.searches[0].problem.named_by_kinematics
-    names = {each.name for each in decision.named} - known
-    names -= {each.name for each in decision.best.effects if isinstance(each, NoiseEffect)}
-    if not names:
-        return {}
-    search, best = _search_and_set(decision)
-    effects = [each for each in best.fitted.effects if each.name not in search.base_names]
-    plain = decision.searches[0].fit(effects, best.fitted)
-    ratio = math.inf if plain is None else _error_over_noise(plain, best.fitted)
-    if ratio <= LARGE_ERROR_RATIO:
-        return {}
-    return dict.fromkeys(names, LARGE_ERROR_REASON.format(ratio))
-
-
-def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
-    """Return the largest ratio, over the outputs, of the noise level of ``plain`` to that of
-    ``beside``.
-    """
-    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
-    return max(std / max(levels[name], 1e-300) for name, std in without.items())
