@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -39,10 +39,6 @@ from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
 ROUGH_AIR_REASON = "its evidence comes from the maneuvers alone: turbulence acts between them too"
-WITH_ROUGH_AIR_REASON = (
-    "the model needs turbulence that follows the maneuvers: some load is missing, which this "
-    "effect may replace"
-)
 CATCH_ALL_REASON = "the model also needs a term that stands for a cause outside the library"
 LOCAL_REASON = (
     "its gain comes from a few places of the records: Vuong's z is {:.1f}, required is at least {}"
@@ -133,10 +129,10 @@ def decide(
     leaves_noise: FitTest = nothing_held_out,
     predicts_well: FitTest | None = None,
 ) -> Decision:
-    """Return the decision, without the claims that a cause outside the library explains better.
+    """Return the decision under white noise; if no set of effects leaves noise, or only one with
+    turbulence that follows the maneuvers, search again with a discrepancy.
 
-    Rough air also acts in steady flight; a claim of it that rests on the maneuvers alone is
-    dropped.
+    General forms are tried last: they name no cause.
 
     Parameters
     ----------
@@ -146,96 +142,75 @@ def decide(
     predicts_well : whether the residual on held-out data is hardly larger than noise; default
         ``leaves_noise``.
     """
-    decision = _decide(search, discrepancy, leaves_noise, predicts_well or leaves_noise)
-    effects = {each.name: each for each in decision.best.effects}
-    names = {each.name for each in decision.named}
-    unsupported = {
-        name: ROUGH_AIR_REASON
-        for name in names
-        if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(decision, name)
-    }
-    if unsupported:
-        # An unsupported rough air shows an error of the force model, on which other claims rest.
-        rest = names - unsupported.keys() - search.problem.named_by_kinematics
-        unsupported |= dict.fromkeys(rest, WITH_ROUGH_AIR_REASON)
-    return _claims_to_hints(decision, unsupported)
+    best = search.best()
+    found = _decide_by_white_noise(search, best, leaves_noise, predicts_well or leaves_noise)
+    if found is not None and _turbulence_acts_throughout(found):
+        return found
+    found = None
+    if discrepancy is not None:
+        problem = search.problem
+        base = (discrepancy, *best.fitted.background)
+        acting = [each for each in problem.candidates if is_steady(each)]
+        steady = Search(problem, acting, base, title="a model discrepancy")
+        found = _decide_beside_discrepancy(
+            search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
+        )
+        forms = {each.name for each in problem.candidates if each.traits.general}
+        if found.named and not forms & {each.name for each in found.named}:
+            return found
+    general = _decide_with_general_forms(search, leaves_noise)
+    if general is not None and _turbulence_acts_throughout(general):
+        return general
+    return found or _no_claims(search, best)
 
 
-def _search_and_set(decision: Decision) -> tuple[Search, WeighedSet]:
-    """Return the search that fitted the accepted set of a decision, and that set."""
+def _decide_by_white_noise(
+    search: Search, best: WeighedSet, leaves_noise: FitTest, predicts_well: FitTest
+) -> Decision | None:
+    """Return the decision under white noise; None if no set leaves noise on fitted and held-out
+    data, or hardly more than noise on the held-out ones.
+    """
+    if not is_noise(best.fitted.fit):
+        return None
+    found = _decide_under_white_noise(search, best)
+    outside = bool(search.problem.guards & frozenset(found.best.names))
+    general = _decide_with_general_forms(search, leaves_noise) if outside else None
+    if general is not None:
+        return general
+    if leaves_noise(found.best):
+        return found
+    predicting = _decide_by_prediction(search, leaves_noise, best.names - {*found.best.names})
+    if predicting is not None:
+        return predicting
+    if not found.named:
+        return replace(found, verdict=Verdict.UNEXPLAINED)
+    return found if predicts_well(found.best) else None
+
+
+def _turbulence_acts_throughout(decision: Decision) -> bool:
+    """Return whether the evidence for turbulence that is claimed, if any, is also present in steady
+    flight. Turbulence that follows the maneuvers stands for an error of the forces.
+    """
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
-    return search, search.visited[names]
-
-
-def _claims_to_hints(decision: Decision, reasons: Mapping[str, str]) -> Decision:
-    """Return a decision that turns the claims in ``reasons`` into hints with these reasons."""
-    if not reasons:
-        return decision
-    named = tuple(each for each in decision.named if each.name not in reasons)
-    hints = tuple(
-        replace(each, reason=reasons[each.name]) for each in decision.named if each.name in reasons
+    claimed = {each.name for each in decision.named}
+    return all(
+        _acts_when_quiet(search, search.visited[names], effect.name, decision.searches[0])
+        for effect in decision.best.effects
+        if effect.name in claimed and isinstance(effect, NoiseEffect)
     )
-    verdict = decision.verdict
-    if not named:
-        verdict = Verdict.UNEXPLAINED
-    elif verdict is Verdict.TRACED:
-        verdict = Verdict.PARTIAL
-    return replace(decision, verdict=verdict, named=named, hints=(*decision.hints, *hints))
 
 
-def _acts_when_quiet(decision: Decision, name: str) -> bool:
-    """Return whether the evidence for rough air is also present in steady flight."""
-    search, best = _search_and_set(decision)
+def _acts_when_quiet(search: Search, best: WeighedSet, name: str, white: Search) -> bool:
+    """Return whether the evidence for turbulence is also present where the declared model of the
+    search under white noise, ``white``, moves least.
+    """
     smaller = search.set_without(best, name)
     if smaller is None:
         return True
-    declared, interval = decision.searches[0].declared, search.context.interval
-    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= CONFUSABLE_SETS_Z
-
-
-def _decide(
-    search: Search,
-    discrepancy: Traceable | None,
-    leaves_noise: FitTest,
-    predicts_well: FitTest,
-) -> Decision:
-    """Decide under white noise; if no set of effects leaves noise, search again with a discrepancy.
-
-    General forms are tried last: they name no cause.
-
-    Parameters
-    ----------
-    search, discrepancy, leaves_noise, predicts_well : see ``decide``.
-    """
-    problem, best = search.problem, search.best()
-    if is_noise(best.fitted.fit):
-        found = _decide_under_white_noise(search, best)
-        outside = bool(problem.guards & frozenset(found.best.names))
-        general = _decide_with_general_forms(search, leaves_noise) if outside else None
-        if general is not None:
-            return general
-        if leaves_noise(found.best):
-            return found
-        predicting = _decide_by_prediction(search, leaves_noise, best.names - {*found.best.names})
-        if predicting is not None:
-            return predicting
-        if not found.named:
-            return replace(found, verdict=Verdict.UNEXPLAINED)
-        if predicts_well(found.best):
-            return found
-    if discrepancy is None:
-        return _decide_with_general_forms(search, leaves_noise) or _no_claims(search, best)
-    base = (discrepancy, *best.fitted.background)
-    acting = [each for each in problem.candidates if is_steady(each)]
-    steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _decide_beside_discrepancy(
-        search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
-    )
-    forms = {each.name for each in problem.candidates if each.traits.general}
-    if beside.named and not forms & {each.name for each in beside.named}:
-        return beside
-    return _decide_with_general_forms(search, leaves_noise) or beside
+    interval = search.context.interval
+    z = quiet_vuong(best.fitted, smaller.fitted, white.declared, interval)
+    return z >= CONFUSABLE_SETS_Z
 
 
 def _decide_by_prediction(
@@ -395,6 +370,7 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _drop_local_evidence(search, best)
+    best, spread, rough = _drop_turbulence_of_maneuvers(white, search, best, spread)
     interval = search.context.interval
     effects = {each.name: each for each in best.fitted.effects}
     named = [
@@ -403,14 +379,33 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
         if is_physical_effect(effects[name], best, interval)
     ]
     if not named:
-        return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
+        return Decision(Verdict.UNEXPLAINED, root, root, (), rough, searches)
     if guards & set(spread):
         hints = tuple(replace(each, reason=CATCH_ALL_REASON) for each in named)
         return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
-    return Decision(verdict, best.fitted, root, tuple(named), _local_hints(search, best), searches)
+    hints = (*rough, *_local_hints(search, best))
+    return Decision(verdict, best.fitted, root, tuple(named), hints, searches)
+
+
+def _drop_turbulence_of_maneuvers(
+    white: Search, search: Search, best: WeighedSet, spread: dict[str, float]
+) -> tuple[WeighedSet, dict[str, float], tuple[Named, ...]]:
+    """Return the set without turbulence whose evidence is absent in steady flight, z of its other
+    members, and the turbulence as a hint. The discrepancy takes its place.
+    """
+    hints: tuple[Named, ...] = ()
+    for effect in best.fitted.effects:
+        if effect.name not in spread or not isinstance(effect, NoiseEffect):
+            continue
+        smaller = search.set_without(best, effect.name)
+        if smaller is None or _acts_when_quiet(search, best, effect.name, white):
+            continue
+        hints += (Named(effect.name, 0.0, {}, reason=ROUGH_AIR_REASON, within=best.fitted),)
+        best, spread = _drop_local_evidence(search, smaller)
+    return best, spread, hints
 
 
 def _local_hints(search: Search, best: WeighedSet) -> tuple[Named, ...]:
