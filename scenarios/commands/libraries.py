@@ -57,17 +57,26 @@ def show_scenario(name: str) -> None:
     print(scenario_text(name), end="")
 
 
+CATCH_ALL_TERM = (
+    "This is a catch-all term, not an effect of the library. It stands for causes outside the "
+    "library and competes with the effects in a diagnosis: if it is the most probable, the verdict "
+    "is unexplained. It is never named as a cause."
+)
+
+
 def show_effects(name: str | None) -> None:
     """Print one line for each effect, or the effect ``name`` in full."""
     if name is None:
         _list_effects()
         return
-    from sim.declaration.proposal import Refinable
+    from sim.declaration.proposal import Refinable, Traceable
 
     effect, renaming = _effect_of_any_model(name)
     if renaming:
         print(renaming)
     width = min(terminal_width(), WIDEST)
+    if isinstance(effect, Traceable) and effect.traits.guard:
+        print("\n".join([*folded(CATCH_ALL_TERM, width), ""]))
     absent = ", ".join(f"{key} = {value:g}" for key, value in effect.absent.items())
     lines = [
         f"{effect.name}  ({effect.station.value})",
@@ -127,17 +136,23 @@ def _parameter_columns(effect: Effect) -> list[TableColumn]:
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
     """Return the effect with a name, and a sentence if the effect has another name on its model.
 
-    The effect is one of the library, or one that a model makes for its inputs, channels, loads and
-    derivatives.
+    The effect is one of the library, one that a model makes for its inputs, channels, loads and
+    derivatives, or a catch-all term of a model.
     """
-    from sim.effects.library import effect_names, effects_for, find_effect, other_names
+    from sim.effects.library import (
+        catch_all_terms_for,
+        effect_names,
+        effects_for,
+        find_effect,
+        other_names,
+    )
     from sim.vehicles.factory import FAMILIES
 
     if name in effect_names():
         return find_effect(name), ""
     for equations, _, _ in FAMILIES.values():
         own_name = other_names(equations).get(name, name)
-        for effect in effects_for(equations):
+        for effect in (*effects_for(equations), *catch_all_terms_for(equations)):
             if effect.name != own_name:
                 continue
             if own_name == name:

@@ -417,6 +417,8 @@ def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
         and "adds shape1 (m/s), shape2 (m/s), shape3 (m/s)" in gust
         and "inf" not in gust
     )
+    catch_all = flightid.done("effects", "guard:vane-behind")
+    assert catch_all.startswith("This is a catch-all term") and "arm" in catch_all
     assert [line.split()[0] for line in flightid.done("vehicles").splitlines()] == list(
         vehicle_names()
     )
