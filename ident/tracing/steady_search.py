@@ -20,6 +20,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtri, stdtr
 
 from ident.tracing.evidence import WeighedSet
 from ident.tracing.fitted_model import FittedModel, absent_values, belongs_to_record
@@ -135,10 +136,19 @@ def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
 
 
 def _over_scatter(gain: float, changes: np.ndarray) -> float:
-    """Return a gain over its scatter, estimated from its parts by block."""
+    """Return a gain over its scatter, estimated from its parts by block, as a normal deviate.
+
+    A ratio to a scatter that few blocks determine follows Student's t distribution: the normal
+    deviate of the same probability is smaller.
+    """
+    blocks = len(changes)
     # The standard deviation of half a noncentral chi-square of mean g is at least sqrt(2 g).
-    scatter = float(np.sqrt(len(changes)) * np.std(changes))
-    return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
+    least = gain / max(math.sqrt(2.0 * abs(gain)), 1e-12)
+    scatter = math.sqrt(blocks) * float(np.std(changes, ddof=1)) if blocks > 1 else 0.0
+    if not scatter > 0.0:
+        return least
+    deviate = -float(ndtri(stdtr(blocks - 1, -abs(gain) / scatter)))
+    return math.copysign(min(deviate, abs(least)), gain)
 
 
 def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
