@@ -36,7 +36,7 @@ from ident.banks.online import (
     begin,
     online_bank,
 )
-from scenarios.commands.watch import _prepared, _write_steps
+from scenarios.commands.watch import _watch_of, _write_steps
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.watching.rows import growing_file, lines_of
@@ -101,7 +101,7 @@ def follow(record: Record) -> float:
         contextlib.redirect_stdout(nowhere),
     ):
         path, _ = write_record(folder, record)
-        watch, begun = _prepared(str(path), None, None, None, False, None, ()), 0.0
+        watch, begun = _watch_of(str(path), None, None, None, False, None, ()), 0.0
         show = Show(watch)
         with growing_file(path, until_end=True) as read, History(Path(folder)) as history:
             for came in lines_of(read, None, "stream"):

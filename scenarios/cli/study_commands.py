@@ -588,7 +588,7 @@ def export(
     """The model of a study for another program: Python module, FMU, JSBSim or DAVE-ML file.
 
     Units are SI and radians. The file has the estimated values and the initial states of the first
-    record. python and fmu take any model, jsbsim and dave-ml only the model aircraft.
+    record. jsbsim and dave-ml take only the model aircraft, python and fmu take any model.
     """
     from scenarios.commands.records import export_model
 

@@ -95,5 +95,5 @@ def test_a_model_of_its_own_kind_is_listed(flightid: CommandLine) -> None:
 
 def test_help_of_export_names_the_targets_of_model_aircraft(flightid: CommandLine) -> None:
     text = " ".join(flightid.done("export", "--help").split())
-    assert "jsbsim and dave-ml the model aircraft alone" in text
-    assert "the last two of model aircraft alone" in text
+    assert "jsbsim and dave-ml take only the model aircraft" in text
+    assert "the last two for the model aircraft only" in text

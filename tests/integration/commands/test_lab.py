@@ -62,7 +62,7 @@ def test_a_copy_is_ones_own(flightid: CommandLine, tmp_path: Path) -> None:
     copy = tmp_path / "mine" / LABS[2].name
     assert copy.read_bytes() == LABS[2].read_bytes() and str(copy) in told
     copy.write_text("mine")
-    assert "may be yours" in flightid.refused("lab", 2, "--copy", tmp_path / "mine")
+    assert "you may have changed it" in flightid.refused("lab", 2, "--copy", tmp_path / "mine")
     assert copy.read_text() == "mine"
 
 

@@ -91,7 +91,9 @@ def test_the_least_gain_is_three_sigmas_below_the_mean_of_a_true_effect() -> Non
     line = [(SimpleNamespace(y=y[None]),) for y in (np.zeros(n), apart)]
     less, more = (
         SimpleNamespace(
-            layout=SimpleNamespace(problems=(problem,)), lines=y, variance=np.array([sigma**2])
+            layout=SimpleNamespace(problems=(problem,)),
+            linearisations=y,
+            variance=np.array([sigma**2]),
         )
         for y in line
     )
