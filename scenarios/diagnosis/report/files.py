@@ -302,7 +302,12 @@ def _effects(tracing: Tracing) -> tuple[Section, ...]:
     advice = [
         Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
     ]
-    advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
+    for line in text.verdict_advice(tracing):
+        before, found, command = line.partition(f"{text.DESIGNED_BY}: ")
+        if found and not before:  # a command to copy keeps its signs
+            advice += [Prose(f"{_capital(text.DESIGNED_BY)}:"), Prose(command, "code")]
+        else:
+            advice.append(Prose(f"{line}."))
     cards = tuple(_effect_card(claim, tracing) for claim in tracing.diagnosis.effects)
     return section("Effects", *advice, parts=cards) if cards or advice else ()
 

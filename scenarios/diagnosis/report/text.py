@@ -225,6 +225,9 @@ def verdict_advice(tracing: Tracing) -> list[str]:
     return [*lines, *deciding_lines(tracing)]
 
 
+DESIGNED_BY = "designed by"  # begins the line with the command of a deciding maneuver
+
+
 def deciding_lines(tracing: Tracing) -> list[str]:
     """Return the designed maneuver that would decide an ambiguous diagnosis, with its chance, and
     the command that designs it again.
@@ -236,7 +239,7 @@ def deciding_lines(tracing: Tracing) -> list[str]:
     word, _, sentence = verdict_of(tracing.decides).partition(": ")
     return [
         f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {sentence}",
-        f"designed by: {tracing.decides.request.command()}",
+        f"{DESIGNED_BY}: {tracing.decides.request.command()}",
     ]
 
 
