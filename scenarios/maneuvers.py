@@ -332,9 +332,9 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
 
 
 def _kinds_text(found: FoundManeuvers) -> str:
-    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty if nothing was found."""
+    """``"1 × doublet, 2 × sweep, 1 × trim"``: how many of each kind; empty if nothing was found."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
-    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    return ", ".join(f"{count} × {kind}" for kind, count in kinds.items())
 
 
 def _amplitude(each: NumberedManeuver) -> Cell:
@@ -391,8 +391,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
                 "Maneuvers",
                 maneuvers_table(found),
                 Prose(
-                    "Angles in degrees. Start and end are the times of the input. "
-                    f"{as_sentence(PART)}",
+                    f"Start and end are the times of the input. {as_sentence(PART)}",
                     "note",
                 ),
             ),
