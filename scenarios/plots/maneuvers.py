@@ -231,8 +231,10 @@ def figure_maneuvers(
     names = [*courses[0].inputs, *courses[0].outputs]
     count = len(courses)
     sheet = make_sheet([1.0] * len(names), (1.0,) * count, column_gap=0.25, row_gap=0.12)
-    for panel, course in zip(sheet.axes[0], courses, strict=True):
-        caption(panel, escaped_dollars(course.label))
+    kinds = [course.label.partition(",")[0] for course in courses]  # the legend has the rest
+    distinct = len(set(kinds)) == count
+    for panel, kind, course in zip(sheet.axes[0], kinds, courses, strict=True):
+        caption(panel, escaped_dollars(kind if distinct else course.label))
     for row, name in enumerate(names):
         unit = display_unit(units.get(name, ""), name)
         signals = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]

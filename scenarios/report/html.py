@@ -485,7 +485,7 @@ def _style() -> str:
     return style.replace("@media print", rules + "@media print", 1)
 
 
-_ROOMS = range(100, 205, 5)  # mm
+_ROOMS = range(130, 205, 5)  # mm; lower figures would have letters too small to read
 _SHEET = 697.0  # points between the margins of a sheet of US letter, the shorter of the usual ones
 _POINT = 25.4 / 72.0  # mm
 
@@ -500,11 +500,11 @@ def _room(page: Page) -> int:
     def lines(text: str, characters: int) -> int:
         return max(1, math.ceil(len(text) / characters))
 
-    used = 20.0 * lines(page.title, 45) + 14.0 * lines(page.kind, 62) + 105.0  # heading, caption
-    used += 15.5 * lines(f"{page.verdict} {page.sentence}", 76) + 20.0
+    used = 20.0 * lines(page.title, 45) + 14.0 * lines(page.kind, 62) + 95.0  # heading, caption
+    used += 15.5 * lines(f"{page.verdict} {page.sentence}", 80) + 20.0
     for at, text in enumerate(page.summary):
-        used += (17.4 * lines(text, 66) if at == 0 else 15.5 * lines(text, 76)) + 4.5
-    used += sum(15.5 * lines(text, 70) + 11.0 for text in page.warnings)
+        used += (17.4 * lines(text, 70) if at == 0 else 15.5 * lines(text, 80)) + 4.5
+    used += sum(15.5 * lines(text, 72) + 11.0 for text in page.warnings)
     room = int((_SHEET - used) * _POINT)
     return max((each for each in _ROOMS if each <= room), default=0)
 

@@ -308,7 +308,10 @@ def estimates_table(
             if all(row.true is None for row in rows)
             else [],
         ),
-        (Column("error", "%", printed="error %"), [known(row.percent, 2) for row in rows]),
+        (
+            Column("error", "%", printed="error %"),
+            [known(row.percent, 2, signed=True) for row in rows],
+        ),
         (
             Column("error", SIGMAS),
             [formatted(row.sigmas if row.std > 0 else None, "+.2f") for row in rows],
