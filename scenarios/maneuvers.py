@@ -334,7 +334,9 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
 def _kinds_text(found: FoundManeuvers) -> str:
     """``"1 × doublet, 2 × sweep, 1 × trim"``: how many of each kind; empty if nothing was found."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
-    return ", ".join(f"{count} × {kind}" for kind, count in kinds.items())
+    return ", ".join(
+        f"{count}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{kind}" for kind, count in kinds.items()
+    )
 
 
 def _amplitude(each: NumberedManeuver) -> Cell:

@@ -130,7 +130,7 @@
     choice.hidden = false;
     choice.addEventListener("change", async () => {
       const table = choice.parentElement.querySelector("table");
-      const name = table.caption.textContent.trim().replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 60) || "table";
+      const name = (table.caption.textContent.trim() || table.parentElement.ariaLabel).replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 60) || "table";
       const done = choice.value === "xlsx" ? save(workbook(table), `${name}.xlsx`) : await copy((choice.value === "latex" ? latex : markdown)(table));
       told.textContent = !done ? "Not copied" : choice.value === "xlsx" ? "Saved" : "Copied";
       choice.value = "";

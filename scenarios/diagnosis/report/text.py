@@ -205,7 +205,7 @@ def headline(tracing: Tracing) -> str:
     if name:
         before, after = d.before[name], d.after[name]
         parts.append(
-            f"{name} was {value_text(before.value, before.std)}, is "
+            f"{name} changes from {value_text(before.value, before.std)} to "
             f"{value_text(after.value, after.std)}{scatter_text(d, name)}"
         )
     parts += level_changes(tracing)
