@@ -88,7 +88,7 @@ def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
         if j > i:
             return ""
         mark = "*" if i != j and abs(C[i, j]) > LARGE_CORRELATION else ""
-        return Number(float(C[i, j]), shown=f"{C[i, j]:+.2f}{mark}")
+        return Number(float(C[i, j]), shown=f"{C[i, j]:+z.2f}{mark}")
 
     columns = [
         (

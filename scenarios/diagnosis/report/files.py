@@ -303,11 +303,10 @@ def _effects(tracing: Tracing) -> tuple[Section, ...]:
         Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
     ]
     for line in text.verdict_advice(tracing):
-        before, found, command = line.partition(f"{text.DESIGNED_BY}: ")
-        if found and not before:  # a command to copy keeps its signs
-            advice += [Prose(f"{_capital(text.DESIGNED_BY)}:"), Prose(command, "code")]
-        else:
-            advice.append(Prose(f"{line}."))
+        before, _, command = line.partition(text.DESIGNED_BY)
+        # A command to copy keeps its signs.
+        designed = [Prose(_capital(text.DESIGNED_BY.strip())), Prose(command, "code")]
+        advice += [Prose(f"{line}.")] if before else designed
     cards = tuple(_effect_card(claim, tracing) for claim in tracing.diagnosis.effects)
     return section("Effects", *advice, parts=cards) if cards or advice else ()
 

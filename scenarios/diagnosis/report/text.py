@@ -225,7 +225,7 @@ def verdict_advice(tracing: Tracing) -> list[str]:
     return [*lines, *deciding_lines(tracing)]
 
 
-DESIGNED_BY = "designed by"  # begins the line with the command of a deciding maneuver
+DESIGNED_BY = "designed by: "  # begins the line with the command of a deciding maneuver
 
 
 def deciding_lines(tracing: Tracing) -> list[str]:
@@ -239,7 +239,7 @@ def deciding_lines(tracing: Tracing) -> list[str]:
     word, _, sentence = verdict_of(tracing.decides).partition(": ")
     return [
         f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {sentence}",
-        f"{DESIGNED_BY}: {tracing.decides.request.command()}",
+        f"{DESIGNED_BY}{tracing.decides.request.command()}",
     ]
 
 
