@@ -339,9 +339,11 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
 
 
 def _kinds_text(found: FoundManeuvers) -> str:
-    """Return the count of each kind, as ``"1 doublet, 2 sweep, 1 trim"``."""
+    """Return the count of each kind, as ``"1 × doublet, 2 × sweep"``; empty without maneuvers."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
-    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    return ", ".join(
+        f"{count}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{kind}" for kind, count in kinds.items()
+    )
 
 
 def _amplitude(each: NumberedManeuver) -> Cell:
@@ -398,8 +400,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
                 "Maneuvers",
                 maneuvers_table(found),
                 Prose(
-                    "Angles in degrees. Start and end are the times of the input. "
-                    f"{as_sentence(PART)}",
+                    f"Start and end are the times of the input. {as_sentence(PART)}",
                     "note",
                 ),
             ),

@@ -433,6 +433,6 @@ def _misfit_clause(residuals: Mapping[str, tuple[float, float]]) -> str:
     if not worst or ratios[worst] <= LARGEST_RATIO:
         return ""
     return (
-        f"; but that fit leaves {ratios[worst]:.2g} times the sensor noise ({worst}): the model "
-        "lacks something"
+        f". But the residual of that fit is {ratios[worst]:.2g} times the sensor noise ({worst}), "
+        "so the model lacks something"
     )

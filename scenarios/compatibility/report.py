@@ -277,9 +277,9 @@ def _sensor(channel: str) -> str:
 
 
 METHODS_NOTE = (
-    "each fault is estimated twice, by a smoother and by output error; difference: of the two, in "
-    "their sigmas (beyond 3 trust neither); gain: rise of the log likelihood by this fault (about "
-    "0.5 by chance)"
+    "each fault is estimated alone, by a smoother and by output error. Difference: between the two "
+    "estimates, in sigmas; above 3, trust neither. Gain: increase of the log likelihood by this "
+    "fault; about 0.5 by chance"
 )
 
 IN_PLACE_NOTE = (
@@ -431,10 +431,10 @@ def _page_estimates(check: CompatibilityCheck) -> list[Block]:
         for name, std in noise_levels(check).items()
         if std is not None
     }
-    caption = "Noise, one sigma; of integrated channels, that of their integral"
+    caption = "Noise, one sigma"
     blocks = _estimates(check)
-    gain = Prose("Gain: increase of the log likelihood when this fault alone is added.", "note")
-    return [*blocks, gain, levels_of_noise(caption, noise)] if blocks else []
+    note = Prose("For a channel that the kinematics integrate: noise of its integral.", "note")
+    return [*blocks, levels_of_noise(caption, noise), note] if blocks else []
 
 
 def _made(check: CompatibilityCheck) -> list[Block]:

@@ -62,7 +62,7 @@ def notes_of(design: DesignResult) -> list[str]:
         f"{name} {_shown(design, name, value)}" for name, value in setting.limits.amplitude.items()
     ]
     limits += [
-        f"{name} {_shown(design, name, value)} a second"
+        f"rate of {name} {_shown(design, name, value)}/s"
         for name, value in setting.limits.rate.items()
     ]
     notes = [

@@ -168,7 +168,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
     poles : poles at the estimate, complex, shape ``(n,)``, 1/s.
     draws : poles at parameters drawn from the covariance of the estimate, shape ``(N, n)``.
     """
-    sheet = make_sheet([2.6], left=0.75)
+    sheet = make_sheet([2.1], left=0.75)
     panel = sheet.panels[0]
     drawn, estimated = (roots[roots.imag >= -1e-9] for roots in (np.ravel(draws), np.ravel(poles)))
     panel.axvline(0.0, **ZERO)
@@ -191,7 +191,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
     y_label(panel, "imaginary part (rad/s)")
     reach = max(float(np.abs(estimated).max(initial=0.0)), 1e-3)
     low, high = float(estimated.real.min(initial=0.0)), float(estimated.real.max(initial=0.0))
-    panel.set_xlim(low - 0.25 * reach, high + 0.25 * reach)
+    panel.set_xlim(low - 0.25 * reach, high + 0.1 * reach)
     panel.set_ylim(-0.1 * reach, 1.3 * float(estimated.imag.max(initial=0.0)) + 0.1 * reach)
     return finish(sheet, title, head=0.2)
 

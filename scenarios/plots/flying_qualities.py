@@ -283,7 +283,7 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         level = 20.0 * math.log10(least.size.value)
         style: dict[str, Any] = {"color": BLACK, "linewidth": 1.4}
         x = [least.frequency.value] * 2
-        sheet.panels[2].plot(x, [0.0, level], label="least distance from -1", **style)
+        sheet.panels[2].plot(x, [0.0, level], label="least distance from −1", **style)
     axis = sheet.panels[-1]
     decades(axis.xaxis, (1.0, 2.0, 5.0))
     axis.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
@@ -333,7 +333,7 @@ _MARGINS = (  # margin, label, requirement of MIL-F-9490D
     ("gain_increase", "gain increase (dB)", REQUIRED_GAIN),
     ("gain_decrease", "gain decrease (dB)", -REQUIRED_GAIN),
     ("phase_margin", "phase margin (deg)", REQUIRED_PHASE),
-    ("distance", "distance from -1 (–)", None),
+    ("distance", "distance from −1 (–)", None),
 )
 
 

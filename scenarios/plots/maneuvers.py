@@ -31,6 +31,7 @@ from scenarios.plots.style import (
     PURPLE,
     TICK_SIZE,
     VERMILION,
+    caption,
     decades,
     finish,
     make_sheet,
@@ -230,6 +231,10 @@ def figure_maneuvers(
     names = [*courses[0].inputs, *courses[0].outputs]
     count = len(courses)
     sheet = make_sheet([1.0] * len(names), (1.0,) * count, column_gap=0.25, row_gap=0.12)
+    kinds = [course.label.partition(",")[0] for course in courses]  # the legend has the rest
+    distinct = len(set(kinds)) == count
+    for panel, kind, course in zip(sheet.axes[0], kinds, courses, strict=True):
+        caption(panel, escaped_dollars(kind if distinct else course.label))
     for row, name in enumerate(names):
         unit = display_unit(units.get(name, ""), name)
         signals = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]
@@ -263,7 +268,7 @@ def figure_maneuvers(
         y_label(sheet.axes[row][0], axis_label(name, unit))
     for panel in sheet.axes[-1]:
         time_axis(panel)
-    return finish(sheet, title, head=0.12)
+    return finish(sheet, title, head=0.3)
 
 
 class Expected(Protocol):
@@ -325,7 +330,8 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
 _PANEL_HEIGHT = 1.15  # inches, height of a panel
 _ROW_HEIGHT = 0.3  # inches, height of a row
 _MOST_FLIGHT_NAMES = 45  # with more flights, the axis has their numbers
-_LONGEST_AXIS_NAME = 12  # letters; with a longer name, the axis has the numbers of the flights
+_FLAT_NAMES = 5.0  # inches that names side by side may take; else they stand upright
+_LONGEST_AXIS_NAME = 20  # letters; with a longer name, the axis has the numbers of the flights
 
 
 @dataclass(frozen=True, eq=False)
@@ -502,8 +508,10 @@ def figure_effects(
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
     if named:
         panel.grid(False)
-        panel.set_xticks(numbers, flight_labels, rotation=90)
-        bottom = 0.2 + max(text_width(label, TICK_SIZE) for label in flight_labels)
+        longest = max(text_width(label, TICK_SIZE) for label in flight_labels)
+        upright = (longest + 0.2) * len(flights) > _FLAT_NAMES
+        panel.set_xticks(numbers, flight_labels, rotation=90 if upright else 0)
+        bottom = 0.2 + (longest if upright else 0.15)
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(

@@ -79,6 +79,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     share.axvline(
         EXPECTED_PERCENT, label=escaped_dollars(f"{EXPECTED_PERCENT:g} % of a Gaussian"), **TRUE
     )
+    size = 5.0 if max(len(row.sigmas) for row in rows) <= 50 else 2.5  # of a dot
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
         shares = np.mod(0.5 + _GOLDEN_RATIO * np.arange(len(row.sigmas)), 1.0)
         heights = y + _DOT_SPREAD_SHARE * (2.0 * shares - 1.0)
@@ -87,7 +88,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
             heights,
             ".",
             color=GREY,
-            markersize=2.5,
+            markersize=size,
             markeredgewidth=0.0,
             label="one run",
         )

@@ -27,6 +27,7 @@ from scenarios.plots.style import (
     GREY,
     LABEL_SIZE,
     LIGHT,
+    ORANGE,
     SKY,
     TICK_SIZE,
     VERMILION,
@@ -251,7 +252,7 @@ def _colour_and_label(candidate: Candidate, standing: NamedEffects) -> tuple[str
     if candidate.name in standing.claimed:
         colour, role = BLUE, "claimed"
     elif is_alternative(candidate, standing) or candidate.name in standing.hints:
-        colour, role = SKY, "alternative or hint"
+        colour, role = ORANGE, "alternative or hint"
     return colour, f"{role}, {'fitted' if candidate.fitted else 'linearised'}"
 
 

@@ -68,7 +68,7 @@ class Number:
             return self.shown
         sign = "+" if self.signed and self.value >= 0 else ""
         if self.digits is not None:
-            return f"{sign}{self.value:.{self.digits}f}"
+            return f"{sign}{self.value:z.{self.digits}f}"
         return f"{sign}{number_text(self.value, self.sigma)}"
 
     @property
@@ -161,7 +161,19 @@ def formatted(value: float | None, form: str, unit: str = "") -> Cell:
     """Return a number in a format such as ``+.2f``; a dash if it is None or not finite."""
     if value is None or not math.isfinite(value):
         return MISSING
+    if form.endswith("e") and value == 0.0:
+        return Number(value, None, unit, shown="0")
+    if form.endswith("f"):  # no zero with a minus sign
+        form = form.replace(".", "z.", 1)
     return Number(value, None, unit, shown=format(value, form))
+
+
+def value_and_width(value: float, width: float) -> tuple[Cell, Cell]:
+    """Return a value and its standard deviation or half width as two cells with equal decimals."""
+    if not (math.isfinite(value) and math.isfinite(width) and width > 0.0):
+        return formatted(value, ".3g"), formatted(width, ".2g")
+    value_text, width_text = value_parts(value, width)
+    return Number(value, shown=value_text), Number(width, shown=width_text)
 
 
 def signs(text: str) -> str:
@@ -171,7 +183,26 @@ def signs(text: str) -> str:
         .replace("->", "→")
         .replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
     )
-    return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)
+    text = re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)
+    text = re.sub(
+        r"(?<=±\N{NO-BREAK SPACE})([\d.e+−-]+) (?=[a-z1(])", "\\1\N{NO-BREAK SPACE}", text
+    )
+    return _POWER.sub(lambda found: found[0].replace("^", "").translate(_RAISED), text)
+
+
+_RAISED = str.maketrans("234", "²³⁴")
+# Powers of units, where a unit can stand: 1/s2, kg m2, 3 deg2, deg^2, (deg/s)^2; also R2.
+_POWER = re.compile(
+    r"(?:(?<=/)(?:kg|m|s|ft|g)|(?<=kg )m|(?<=kg )s|(?<=g )s|(?<=\d )(?:deg|rad|m|s|g|ft))"
+    r"([234])(?!\w|\.\w)"
+    r"|(?<![\w.])R(2)(?!\w|\.\w)"
+    r"|(?:(?<=[a-z])|(?<=\)))\^([234])(?!\w|\.\w)"
+)
+
+
+def unit_signs(unit: str) -> str:
+    """Return a unit with raised powers: ``m/s²`` for ``m/s2``."""
+    return re.sub(r"(?<=[a-z)])\^?[234]\b", lambda found: found[0][-1].translate(_RAISED), unit)
 
 
 # ---- Sentences of a page from lines of a terminal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -30,6 +31,7 @@ from scenarios.report.document import (
     as_sentence,
     capital,
     signs,
+    unit_signs,
 )
 from scenarios.report.plot_data import (
     checked_count,
@@ -315,6 +317,7 @@ def page_html(page: Page) -> str:
         ),
         sections=list(_named(page.sections)),
         inputs=inputs,
+        room=_room(page),
     )
     return escaped(text)
 
@@ -415,6 +418,7 @@ def _template() -> Template:
         "rows": _rows,
         "numeric": _numeric,
         "unit": _unit,
+        "unit_signs": unit_signs,
         "day": _day,
         "drawing": Markup,
         "quoted": lambda text: Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text)))),
@@ -472,7 +476,37 @@ def _style() -> str:
     )
     style = style.replace("--dark: 1; /*DARK*/", f"color-scheme: dark; {dark_rules}")
     style = style.replace("/*LIGHT*/", light_rules)
+    rooms = "".join(
+        f"  header.room{room} + section figure:first-of-type .drawing svg "
+        f"{{ max-height: {room}mm; }}\n"
+        for room in _ROOMS
+    )
+    style = style.replace("/*ROOMS*/", rooms)
     return style.replace("@media print", rules + "@media print", 1)
+
+
+_ROOMS = range(130, 205, 5)  # mm; lower figures would have letters too small to read
+_SHEET = 697.0  # points between the margins of a sheet of US letter, the shorter of the usual ones
+_POINT = 25.4 / 72.0  # mm
+
+
+def _room(page: Page) -> int:
+    """Return the height in mm that title, verdict, summary and warnings leave for the first figure
+    on the first sheet, one of ``_ROOMS``. Return 0 if it is less; then the next sheet has it.
+
+    Lines are counted by characters: the style of paper has 10 points, headings 16.
+    """
+
+    def lines(text: str, characters: int) -> int:
+        return max(1, math.ceil(len(text) / characters))
+
+    used = 20.0 * lines(page.title, 45) + 14.0 * lines(page.kind, 62) + 95.0  # heading, caption
+    used += 15.5 * lines(f"{page.verdict} {page.sentence}", 80) + 20.0
+    for at, text in enumerate(page.summary):
+        used += (17.4 * lines(text, 70) if at == 0 else 15.5 * lines(text, 80)) + 4.5
+    used += sum(15.5 * lines(text, 72) + 11.0 for text in page.warnings)
+    room = int((_SHEET - used) * _POINT)
+    return max((each for each in _ROOMS if each <= room), default=0)
 
 
 def _digest(text: str) -> str:

@@ -59,8 +59,8 @@
     const [head, ...body] = shown(table).map((row) => row.map((text) => text.replaceAll("|", "\\|")));
     return [head, head.map(() => "---"), ...body].map((row) => `| ${row.join(" | ")} |`).join("\n") + "\n";
   };
-  const SIGNS = { "±": "$\\pm$", "−": "$-$", "σ": "$\\sigma$", "²": "$^2$", "→": "$\\to$", "–": "--", "\\": "\\textbackslash{}", "~": "\\textasciitilde{}", "^": "\\textasciicircum{}" };
-  const tex = (text) => text.replace(/[&%$#_{}]/g, "\u0000$&").replace(/[±−σ²→–\\~^]/g, (sign) => SIGNS[sign]).replaceAll("\u0000", "\\");
+  const SIGNS = { "±": "$\\pm$", "−": "$-$", "σ": "$\\sigma$", "²": "$^2$", "³": "$^3$", "→": "$\\to$", "–": "--", "\\": "\\textbackslash{}", "~": "\\textasciitilde{}", "^": "\\textasciicircum{}" };
+  const tex = (text) => text.replace(/[&%$#_{}]/g, "\u0000$&").replace(/[±−σ²³→–\\~^]/g, (sign) => SIGNS[sign]).replaceAll("\u0000", "\\");
   const latex = (table) => {
     const [head, ...body] = shown(table).map((row) => `${row.map(tex).join(" & ")} \\\\`);
     const kinds = [...table.tHead.rows[0].cells].map((cell) => cell.classList.contains("n") ? "r" : "l").join("");
@@ -130,7 +130,7 @@
     choice.hidden = false;
     choice.addEventListener("change", async () => {
       const table = choice.parentElement.querySelector("table");
-      const name = table.caption.textContent.trim().replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 60) || "table";
+      const name = (table.caption.textContent.trim() || table.parentElement.ariaLabel).replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 60) || "table";
       const done = choice.value === "xlsx" ? save(workbook(table), `${name}.xlsx`) : await copy((choice.value === "latex" ? latex : markdown)(table));
       told.textContent = !done ? "Not copied" : choice.value === "xlsx" ? "Saved" : "Copied";
       choice.value = "";

@@ -20,7 +20,8 @@
   };
   const element = (tag, name, text) => { const out = document.createElement(tag); if (name) out.className = name; if (text) out.textContent = text; return out; };
   const button = (text, label, act) => { const out = element("button", "", text); out.type = "button"; out.setAttribute("aria-label", label); out.addEventListener("click", act); return out; };
-  const digits = (value) => value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString().replace("-", "−");
+  const minus = (number) => String(number).replaceAll("-", "−");
+  const digits = (value) => value === null || value === undefined ? "–" : minus(Number(value.toPrecision(5)));
   const sizeOf = (panel) => Math.round(Math.max(110, Math.min(420, panel.height * 100))) + (panel.x ? 44 : 14);
 
   // Marks of a logarithmic axis, and those of them that carry a number.
@@ -90,7 +91,7 @@
           key.setAttribute("aria-pressed", String(!this.off.has(label)));
           for (const { chart, looks } of this.charts) looks.forEach((look) => { if (look.curve.label === label) chart.setSeries(look.at, { show: !this.off.has(label) }); });
         });
-        const sign = element("span", `sign ${curve.kind}`);
+        const sign = element("span", `sign ${curve.kind}${curve.dash?.length ? " dashed" : ""}`);
         sign.dataset.colour = curve.colour;
         key.className = "key";
         key.setAttribute("aria-pressed", "true");
@@ -161,8 +162,8 @@
       })];
       const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif" };
       // uPlot itself rounds to three decimals: 0.0025 would be 0.003, and 0.0004 would be 0.
-      const linear = { values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(6)))) };
-      const logarithmic = { splits: (u, axis, low, high) => decades(low, high), filter: (u, splits) => named(splits), values: (u, splits) => splits.map((value) => value === null ? "" : String(Number(value.toPrecision(3)))) };
+      const linear = { values: (u, splits) => splits.map((value) => value === null ? "" : minus(Number(value.toPrecision(6)))) };
+      const logarithmic = { splits: (u, axis, low, high) => decades(low, high), filter: (u, splits) => named(splits), values: (u, splits) => splits.map((value) => value === null ? "" : minus(Number(value.toPrecision(3)))) };
       const full = () => this.full.get(group);
       return {
         width: Math.max(200, width), height: sizeOf(panel), series, bands,

@@ -384,7 +384,7 @@ def levels_line(
         return ""
     heading = levels_heading(flown)
     if not all(test.passed for test in tests):
-        heading += ", not valid here: the residual shows that the model is incomplete"
+        heading += ", not valid here, because the residual shows that the model is incomplete"
     return f"{heading}: {'; '.join(map(level_sentence, levels))}"
 
 

@@ -308,7 +308,10 @@ def estimates_table(
             if all(row.true is None for row in rows)
             else [],
         ),
-        (Column("error", "%", printed="error %"), [known(row.percent, 2) for row in rows]),
+        (
+            Column("error", "%", printed="error %"),
+            [known(row.percent, 2, signed=True) for row in rows],
+        ),
         (
             Column("error", SIGMAS),
             [formatted(row.sigmas if row.std > 0 else None, "+.2f") for row in rows],
@@ -395,8 +398,8 @@ def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
 
 
 def p_value(value: float) -> Number:
-    """Return a probability with two digits."""
-    return Number(value, shown=f"{value:.2g}" if value > 0.0 else "<1e-300")
+    """Return a probability with two digits; as a bound where it is too small to be exact."""
+    return Number(value, shown=f"{value:#.2g}" if value >= 1e-9 else "<1e-9")
 
 
 def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:

@@ -356,7 +356,7 @@ def estimated(
     if options.tapers:
         notes += [f"{options.tapers} sine tapers of each whole part"]
     else:
-        lengths = ", ".join(f"{length:.4g}" for length in windows)
+        lengths = ", ".join(f"{length:.3g}" for length in windows)
         notes += [f"Hann windows of {lengths} s that overlap by three quarters, combined"]
     direct = None
     if result.joint:

@@ -23,7 +23,17 @@ from ident.flying_qualities.stability_margins import (
     worst_margins,
 )
 from ident.frequency_response import FrequencyResponses
-from scenarios.report.document import BY_ROW, PURE, Column, Number, Table, formatted, table
+from scenarios.report.document import (
+    BY_ROW,
+    PURE,
+    Column,
+    Number,
+    Table,
+    formatted,
+    table,
+    value_and_width,
+)
+from scenarios.report.quantities import number_text
 from scenarios.responses.fitting import target_of
 from scenarios.responses.reading import Names, ReadSignals
 from sim.errors import DeclarationError, FlightidError
@@ -217,25 +227,30 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
     title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
     names, margins = list(loop.margins.named), list(loop.margins.named.values())
     frequencies = [margin.frequency.value for margin in margins]
+    sizes = [
+        value_and_width(margin.size.value, 0.5 * (margin.high - margin.low))[0]
+        for margin in margins
+    ]
     hertz = [frequency / (2.0 * math.pi) for frequency in frequencies]
     together = table(
         title,
         (Column("margin"), [WORDS[name] for name in names]),
-        (Column("value", BY_ROW), [formatted(margin.size.value, ".3g") for margin in margins]),
+        (Column("value", BY_ROW), sizes),
         (Column("95 %", right=True), [interval_text(margin) for margin in margins]),
         (Column("at", "rad/s", printed="at rad/s"), [formatted(f, ".3g") for f in frequencies]),
         (Column("at", "Hz", printed="Hz"), [formatted(f, ".3g") for f in hertz]),
         units=[UNITS[margin.kind] for margin in margins],
     )
+    worst_sizes = [value_and_width(item.margin.size.value, item.half) for item in loop.worst]
     counts = [sum(value is not None for value in item.values) for item in loop.worst]
     worst = table(
         "The worst maneuver, intervals for all together",
         (Column("worst of"), [WORDS[item.name] for item in loop.worst]),
         (
             Column("value", BY_ROW),
-            [formatted(item.margin.size.value, ".3g") for item in loop.worst],
+            [size for size, _ in worst_sizes],
         ),
-        (Column("+-", BY_ROW, beside=True), [formatted(item.half, ".2g") for item in loop.worst]),
+        (Column("+-", BY_ROW, beside=True), [half for _, half in worst_sizes]),
         (Column("maneuver"), [loop.parts[item.maneuver] for item in loop.worst]),
         (Column("maneuvers", PURE), [Number(count, digits=0) for count in counts]),
         (
@@ -249,7 +264,12 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
 
 def interval_text(margin: Margin) -> str:
     """Return ``"4.5 to 4.8"``, with ``or wider`` if the usable band ends within the interval."""
-    text = f"{margin.low:.3g} to {margin.high:.3g}"
+    half = 0.5 * (margin.high - margin.low)
+    low, high = (
+        number_text(end, half) if math.isfinite(half) else f"{end:.3g}"
+        for end in (margin.low, margin.high)
+    )
+    text = f"{low} to {high}"
     return f"{text} or wider" if margin.open else text
 
 

@@ -36,6 +36,7 @@ from scenarios.report.document import (
     reproduction,
     section,
     table,
+    value_and_width,
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats, caption_of
 from scenarios.report.folder import figures, write_page
@@ -171,7 +172,7 @@ def fit_tables(
         return percent_cell(numbers[name] if determined else math.inf, value)
 
     def std_cell(name: str) -> Cell:
-        return formatted(function.std[name], ".2g") if name in function.std else "fixed"
+        return value_and_width(0.0, function.std[name])[1] if name in function.std else "fixed"
 
     shared = ["shared" if name in estimates.fits.fit.shared else "" for name in names]
     insensitivity = [percent(name, function.insensitivity) for name in names]
@@ -222,6 +223,8 @@ def response_table(
     def cells(values: np.ndarray, form: str) -> list[Cell]:
         return [formatted(float(values[k]), form) for k in rows]
 
+    half_width = responses.half_width()[row, column]
+    sizes = [value_and_width(float(magnitude[k]), float(half_width[k])) for k in rows]
     size_unit = unit or PURE
     partial_coherence = None
     if len(estimates.names.inputs) > 1:
@@ -233,8 +236,8 @@ def response_table(
         f"{label}{f', {unit}' if unit else ''}{sentence}",
         (Column("frequency", "Hz", printed="Hz"), cells(frequency, ".3g")),
         (Column("frequency", "rad/s", printed="rad/s"), cells(2.0 * np.pi * frequency, ".3g")),
-        (Column("magnitude", size_unit, printed="magnitude"), cells(magnitude, ".4g")),
-        (Column("+-", size_unit, printed="+-"), cells(responses.half_width()[row, column], ".2g")),
+        (Column("magnitude", size_unit, printed="magnitude"), [size for size, _ in sizes]),
+        (Column("+-", size_unit, printed="+-"), [width for _, width in sizes]),
         (Column("magnitude", "dB", printed="dB"), cells(decibels, ".1f")),
         (Column("phase", "deg"), cells(phase, ".1f")),
         (Column("+-", "deg", printed="+-"), cells(phase_half_width, ".1f")),
@@ -262,11 +265,13 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
     """Return the page of an estimate with the figures ``figure_files``."""
     summary = responses_summary(estimates)
     files = [file.name for file in estimates.identities]
+    number = len(pairs(estimates))
     tables: list[Block] = []
     functions: list[Block] = []
     for row, column, name in pairs(estimates):
         tables.append(response_table(estimates, row, column))
-        tables.append(Prose(f"{name}: {band_sentence(estimates, row, column)}.", "note"))
+        if number > 1:  # the summary has the band of one
+            tables.append(Prose(f"{name}: {band_sentence(estimates, row, column)}.", "note"))
         functions += [Prose(as_sentence(line)) for line in fit_lines(estimates, row, column)]
         functions += fit_tables(estimates, row, column, f"Parameters of {name}")
     qualities: list[Block] = [*quality_tables(estimates.qualities)]
@@ -277,7 +282,6 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
         margins += loop_tables(estimates.loop)
         margins.append(Bullets(tuple(map(as_sentence, margin_lines(estimates.loop)))))
     usable = sum(band is not None for row in estimates.responses.bands() for band in row)
-    number = len(pairs(estimates))
     verdict = "usable" if usable else "not usable"
     if number > 1:
         verdict = f"{usable} of {number} usable"

@@ -34,6 +34,7 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
+from scenarios.report.quantities import shown_in, spaced
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import rows_table, table_as_lines
 from scenarios.structure.study import FoundStructure
@@ -237,10 +238,11 @@ def _still_signals(found: FoundStructure) -> list[str]:
     sentences = []
     for still, terms in names.items():
         mean = np.mean(np.concatenate([each.samples[still] for each in found.histories]))
+        factor, unit = shown_in("rad", still) if still in ("alpha", "beta") else (1.0, "")
         sentences.append(
-            f"{still} stays near {mean:.3g} while these terms move: {', '.join(terms)}. Their "
-            f"values hold there, and not where {still} is zero. Records at other values of {still} "
-            f"would tell them from products with {still}."
+            f"{still} stays near {factor * mean:.3g}{spaced(unit)} while these terms move: "
+            f"{', '.join(terms)}. Their values hold there, and not where {still} is zero. Records "
+            f"at other values of {still} would tell them from products with {still}."
         )
     return sentences
 

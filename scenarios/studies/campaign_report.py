@@ -495,7 +495,7 @@ def sizes_table(campaign: CampaignRuns) -> Table:
             Column("within 2 σ", "%", printed="within 2 sigma, %"),
             percent(s.within_two for s in spreads),
         ),
-        (Column("from (95 %)", "%", printed="from"), percent(s.interval[0] for s in spreads)),
+        (Column("95 % from", "%", printed="from"), percent(s.interval[0] for s in spreads)),
         (
             Column("to", "%", printed="to (95 %)", beside=True),
             percent(s.interval[1] for s in spreads),

@@ -120,11 +120,12 @@ def within_line(rows: Sequence[Row], reference: str) -> str:
     inside = sum(error <= 2.0 for error in errors)
     return (
         f"{inside} of {len(errors)} estimates lie within two of their sigmas of the {reference} "
-        f"value; the farthest is {max(errors):.1f} off"
+        f"value; the largest error is {max(errors):.1f} sigmas"
     )
 
 
-def _estimates(study: StudyResult, method: MethodResult) -> list[Block]:
+def _estimates(study: StudyResult, method: MethodResult, told: Sequence[str] = ()) -> list[Block]:
+    """Return tables and sentences of a method, without sentences that are ``told`` already."""
     scenario, estimation = study.scenario, method.estimation
     estimate = method.result.estimate
     flown = scenario.flown
@@ -141,13 +142,15 @@ def _estimates(study: StudyResult, method: MethodResult) -> list[Block]:
         )
     ]
     blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
-    return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line)]
+    return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line and line not in told)]
 
 
 def _method(study: StudyResult, method: MethodResult) -> Section:
+    told = reference_lines(study.methods[0].rows, study.methods[0].estimation)
     choices = Bullets(tuple(choice_lines(method.estimation.choices)))
     tests = Prose(as_sentence(test_line(method.tests))) if method.tests else None
-    return section(capital(method.estimation.label), *_estimates(study, method), tests, choices)[0]
+    blocks = _estimates(study, method, told)
+    return section(capital(method.estimation.label), *blocks, tests, choices)[0]
 
 
 def _residual_blocks(study: StudyResult) -> list[Block]:
@@ -162,9 +165,7 @@ def _residual_blocks(study: StudyResult) -> list[Block]:
             for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
         }
         blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
-        blocks += [
-            levels_of_noise(f"Sensor noise of the estimator, declared or estimated{label}", noise)
-        ]
+        blocks += [levels_of_noise(f"Sensor noise{label}", noise)]
     return blocks
 
 

@@ -395,7 +395,7 @@ def repeated_blocks(scatters: Sequence[Scatter]) -> list[Block]:
             flights,
             (Column("settled", PURE), [Number(count, digits=0) for count in converged]),
             (Column("within two sigmas", "%"), percent(0)),
-            (Column("from (95 %)", "%"), percent(1)),
+            (Column("95 % from", "%"), percent(1)),
             (Column("to", "%", beside=True), percent(2)),
             *(
                 (Column(name, SIGMAS, printed=name), errors(name, ".2f", lambda s: s.rms_sigmas))

@@ -110,7 +110,7 @@ def _provenance(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[
         f"{window}."
     )
     engine = Prose(as_sentence(bank_line(scenario.estimation.engine, study.second)))
-    heading = Prose(as_sentence(HEADING)) if choices else None
+    heading = Prose(as_sentence(HEADING.replace(" [own]", ""))) if choices else None
     return section(
         "How it was made",
         Prose(as_sentence(scenario.about)) if scenario.about else None,

@@ -88,7 +88,7 @@ def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
         if j > i:
             return ""
         mark = "*" if i != j and abs(C[i, j]) > LARGE_CORRELATION else ""
-        return Number(float(C[i, j]), shown=f"{C[i, j]:+.2f}{mark}")
+        return Number(float(C[i, j]), shown=f"{C[i, j]:+z.2f}{mark}")
 
     columns = [
         (
@@ -129,7 +129,7 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
         units=[units[name] for name in rows],
     )
     note = (
-        "SI; the publication has R of alpha and q in deg2 and (deg/s)2; Q here is a spectral "
+        "SI; the publication has R of alpha and q in deg^2 and (deg/s)^2; Q here is a spectral "
         "density; R of nz is in the row of nz_0"
     )
     return [shown, Prose(note, "note")]
@@ -385,17 +385,19 @@ def _qualities(study: LoopStudy) -> list[Block]:
         (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in qualities]),
         units=[q.unit for q in qualities],
     )
-    out: list[Block] = [shown]
-    for row in study.levels:
-        c = row.criterion
-        category = "" if c.category == "all" else f", category {c.category}"
-        line = f"{WORDS[c.quantity]}{category}: level {_level(row)} ({c.source})"
-        out.append(Prose(line, "note"))
-    return out
+    criteria = [row.criterion for row in study.levels]
+    levels = table(
+        "levels",
+        (Column("quantity"), [WORDS[each.quantity] for each in criteria]),
+        (Column("category"), [each.category for each in criteria]),
+        (Column("level"), [_level(row) for row in study.levels]),
+        (Column("requirement"), [each.source for each in criteria]),
+    )
+    return [shown, levels] if levels.rows else [shown]
 
 
 def _level(row: QualityLevel) -> str:
-    words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
+    words = {1: "level 1", 2: "level 2", 3: "level 3", 4: "outside level 3"}
     between = f" ({words[row.best]} to {words[row.worst]} within 2 sigma)"
     return words[row.level] + (between if row.uncertain else "")
 

@@ -302,7 +302,11 @@ def _effects(tracing: Tracing) -> tuple[Section, ...]:
     advice = [
         Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)
     ]
-    advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
+    for line in text.verdict_advice(tracing):
+        before, _, command = line.partition(text.DESIGNED_BY)
+        # A command to copy keeps its signs.
+        designed = [Prose(_capital(text.DESIGNED_BY.strip())), Prose(command, "code")]
+        advice += [Prose(f"{line}.")] if before else designed
     cards = tuple(_effect_card(claim, tracing) for claim in tracing.diagnosis.effects)
     return section("Effects", *advice, parts=cards) if cards or advice else ()
 

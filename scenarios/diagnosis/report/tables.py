@@ -389,12 +389,13 @@ def levels_table(tracing: Tracing, caption: str) -> Table:
     def cells(levels: Mapping[str, ModeLevel]) -> list[Cell]:
         return [level_text(levels[mode]) if mode in levels else MISSING for mode in modes]
 
+    remarks = [_missed_limit(accepted.get(mode)) for mode in modes]
     levels = table(
         caption,
         (Column("mode"), modes),
         (Column("before"), cells(before)),
         (Column("after"), cells(after)),
-        (Column("remarks"), [_missed_limit(accepted.get(mode)) for mode in modes]),
+        (Column("remarks"), remarks) if any(remarks) else None,
     )
     return shown_table(tracing.diagnosis, levels)
 

@@ -205,7 +205,7 @@ def headline(tracing: Tracing) -> str:
     if name:
         before, after = d.before[name], d.after[name]
         parts.append(
-            f"{name} was {value_text(before.value, before.std)}, is "
+            f"{name} changes from {value_text(before.value, before.std)} to "
             f"{value_text(after.value, after.std)}{scatter_text(d, name)}"
         )
     parts += level_changes(tracing)
@@ -225,6 +225,9 @@ def verdict_advice(tracing: Tracing) -> list[str]:
     return [*lines, *deciding_lines(tracing)]
 
 
+DESIGNED_BY = "designed by: "  # begins the line with the command of a deciding maneuver
+
+
 def deciding_lines(tracing: Tracing) -> list[str]:
     """Return the designed maneuver that would decide an ambiguous diagnosis, with its chance, and
     the command that designs it again.
@@ -236,7 +239,7 @@ def deciding_lines(tracing: Tracing) -> list[str]:
     word, _, sentence = verdict_of(tracing.decides).partition(": ")
     return [
         f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {sentence}",
-        f"designed by: {tracing.decides.request.command()}",
+        f"{DESIGNED_BY}{tracing.decides.request.command()}",
     ]
 
 

@@ -100,7 +100,8 @@ def effects_table(study: TraceStudy) -> Table:
 def modes_table(study: TraceStudy) -> Table:
     """Return the frequencies and damping ratios of the whole aircraft."""
     caption = "Frequencies and damping ratios of the whole aircraft"
-    return _estimates(caption, "mode", study.modes)
+    modes = [replace(row, name=row.name.replace("_", " ")) for row in study.modes]
+    return _estimates(caption, "mode", modes)
 
 
 def _estimates(caption: str, heading: str, rows: Sequence[Scored]) -> Table:

@@ -222,8 +222,8 @@ def test_headline_names_effect_error_and_derivative() -> None:
     assert headline(told) == (
         "the elevator sticks within +-0.400 deg of zero (break-out); with this effect, pitch-rate "
         "error 0.350 -> 0.0859 deg/s "
-        "on the held-out record validate.csv, estimated sensor noise 0.0859; Cm_q was "
-        "-24.10 +- 0.90, is -17.20 +- 0.40"
+        "on the held-out record validate.csv, estimated sensor noise 0.0859; Cm_q "
+        "changes from -24.10 +- 0.90 to -17.20 +- 0.40"
     )
 
 

@@ -21,10 +21,13 @@ from scenarios.report.document import (
     Section,
     Table,
     estimate,
+    formatted,
     known,
     section,
     signs,
     table,
+    unit_signs,
+    value_and_width,
 )
 from scenarios.report.html import page_content, page_html, page_of
 from scenarios.report.quantities import as_text
@@ -101,6 +104,29 @@ def test_signs_leave_names_alone() -> None:
         signs("lag-1 of 1e-3 is -0.5 +- 0.1 -> ok")
         == "lag-1 of 1e-3 is −0.5\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}0.1 → ok"
     )
+
+
+def test_powers_of_units_are_raised_and_names_are_not() -> None:
+    assert (
+        signs("0.33 1/(g s2), 2 kg m2, 3 deg^2 and R2") == "0.33 1/(g s²), 2 kg m², 3 deg² and R²"
+    )
+    assert signs("m2.csv, data/m2.csv, eta2 and x_2") == "m2.csv, data/m2.csv, eta2 and x_2"
+    assert [unit_signs(each) for each in ("m2", "kg/m3", "deg/s2", "1/rad", "1")] == [
+        "m²",
+        "kg/m³",
+        "deg/s²",
+        "1/rad",
+        "1",
+    ]
+
+
+def test_zero_has_no_minus_sign_and_a_value_the_decimals_of_its_width() -> None:
+    assert [formatted(each, "+.1f") for each in (-0.04, 0.26)] == [
+        Number(-0.04, shown="+0.0"),
+        Number(0.26, shown="+0.3"),
+    ]
+    assert formatted(0.0, ".3e") == Number(0.0, shown="0")
+    assert value_and_width(3.298, 1.4) == (Number(3.298, shown="3.3"), Number(1.4, shown="1.4"))
 
 
 DOCUMENT: list[Block] = [

@@ -17,7 +17,16 @@ from pathlib import Path
 import pytest
 
 from scenarios.plots import style
-from scenarios.report.document import Prose, reproduction, warning_lines
+from scenarios.report.document import (
+    Bullets,
+    Column,
+    Page,
+    Prose,
+    Section,
+    reproduction,
+    table,
+    warning_lines,
+)
 from scenarios.report.folder import rebuilt, write_page
 from scenarios.report.html import page_html, page_of
 from sim.errors import FlightidError
@@ -240,3 +249,22 @@ def test_command_is_what_was_typed_else_what_would_be(monkeypatch: pytest.Monkey
     for program in ("/x/pytest/__main__.py", "/x/python", ""):
         monkeypatch.setattr("sys.argv", [program, "run"])
         assert reproduction(["flightid", "run", "rigid"]).commands == ("flightid run rigid",)
+
+
+def test_a_caption_does_not_repeat_the_heading_and_one_item_is_a_paragraph() -> None:
+    shown = table("simulation error", (Column("channel"), ["alpha"]))
+    sections = (Section("Simulation error", (shown, Bullets(("one sentence",)))),)
+    text = page_html(replace(PAGE, sections=sections))
+    assert "<caption></caption>" in text and 'aria-label="Simulation error"' in text
+    assert "<p>One sentence.</p>" in text
+
+
+def test_a_first_figure_is_as_tall_on_paper_as_the_header_leaves_room_for() -> None:
+    def room(page: Page) -> int:
+        found = re.search(r'<header class="room(\d+)">', page_html(page))
+        return int(found[1]) if found else 0
+
+    few = replace(PAGE, summary=("one line",), warnings=())
+    more = replace(few, warnings=("a warning of many words " * 12,))
+    assert 130 <= room(more) < room(few) <= 200
+    assert room(replace(few, summary=("words " * 300,))) == 0

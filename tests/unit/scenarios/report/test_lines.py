@@ -103,6 +103,6 @@ def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
         "I is light, III large, IV a fighter): " in levels_line(some, FlightPhase(), sound)
     )
     assert levels_line(some, FlightPhase("IV", "A", ()), bad).startswith(
-        "levels by MIL-F-8785C, class IV, category A, not valid here: the residual shows"
+        "levels by MIL-F-8785C, class IV, category A, not valid here, because the residual shows"
     )
     assert levels_line([], FlightPhase(), sound) == ""

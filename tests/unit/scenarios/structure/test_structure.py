@@ -132,8 +132,8 @@ def test_values_that_hold_at_the_flown_angle_of_attack_alone_are_named() -> None
     pair = (term("beta"), term("alpha*beta"))
     together = {**none, "Cn": replace(none["Cn"], multiples=(pair,))}
     (line,) = set(findings(replace(plain, collinearity=together))) - set(findings(plain))
-    mean = float(np.mean(found.histories[0].samples["alpha"]))
-    assert line.startswith(f"alpha stays near {mean:.3g} while these terms move: Cn beta.")
+    mean = float(np.degrees(np.mean(found.histories[0].samples["alpha"])))
+    assert line.startswith(f"alpha stays near {mean:.3g} deg while these terms move: Cn beta.")
 
 
 def test_a_true_baseline_leaves_what_the_sensors_explain() -> None:

@@ -82,8 +82,8 @@ def test_headline_says_what_where_how_sure_and_what_follows() -> None:
         f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
     assert told.endswith(
-        "Cm_q was -24.10 +- 0.90, is -17.20 +- 0.40 (run-to-run scatter 0.83); part of the misfit "
-        "is not explained"
+        "Cm_q changes from -24.10 +- 0.90 to -17.20 +- 0.40 (run-to-run scatter 0.83); part "
+        "of the misfit is not explained"
     )
 
 
