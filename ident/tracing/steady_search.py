@@ -70,7 +70,7 @@ def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
     """
     pairs = zip(log_densities(one.fitted), log_densities(other.fitted), strict=True)
     changes = [_in_blocks(a - b, interval) for a, b in pairs]
-    return _over_scatter(one.evidence - other.evidence, np.concatenate(changes))
+    return over_scatter(one.evidence - other.evidence, np.concatenate(changes))
 
 
 def quiet_vuong(
@@ -106,7 +106,7 @@ def quiet_vuong(
     ]
     pairs = zip(_densities_within(one, quiet), _densities_within(other, quiet), strict=True)
     gains = np.concatenate([_in_blocks(a - b, interval) for a, b in pairs])[inside]
-    return _over_scatter(float(gains.sum()), gains)
+    return over_scatter(float(gains.sum()), gains)
 
 
 def _densities_within(fitted: FittedModel, inside: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -135,11 +135,15 @@ def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
     return np.add.reduceat(row, np.arange(0, len(row), block))
 
 
-def _over_scatter(gain: float, changes: np.ndarray) -> float:
+def over_scatter(gain: float, changes: np.ndarray) -> float:
     """Return a gain over its scatter, estimated from its parts by block, as a normal deviate.
 
     A ratio to a scatter that few blocks determine follows Student's t distribution: the normal
     deviate of the same probability is smaller.
+
+    Parameters
+    ----------
+    gain : difference of log evidence. changes : ``(n,)`` differences of log likelihood by block.
     """
     blocks = len(changes)
     # The standard deviation of half a noncentral chi-square of mean g is at least sqrt(2 g).
@@ -197,7 +201,7 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
     # The new noise estimate reduces a large loss, in each block alike.
     gain = 0.5 * samples * math.log1p(2.0 * lost / samples)
     parts = np.concatenate([_in_blocks(each, context.interval) for each in changes])
-    z = _over_scatter(gain, gain / lost * parts)
+    z = over_scatter(gain, gain / lost * parts)
     return gain > CLEAR_GAIN and z > bar
 
 

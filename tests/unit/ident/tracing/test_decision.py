@@ -23,7 +23,7 @@ from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, Search
-from ident.tracing.steady_search import quiet_vuong, vuong
+from ident.tracing.steady_search import over_scatter, quiet_vuong, vuong
 from ident.whole_record.layout import FitSettings
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import effects_for
@@ -366,6 +366,37 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
     gain = search.store(both).evidence - search.store(rough).evidence
     assert gain > 30.0
     assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_turbulence_of_the_maneuvers_vetoes_no_other_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Turbulence without evidence in steady flight becomes a hint; the others are tested again."""
+    record = late(rough_record(np.random.default_rng(3), 801, intensity=1.5), "q", 5)
+    gust, delay = effect("gust-turbulence"), effect("sensor-delay:q")
+    search = Search(offered([record]), (gust, delay))
+    both = search.fit((gust, delay), search.declared)
+    assert both is not None
+    best, spread = decision._drop_local_evidence(search, search.store(both))
+    assert set(spread) == {gust.name, delay.name}
+    kept = decision._drop_turbulence_of_maneuvers(search, search, best, spread)
+    assert kept == (best, spread, ())  # it acts in steady flight too
+    monkeypatch.setattr(decision, "_acts_when_quiet", lambda *_: False)
+    monkeypatch.setattr(decision, "vuong", lambda *_: 9.0)
+    smaller, others, hints = decision._drop_turbulence_of_maneuvers(search, search, best, spread)
+    assert smaller.names == {delay.name} and others == {delay.name: 9.0}
+    assert [each.name for each in hints] == [gust.name]
+    assert "maneuvers alone" in hints[0].reason and hints[0].within is best.fitted
+
+
+def test_z_of_few_blocks_is_rarely_large() -> None:
+    """Without an effect, z is a normal deviate also where few blocks determine the scatter."""
+    rng = np.random.default_rng(4)
+    for blocks in (4, 8, 60):
+        draws = rng.normal(0.0, 10.0, (4000, blocks))
+        z = np.array([over_scatter(float(each.sum()), each) for each in draws])
+        shares = [float(np.mean(z > level)) for level in (1.0, 2.0, 2.5)]
+        assert shares[0] < 0.18 and shares[1] < 0.03 and shares[2] < 0.01
 
 
 @pytest.mark.long
