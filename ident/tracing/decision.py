@@ -371,6 +371,7 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     searches = (white, search)
     best, spread = _drop_local_evidence(search, best)
     best, spread, rough = _drop_turbulence_of_maneuvers(white, search, best, spread)
+    best, spread = _prefer_kinematic_names(search, best, spread)
     interval = search.context.interval
     effects = {each.name: each for each in best.fitted.effects}
     named = [
@@ -388,6 +389,23 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     )
     hints = (*rough, *_local_hints(search, best))
     return Decision(verdict, best.fitted, root, tuple(named), hints, searches)
+
+
+def _prefer_kinematic_names(
+    search: Search, best: WeighedSet, spread: dict[str, float]
+) -> tuple[WeighedSet, dict[str, float]]:
+    """Return the set with members replaced by effects that kinematics name, where Vuong's test
+    cannot distinguish the two, and z of its members. Kinematics do not depend on the forces.
+    """
+    known, names = search.problem.named_by_kinematics, best.names
+    for name in sorted(set(spread) - known):
+        others = [
+            search.visited[best.names - {name} | {other}]
+            for other in rivals_of(search, best, name)
+            if other in known - best.names and best.names - {name} | {other} in search.visited
+        ]
+        best = max(others, key=lambda one: one.weight, default=best)
+    return (best, spread) if best.names == names else _drop_local_evidence(search, best)
 
 
 def _drop_turbulence_of_maneuvers(
