@@ -149,7 +149,8 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
 def closed_forms(
     grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains of log evidence by columns with coefficients N(mean, sigma^2), at several places.
+    """Return the gains of log evidence by columns with coefficients N(mean, sigma^2), at several
+    places.
 
     Parameters
     ----------
@@ -291,7 +292,9 @@ def _gains(
     rows: np.ndarray | slice,
     prior: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and coefficients (``closed_forms``) of whitened columns ``W (s, k, D)`` of some rows."""
+    """Return gains and coefficients (``closed_forms``) of whitened columns ``W (s, k, D)`` of some
+    rows.
+    """
     inside = (W.reshape(-1, W.shape[-1]) @ ready.root[rows]).reshape(*W.shape[:2], -1)
     grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
     return closed_forms(grams, W @ ready.e[rows], *prior)
@@ -304,8 +307,8 @@ def _gains_at(
     prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and coefficients (``closed_forms``) of a signature ``own (m, N, k)`` of record ``r`` begun
-    later by some numbers of samples.
+    """Return gains and coefficients (``closed_forms``) of a signature ``own (m, N, k)`` of record
+    ``r`` that begins later by some numbers of samples.
     """
     batch = max(1, LARGEST_BATCH // own.size)
     parts = [
