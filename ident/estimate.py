@@ -198,7 +198,7 @@ def quiet_numerics() -> Iterator[None]:
 
 
 @contextmanager
-def counted_numerics() -> Iterator[None]:
+def overflow_tolerated() -> Iterator[None]:
     """Suppress the NumPy warnings of a computation that handles overflows itself.
 
     A caller that counts overflows by ``np.errstate(call=...)`` still receives them.

@@ -22,14 +22,6 @@ from scenarios.files.vehicles import (
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
-from scenarios.kept import (
-    DIAGNOSE,
-    KeptFile,
-    KeptModel,
-    read_kept,
-    unchanged_file,
-    vehicle_of_study,
-)
 from scenarios.plots import draw_into
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
@@ -53,6 +45,14 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
+from scenarios.stored_study import (
+    DIAGNOSE,
+    StoredModel,
+    StoredStudy,
+    read_stored_study,
+    unchanged_file,
+    vehicle_of_study,
+)
 from scenarios.tolerances import (
     COLUMNS_NOTE,
     Simulation,
@@ -109,7 +109,7 @@ class PredictionResult:
     Attributes
     ----------
     study : folder of the study.
-    kept : stored model of the study.
+    stored : stored model of the study.
     vehicle : name of the vehicle.
     record, source : the record, and name and hash of its file.
     channels : predicted outputs that the record has.
@@ -122,7 +122,7 @@ class PredictionResult:
     """
 
     study: Path
-    kept: KeptModel
+    stored: StoredModel
     vehicle: str
     record: Record
     source: InputFile
@@ -146,15 +146,15 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
     RecordError : the record cannot be used.
     """
     tests = read_tests(request.tolerances) if request.tolerances is not None else ()
-    file = read_kept(request.study)
+    file = read_stored_study(request.study)
     vehicle = vehicle_of_study(file, request.model)
     model = model_of_file(vehicle)
-    kept = file.model(_user_effects(file, request.effects, model))
+    stored = file.model(_user_effects(file, request.effects, model))
     source = opened(request.record)
     known = channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
     choices = read_channel_map(request.channels, known) if request.channels is not None else None
-    reading, plan = kept.reading, _plan_of_study(kept, request.plan)
-    model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
+    reading, plan = stored.reading, _plan_of_study(stored, request.plan)
+    model = model.with_noise(Noise()) if stored.made_by == DIAGNOSE else model
     decided = Decided(Hold(reading.hold), reading.weight)
     ready = prepare(
         (),
@@ -162,33 +162,33 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
         plan,
         choices,
         [source],
-        flow=reading.flow,
+        use_measured_airspeed=reading.flow,
         attitude=reading.attitude,
         decided=decided,
         part=plan.segments[0],
     )
     (record,), declared = ready.predicted, ready.model
-    _refuse_without_attitude(kept, declared, record)
+    _refuse_without_attitude(stored, declared, record)
     refuse_unpredictable([record], declared, "")
-    channels = tuple(name for name in kept.after.outputs if name in record.output_names)
+    channels = tuple(name for name in stored.after.outputs if name in record.output_names)
     if not channels:
         remedy = (
-            f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with "
+            f"the study's outputs are {', '.join(stored.after.outputs)}; map the columns with "
             "--channels"
         )
         raise RecordError(
             "it has none of the study's outputs", where=str(source.path), remedy=remedy
         )
     predict_parts = (
-        _predict_like_diagnosis if kept.made_by == DIAGNOSE else _predict_like_identification
+        _predict_like_diagnosis if stored.made_by == DIAGNOSE else _predict_like_identification
     )
-    record, before, after, cleaned = predict_parts(kept, declared, ready, trusted=plan.trusted)
+    record, before, after, cleaned = predict_parts(stored, declared, ready, trusted=plan.trusted)
     masks = [left_out(*pair) for pair in zip(ready.validation, cleaned, strict=True)]
     ready = replace(ready, look=with_outliers(ready.look, ready.validation, masks))
-    notes = (*not_recorded(kept.after.outputs, [record]), *ready.notes)
+    notes = (*not_recorded(stored.after.outputs, [record]), *ready.notes)
     return PredictionResult(
         request.study,
-        kept,
+        stored,
         vehicle.name,
         record,
         source.identity,
@@ -204,7 +204,7 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
 
 
 def _predict_like_identification(
-    kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
+    stored: StoredModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
     """Predict a record as ``identify --validate`` does.
 
@@ -213,14 +213,14 @@ def _predict_like_identification(
     The record; no simulation of the declared model; the simulation with the identified model; the
     parts of the record without their outliers.
     """
-    model = with_weight(declared) if kept.weighed else declared
-    system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
+    model = with_weight(declared) if stored.weighed else declared
+    system = compile_model(model.with_biases(stored.biases), stored.after.outputs)
     fits = record_fits(
         [],
         ready.validation,
         system,
-        kept.after.shared,
-        kept.after.settings,
+        stored.after.shared,
+        stored.after.settings,
         [PATH],
         trusted=trusted,
     )
@@ -235,7 +235,7 @@ def _predict_like_identification(
 
 
 def _predict_like_diagnosis(
-    kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
+    stored: StoredModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
     """Predict a record as ``diagnose --validate`` does, which searches every record for outliers.
 
@@ -244,9 +244,13 @@ def _predict_like_diagnosis(
     The record; the simulations with the declared and with the final model; the parts of the record
     without their outliers.
     """
-    assert kept.before is not None
+    assert stored.before is not None
     found = predict(
-        kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked
+        stored.before,
+        stored.after,
+        declared.with_biases(stored.biases),
+        ready.validation,
+        stored.spiked,
     )
     (whole,) = ready.parted
     rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
@@ -266,7 +270,7 @@ def _predict_like_diagnosis(
 
 
 def _user_effects(
-    file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model
+    file: StoredStudy, effects: Path | tuple[Traceable, ...] | None, model: Model
 ) -> Sequence[Traceable]:
     """Return the user's effects from a file or from memory; none if ``effects`` is None.
 
@@ -288,9 +292,9 @@ def _user_effects(
     return read_effects(unchanged_file(effects, known, "--effects"), model)
 
 
-def _plan_of_study(kept: KeptModel, requested: Plan) -> Plan:
+def _plan_of_study(stored: StoredModel, requested: Plan) -> Plan:
     """Return the preparation of a study, with the requested part of the record."""
-    reading = kept.reading
+    reading = stored.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or requested.trusted
     return Plan(
@@ -304,10 +308,10 @@ def _plan_of_study(kept: KeptModel, requested: Plan) -> Plan:
     )
 
 
-def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:
+def _refuse_without_attitude(stored: StoredModel, declared: Model, record: Record) -> None:
     """Raise RecordError if the model needs the recorded pitch attitude and the record has none."""
-    needs_attitude = kept.weighed or any(
-        getattr(effect, "attitude_recorded", False) for effect in kept.after.effects
+    needs_attitude = stored.weighed or any(
+        getattr(effect, "attitude_recorded", False) for effect in stored.after.effects
     )
     inputs = {signal.name for signal in declared.equations.inputs}
     if needs_attitude and ATTITUDE not in inputs:
@@ -353,14 +357,14 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     if found.after.figures is None:
         return
     shown = [MethodOutputs("predicted", dict(zip(found.channels, found.after.rows, strict=True)))]
-    if found.before is not None and found.kept.after.effects:
+    if found.before is not None and found.stored.after.effects:
         shown.insert(
             0,
             MethodOutputs("as declared", dict(zip(found.channels, found.before.rows, strict=True))),
         )
     title = (
-        f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nfixed parameters; only "
-        "initial states and biases are fitted"
+        f"{found.record.name}: {found.stored.model}, {found.stored.made_by}\nfixed parameters; "
+        "only initial states and biases are fitted"
     )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     above = context(found.record, found.channels)
@@ -375,12 +379,12 @@ TITLE = "simulation with the study's parameters held fixed; initial states and b
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     """Return the text of a prediction: record, model, warnings, and errors by channel."""
-    record, kept = found.record, found.kept
-    effects = [effect.name for effect in kept.after.effects]
+    record, stored = found.record, found.stored
+    effects = [effect.name for effect in stored.after.effects]
     lines = wrapped(f"{_samples(found)}; {predicting_model(found)} ({found.study})", width)
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
-    if kept.made_by == DIAGNOSE and effects and not kept.claimed:
+    if stored.made_by == DIAGNOSE and effects and not stored.claimed:
         lines += wrapped(
             f"the study claims no effect; the prediction uses {' and '.join(effects)}, the most "
             "probable set that its search found",
@@ -399,10 +403,10 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
 
 def predicting_model(found: PredictionResult) -> str:
     """Return a phrase on the model: its name, vehicle, command that made it, and effects."""
-    kept = found.kept
-    effects = [effect.name for effect in kept.after.effects]
-    vehicle = vehicle_with_file(found.vehicle, kept.vehicle)
-    return f"{kept.model} model of {vehicle}, from {kept.made_by}" + (
+    stored = found.stored
+    effects = [effect.name for effect in stored.after.effects]
+    vehicle = vehicle_with_file(found.vehicle, stored.vehicle)
+    return f"{stored.model} model of {vehicle}, from {stored.made_by}" + (
         f" with {' and '.join(effects)}" if effects else ""
     )
 
@@ -413,7 +417,7 @@ def errors_table(found: PredictionResult) -> Table:
     """
     before = (
         _error_rows(found, found.before, "as declared")
-        if found.before is not None and found.kept.after.effects
+        if found.before is not None and found.stored.after.effects
         else []
     )
     rows = [*before, *_error_rows(found, found.after, "predicted")]
@@ -467,14 +471,14 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
             f"smallest fit of {len(found.channels)} channels: {worst}, "
             f"{errors.fit_percent(worst):.1f} %"
         )
-    kept = (
-        ("vehicle", found.kept.vehicle),
-        ("model", found.kept.own_file),
-        ("effects", found.kept.effects_file),
+    stored = (
+        ("vehicle", found.stored.vehicle),
+        ("model", found.stored.own_file),
+        ("effects", found.stored.effects_file),
     )
     inputs = [
         ("predicted", found.source.name, found.source.sha256),
-        *((use, file.name, file.sha256) for use, file in kept if file is not None),
+        *((use, file.name, file.sha256) for use, file in stored if file is not None),
     ]
     return Page(
         title=f"{record.name}: predicted",
@@ -534,16 +538,16 @@ def prediction_content(found: PredictionResult) -> dict[str, Any]:
 
     Of a diagnosis, ``declared`` has the errors of the model without the added effects.
     """
-    kept, record = found.kept, found.record
-    files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}
+    stored, record = found.stored, found.record
+    files = {"vehicle": stored.vehicle, "model": stored.own_file, "effects": stored.effects_file}
     return {
         "schema": SCHEMA,
         "study": found.study.name,
-        "made_by": kept.made_by,
-        "model": kept.model,
+        "made_by": stored.made_by,
+        "model": stored.model,
         "vehicle": found.vehicle,
-        "effects": [effect.name for effect in kept.after.effects],
-        "claimed": list(kept.claimed),
+        "effects": [effect.name for effect in stored.after.effects],
+        "claimed": list(stored.claimed),
         "record": {
             "name": record.name,
             "samples": len(record),

@@ -28,7 +28,7 @@ class AntiAliasFilter:
     channel: str
 
     station: ClassVar[Station] = Station.SENSOR_PATH
-    rank: ClassVar[int] = 90
+    path_order: ClassVar[int] = 90
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("corner", 7.0, "Hz", bounds=(0.0, 1000.0)),
     )

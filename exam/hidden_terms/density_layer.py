@@ -24,7 +24,7 @@ class DensityLayer:
         Parameter("depth", 2500.0, "m", bounds=(1.0, 1e6)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

@@ -24,7 +24,7 @@ class DragRhythm:
         Parameter("frequency", 1.5, "rad/s"),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

@@ -35,7 +35,7 @@ class EnergyExchange:
         Parameter("induced", 0.4, "1"),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gravity": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("phugoid", "speed-variation")
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("climbed", "m", "height above that at the record's begin"),

@@ -25,7 +25,7 @@ class Friction:
         Parameter("width", 0.01, "rad/s", bounds=(1e-5, 10.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

@@ -26,7 +26,7 @@ class Hysteresis:
         Parameter("width", 0.03, "rad", bounds=(1e-4, 10.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("memory", "1", "which way the nose went last, -1 to 1"),

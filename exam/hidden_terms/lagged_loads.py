@@ -29,7 +29,7 @@ class TwoStageLoads:
         Parameter("slow", 1.5, "s", bounds=(0.01, 100.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"moment": 0.0, "lift": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("fast_angle", "rad", "angle of attack, late by the fast stage"),

@@ -29,7 +29,7 @@ class MachDrag:
         Parameter("width", 0.8, "1", bounds=(1e-3, 100.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("drag-mach",)
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

@@ -25,7 +25,7 @@ class StallingLift:
         Parameter("width", 0.06, "rad", bounds=(1e-6, 10.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"loss": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("lift-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

@@ -197,7 +197,8 @@ def breakdown(
     is not finite, and ``INDEFINITE`` where a variance is negative.
     """
     numbers = (mean, covariance, *further)
-    # The sum of squares is faster to compute than the largest size. A NaN fails both comparisons.
+    # Quick sufficient test: if the sum of squares is below the limit (> 1), so is every number.
+    # Only otherwise compare the absolute values. A NaN fails both tests.
     if not sum(np.vdot(v, v) for v in numbers) < LARGEST_NUMBER and not all(
         np.abs(v).max(initial=0.0) < LARGEST_NUMBER for v in numbers
     ):
@@ -256,16 +257,16 @@ class HistoryKeeper:
         self,
         k: int,
         rows: np.ndarray,
-        y: np.ndarray,
+        nu: np.ndarray,
         S: np.ndarray,
         H: np.ndarray,
         log_likelihood: float,
         nis: float,
     ) -> None:
-        """Store the innovation ``y`` of the channels ``rows`` at sample ``k``, its covariance
+        """Store the innovation ``nu`` of the channels ``rows`` at sample ``k``, its covariance
         ``S``, the output Jacobian ``H``, and its log likelihood and normalised square.
         """
-        self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
+        self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = nu, True, H
         self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
 

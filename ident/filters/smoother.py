@@ -52,10 +52,11 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
     """Return the smoothed history of an extended or unscented filter.
 
     The recursion runs backwards, with r and W zero after the last sample. At sample k, with K =
-    P_pred H^T S^-1, it sets r <- H^T S^-1 y + (I - K H)^T r and W <- H^T S^-1 H + (I - K H)^T W (I
-    - K H), then r <- G^T r and W <- G^T W G with the ``transition`` G. The smoothed values are x_s
-    = x + P r and P_s = P - P W P. A smoothed variance is at most the variance of the filter. Where
-    r or W is not finite, this and all earlier samples keep the values of the filter.
+    P_pred H^T S^-1 and the innovation nu, it sets r <- H^T S^-1 nu + (I - K H)^T r and W <- H^T
+    S^-1 H + (I - K H)^T W (I - K H), then r <- G^T r and W <- G^T W G with the
+    ``transition`` G. The smoothed values are x_s = x + P r and P_s = P - P W P. A smoothed variance
+    is at most the variance of the filter. Where r or W is not finite, this and all earlier samples
+    keep the values of the filter.
     """
     N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
@@ -79,27 +80,27 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 def _adjoint_recursion(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """Return r ``(N - 1, n)`` and W ``(N - 1, n, n)`` of `smooth` at every sample but the last.
 
-    Both steps of the recursion are combined: r <- c + M^T r and W <- D + M^T W M, with c, D and M
-    of each sample.
+    Both steps of the recursion are combined: r <- c + M^T r and W <- D + M^T W M, with M = (I - K
+    H) G, c = G^T H^T S^-1 nu and D = G^T H^T S^-1 H G of each sample.
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
     # A missing channel has zeros in H and a one in S, so that it has no effect.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
-    gain_to_state = G.transpose(0, 2, 1) @ weighted
-    c, D = (gain_to_state @ history.innovation.T[later, :, None])[:, :, 0], gain_to_state @ (H @ G)
+    GtHtSinv = G.transpose(0, 2, 1) @ weighted
+    c, D = (GtHtSinv @ history.innovation.T[later, :, None])[:, :, 0], GtHtSinv @ (H @ G)
     M_transposed = M.transpose(0, 2, 1)
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
     workspace, dot, add = np.empty((n, n)), np.dot, np.add
     for k in range(N - 1, 0, -1):
-        turned, before = M_transposed[k - 1], W[k - 1]
-        add(dot(turned, r[k]), c[k - 1], r[k - 1])
-        dot(turned, W[k], workspace)
-        dot(workspace, M[k - 1], before)
-        add(before, D[k - 1], before)
+        M_T, W_out = M_transposed[k - 1], W[k - 1]
+        add(dot(M_T, r[k]), c[k - 1], r[k - 1])
+        dot(M_T, W[k], workspace)
+        dot(workspace, M[k - 1], W_out)
+        add(W_out, D[k - 1], W_out)
     return r, W
 
 
@@ -120,7 +121,8 @@ def _with_bounded_variances(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
 
 # smallest significant autocorrelation, in its standard deviations 1/sqrt(N) for white noise
 _SIGNIFICANT_SIGMAS = 4.0
-# smallest process noise over the covariance; a smaller difference of covariances is rounding
+# smallest process noise relative to the predicted covariance; P_pred - Phi P Phi^T below this
+# share is rounding
 _ROUNDING_SHARE = 1e-9
 
 

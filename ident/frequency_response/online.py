@@ -4,9 +4,9 @@ Each sample, times exp(-i omega t), is added to the transforms of its block and 
 (Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control,
 and Dynamics 23(5), 2000; for loops in flight Bosworth and West, "Real-Time Open-Loop Frequency
 Response Analysis of Flight Test Data", AIAA 86-9738, 1986). Four adjacent blocks make one Hann
-window. A straight line is removed from each window. Complete windows are combined as those of a
-record. With one window length, a stream gives the same responses as `estimate_responses`, except
-for the removal of the lines.
+window. A straight line is removed from each window. Complete windows are averaged in the
+same way as the windows of a stored record. With one window length, a stream gives the same
+responses as `estimate_responses`, except for the removal of the lines.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from ident.frequency_response.segments import (
     Segments,
     hann_of_blocks,
     overlap_of,
-    unit_rows,
+    transforms_of_line,
 )
 from sim.errors import DeclarationError
 
-# Limits of the distance of input power from a frequency, times the length of the window: the rms
-# distance, which is half of the half width of the main lobe of a Hann window, and the mean distance
-LARGEST_RMS_DISTANCE = 1.0
+# Limits on the distance between a frequency and the input power around it, in bins (1/length of the
+# window).
+LARGEST_RMS_DISTANCE = 1.0  # The main lobe of a Hann window reaches 2 bins to each side.
 LARGEST_MEAN_DISTANCE = 0.3
 WINDOW_MEMORY = 600.0  # s, age after which a window is discarded
 _HIGHEST_FREQUENCY_SHARE = 0.45  # highest frequency, relative to the sample rate
-_LINE_SUMS = 2  # sums of a block for a straight line: of the samples, and times their number
+_LINE_SUMS = 2  # sums of a block that give its regression line: sum of x_n, and sum of n x_n
 
 
 @dataclass
@@ -49,16 +49,17 @@ class _Window:
     ----------
     hop : samples of a block, a quarter of a window.
     lines : ``(2, D, F)`` transforms of a constant and of a straight line over a window.
-    block : ``(3, S, F)`` transforms of the samples so far of the block that is not complete: at the
-        frequencies, and one bin below and above.
-    block_sums : ``(S, 2)`` sums of these samples, and of the samples times their numbers.
-    block_samples : number of these samples.
-    first : number of the first sample of the oldest block.
+    block : ``(3, S, F)`` transforms of the current, incomplete block: at the frequencies, one bin
+        below and one bin above them.
+    block_sums : ``(S, 2)`` sum of x_n and sum of n x_n over its samples so far, where n counts them
+        from 0.
+    block_samples : number of its samples so far.
+    first : index of the first sample of the oldest block.
     blocks : the last complete blocks, ``(3, S, F)`` each.
     sums : their sums, ``(S, 2)`` each.
-    rows : ``(S, D, F)`` transforms of each complete window under D windows: the Hann window and its
-        derivatives.
-    starts : number of the first sample of each complete window.
+    rows : ``(S, D, F)`` transforms of each complete stretch of four blocks with D weightings: the
+        Hann window and its D - 1 derivatives.
+    starts : index of the first sample of each complete stretch.
     """
 
     hop: int
@@ -148,7 +149,7 @@ def online_responses(
     for length in lengths:
         hop = max(2, round(length / (STEPS_PER_WINDOW * step)))
         block = np.zeros((3, stream.signals, stream.frequency.size), dtype=complex)
-        lines = unit_rows(step, hop, stream.frequency, stream.spectra.derivatives)
+        lines = transforms_of_line(step, hop, stream.frequency, stream.spectra.derivatives)
         stream.windows.append(_Window(hop, lines, block, np.zeros((stream.signals, _LINE_SUMS))))
     return stream
 
@@ -214,11 +215,11 @@ def _excited_bands(
     """Return the usable bands ``(m, q, F)`` without frequencies that a sweep has not yet passed.
 
     Before a sweep reaches a frequency, the transform there is leakage from the present frequency of
-    the sweep: it is coherent, and has the response at that frequency. The distance of the power
-    follows from the derivative of the window: for a component at a distance of d/length, the
-    transform under the derivative is 2 pi i d/length times that under the window. The excitation
-    has not reached a frequency if the rms of d exceeds ``LARGEST_RMS_DISTANCE``. It has not passed
-    a frequency if the mean of d exceeds ``LARGEST_MEAN_DISTANCE``.
+    the sweep: coherent, but with the response at the sweep's frequency instead of its own. How far
+    the power is from the frequency, d bins, follows from the transform with the derivative of the
+    window: a component d bins away has there 2 pi i d/length times its transform with the window.
+    The excitation has not reached a frequency if the rms of d exceeds ``LARGEST_RMS_DISTANCE``. It
+    has not passed a frequency if the mean of d exceeds ``LARGEST_MEAN_DISTANCE``.
     """
     m, q = stream.outputs, stream.inputs
     usable = segments.usable(responses.frequency)
@@ -289,7 +290,7 @@ def _straight_line(window: _Window) -> np.ndarray:
     """
     hop, size = window.hop, STEPS_PER_WINDOW * window.hop
     total = sum(sums[:, 0] for sums in window.sums)
-    # sum of the samples times their numbers in the window
+    # sum of n x_n, where n counts the samples of the window from 0
     moment = sum(sums[:, 1] + m * hop * sums[:, 0] for m, sums in enumerate(window.sums))
     middle = 0.5 * (size - 1)
     number_squares = size * (size**2 - 1) / 12.0

@@ -329,7 +329,9 @@ def hann_of_blocks(
     return np.stack(rows, axis=1)
 
 
-def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
+def transforms_of_line(
+    step: float, hop: int, frequency: np.ndarray, derivatives: int
+) -> np.ndarray:
     """Return the transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under
     a Hann window of four blocks.
     """

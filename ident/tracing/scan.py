@@ -1,7 +1,7 @@
 """Scan of all candidates at a fitted set of effects: their signatures and gains of log evidence.
 
 The model is linear-Gaussian. Signatures (changes of the outputs) are whitened, and the unknowns of
-the set are projected out; their factors have Gaussian priors.
+the set are projected out; their coefficients have Gaussian priors.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.priors import SetPrior, set_prior
-from ident.tracing.signatures import CandidateSignatures, candidate_signatures, factors_prior
+from ident.tracing.signatures import CandidateSignatures, candidate_signatures, coefficient_prior
 from ident.whole_record.coloured_noise import ColouredNoise
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable
@@ -37,7 +37,7 @@ class Lead:
     columns : ``(D, k)`` whitened, all records and outputs below each other.
     probes : where it is placed, one a record; None where it is absent.
     shifts : in samples.
-    mean, sigma : ``(k,)`` prior of the columns' factors.
+    mean, sigma : ``(k,)`` prior of the columns' coefficients.
     own : ``(k,)`` the record that a column belongs to, -1 where all share its factor.
     price : log prior probability of its place.
     gain : of log evidence, alone.
@@ -89,7 +89,7 @@ class Place:
     gain : of log evidence.
     probe : whose signature ``own (m, N, k)`` is, before it is moved.
     shift : samples by which it begins later.
-    prior : mean and sigma ``(k,)`` of the factors.
+    prior : mean and sigma ``(k,)`` of the coefficients.
     """
 
     gain: float
@@ -149,7 +149,8 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
 def closed_forms(
     grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains of log evidence by columns with factors N(mean, sigma^2), at several places.
+    """Return the gains of log evidence by columns with coefficients N(mean, sigma^2), at several
+    places.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def closed_forms(
 
     Returns
     -------
-    Gains ``(p,)`` and posterior means ``(p, k)`` of the factors.
+    Gains ``(p,)`` and posterior means ``(p, k)`` of the coefficients.
     """
     S = grams + np.diag(sigma**-2.0)
     h = with_e + mean / sigma**2
@@ -187,16 +188,18 @@ def leads_of(
     return [lead for effect, usable in absent for lead in _leads(ready, effect, usable, context)]
 
 
-def _has_physical_sign(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
-    """Return whether the factors have the physical sign."""
+def _has_physical_sign(effect: Traceable, probe: Probe, coefficients: np.ndarray) -> bool:
+    """Return whether the coefficients have the physical sign."""
     if not probe.slopes:
-        return bool(factors[0] > 0.0)
+        return bool(coefficients[0] > 0.0)
     if len(probe.slopes) > 1:
         return True
     item = next(item for item in effect.parameters if item.name == probe.slopes[0])
     low, high = item.bounds
     value = probe.values[item.name]
-    return not (value <= low and factors[0] < 0.0) and not (value >= high and factors[0] > 0.0)
+    return not (value <= low and coefficients[0] < 0.0) and not (
+        value >= high and coefficients[0] > 0.0
+    )
 
 
 def _leads(
@@ -215,9 +218,9 @@ def _leads(
             ready.whiten(r, np.moveaxis(part, 2, 0), slice(None)) for r, part in enumerate(parts)
         ]
         W = np.concatenate(rows, axis=1)
-        mean, sigma = factors_prior(effect, probe, context)
-        gains, factors = _gains(ready, W[None], slice(None), (mean, sigma))
-        if _has_physical_sign(effect, probe, factors[0]):
+        mean, sigma = coefficient_prior(effect, probe, context)
+        gains, coefficients = _gains(ready, W[None], slice(None), (mean, sigma))
+        if _has_physical_sign(effect, probe, coefficients[0]):
             own = np.full(len(sigma), -1)
             price = -math.log(len(usable))
             same, still = (probe,) * records, (0,) * records
@@ -235,7 +238,7 @@ def _places_in_record(
     """Return the places of an effect in one record."""
     out: list[Place] = []
     for probe, parts in usable:
-        known = factors_prior(effect, probe, context)
+        known = coefficient_prior(effect, probe, context)
         count = parts[r].shape[1]
         # The likelihood of an event has local optima: neighbours of the best place are tried,
         # finely for a step of one output.
@@ -289,7 +292,9 @@ def _gains(
     rows: np.ndarray | slice,
     prior: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and factors (``closed_forms``) of whitened columns ``W (s, k, D)`` of some rows."""
+    """Return gains and coefficients (``closed_forms``) of whitened columns ``W (s, k, D)`` of some
+    rows.
+    """
     inside = (W.reshape(-1, W.shape[-1]) @ ready.root[rows]).reshape(*W.shape[:2], -1)
     grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
     return closed_forms(grams, W @ ready.e[rows], *prior)
@@ -302,8 +307,8 @@ def _gains_at(
     prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and factors (``closed_forms``) of a signature ``own (m, N, k)`` of record ``r`` begun
-    later by some numbers of samples.
+    """Return gains and coefficients (``closed_forms``) of a signature ``own (m, N, k)`` of record
+    ``r`` that begins later by some numbers of samples.
     """
     batch = max(1, LARGEST_BATCH // own.size)
     parts = [
@@ -349,10 +354,10 @@ def _places_at_shifts(
     """
     if not shifts:
         return []
-    gains, factors = gains_at(shifts)
+    gains, coefficients = gains_at(shifts)
     return [
         Place(gain, probe, own, shift, prior)
-        for gain, shift, made in zip(gains.tolist(), shifts, factors, strict=True)
+        for gain, shift, made in zip(gains.tolist(), shifts, coefficients, strict=True)
         if _has_physical_sign(effect, probe, made)
     ]
 
@@ -405,7 +410,7 @@ def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Plac
 
 
 def starts_of(
-    lead: Lead, factors: np.ndarray, records: int, interval: float
+    lead: Lead, coefficients: np.ndarray, records: int, interval: float
 ) -> list[dict[str, float]]:
     """Return starting values of a lead's parameters, by full name, one mapping a record."""
     effect = lead.effect
@@ -416,7 +421,7 @@ def starts_of(
         probe = lead.probes[r]
         values = dict(absent)
         if probe is not None:
-            mine = factors if not belongs_to_record(effect) else factors[lead.own == r]
+            mine = coefficients if not belongs_to_record(effect) else coefficients[lead.own == r]
             values |= dict(probe.values)
             if probe.shifts:
                 values[effect.traits.onset] += lead.shifts[r] * interval
@@ -445,13 +450,13 @@ class LinearSet:
     ----------
     gain : of log evidence.
     weight : the same with the prior odds of the leads and their places.
-    factors : posterior means of the factors of each lead's columns.
+    coefficients : posterior means of the coefficients of each lead's columns.
     """
 
     leads: tuple[Lead, ...]
     gain: float
     weight: float
-    factors: tuple[np.ndarray, ...]
+    coefficients: tuple[np.ndarray, ...]
 
     @property
     def names(self) -> frozenset[str]:
@@ -495,14 +500,14 @@ def weighed_sets(
         where = np.concatenate([at[i] for i in members])
         mean = np.concatenate([ranked[i].mean for i in members])
         sigma = np.concatenate([ranked[i].sigma for i in members])
-        gains, factors = closed_forms(
+        gains, coefficients = closed_forms(
             gram[np.ix_(where, where)][None], with_e[where][None], mean, sigma
         )
         cuts = np.cumsum([len(at[i]) for i in members])[:-1]
         gain = float(gains[0])
         weight = gain + sum(prior[i] for i in members)
         chosen = tuple(ranked[i] for i in members)
-        return LinearSet(chosen, gain, weight, tuple(np.split(factors[0], cuts)))
+        return LinearSet(chosen, gain, weight, tuple(np.split(coefficients[0], cuts)))
 
     count = range(len(ranked))
     allowed = [[together(ranked[i], ranked[j]) for j in count] for i in count]
@@ -539,7 +544,7 @@ def starts_at(
     singles, _ = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: False, 1)
     count = len(fitted.values.own)
     return [
-        (one.leads[0].effect, starts_of(one.leads[0], one.factors[0], count, context.interval))
+        (one.leads[0].effect, starts_of(one.leads[0], one.coefficients[0], count, context.interval))
         for one in singles
     ]
 
@@ -552,7 +557,7 @@ def _cosines(
 ) -> dict[frozenset[str], float]:
     sides = np.zeros((len(gram), len(ranked)))
     for i, single in enumerate(singles):
-        sides[at[i], i] = single.factors[0]
+        sides[at[i], i] = single.coefficients[0]
     inner = sides.T @ gram @ sides
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     cosines = np.abs(inner / np.outer(size, size))

@@ -198,8 +198,8 @@ class Search:
         before: list[dict[str, float]] = []
         for share in SHARES:
             added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
-            for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
-                starts = starts_of(lead, share * factors, len(added), self.context.interval)
+            for lead, coefficients in zip(proposed.leads, proposed.coefficients, strict=True):
+                starts = starts_of(lead, share * coefficients, len(added), self.context.interval)
                 for record, one in zip(added, starts, strict=True):
                     record |= one
             if added == before:  # no lead has an amplitude

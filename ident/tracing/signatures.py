@@ -1,37 +1,40 @@
-"""Signatures: changes of the outputs of a fitted model by a candidate at values of its
-parameters.
+"""Raw signatures of a candidate, before whitening and projection: the change of a fitted model's
+outputs, or its derivative, at the parameter values of each probe.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimate import counted_numerics
+from ident.estimate import overflow_tolerated
 from ident.tracing.fitted_model import FittedModel, compiled_with
 from ident.tracing.priors import prior_of
-from ident.whole_record.alternatives import BaseMotion, alternative_outputs, base_motion
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.record_problem import RecordProblem, record_problem
+from ident.whole_record.trial_outputs import BaseMotion, base_motion, trial_outputs
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.model import System
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-PLACED_SIZE_SHARE = 0.4  # one sigma of the size of a placed event, relative to the size
+# prior sigma of the size of an event that is probed at a fixed size, relative to that size
+EVENT_SIZE_REL_SIGMA = 0.4
 LARGEST_SIGNATURE = 1e6  # largest signature; the simulation of a larger one diverged
 SLOPE_STEP = 1e-4  # step of differences, relative to a parameter's declared size
 COARSE_STEP = 0.025  # s, sub-step that is accurate enough to rank candidates
 
 
-# An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
+# An effect, and for each of its probes the signatures: one array ``(m, N, k)`` for each record,
+# with k columns of the probe.
 CandidateSignatures = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
 
 
 def motions_of(fitted: FittedModel) -> list[BaseMotion]:
-    """Return the motion of the fitted model in each record, from which all candidates are
-    simulated.
+    """Return the motion of the fitted model in each record; candidates are simulated as
+    deviations from it.
     """
     motions, layout = [], fitted.fit.layout
     for r, old in enumerate(layout.problems):
@@ -51,8 +54,8 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
 
 
 def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
-    """Return a record of the fit laid out with the coarse sub-step, its inputs at parameters ``p
-    (np,)``.
+    """Return the problem of one record with a grid of coarse sub-steps. Input effects are applied
+    with the parameters ``p (n_p,)``.
     """
     return record_problem(
         old.record,
@@ -68,11 +71,13 @@ def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray
 def signatures_of(
     fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]
 ) -> list[list[np.ndarray]]:
-    """Return, for each probe, the columns ``(m, N, k)`` of every record."""
+    """Return the signatures ``(m, N, k)``: the outer list has the probes, the inner lists the
+    records.
+    """
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
     layout = fitted.fit.layout
-    columns, where = _alternatives(effect, probes, system.parameters.names)
+    parameter_sets, probe_simulations = _trial_parameters(effect, probes, system.parameters.names)
     blocks: list[list[np.ndarray]] = [[] for _ in probes]
     for r, old in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
@@ -80,10 +85,10 @@ def signatures_of(
         base = np.array([given.get(item.name, item.value) for item in system.parameters])
         for local, value in effect.absent.items():
             base[system.parameters.index(full_name(effect, local))] = value
-        alternatives = np.repeat(base[:, None], len(columns), axis=1)
-        for column, values in enumerate(columns):
+        trials = np.repeat(base[:, None], len(parameter_sets), axis=1)
+        for column, values in enumerate(parameter_sets):
             for name, value in values.items():
-                alternatives[system.parameters.index(name), column] = value
+                trials[system.parameters.index(name), column] = value
         problem = _coarse(old, layout, system, base)
         states = dict(
             zip(layout.system.state_names, fitted.fit.linearisations[r].states, strict=True)
@@ -94,57 +99,79 @@ def signatures_of(
                 for name in system.state_names
             ]
         )
-        # If the fitted model's input path meets another input effect, both are simulated together.
+        # If the fitted model has input effects and the candidate is one, too, the drive changes and
+        # the base motion cannot be reused: None computes it anew.
         motion = (
             None
             if layout.system.input_stages and effect.station is Station.INPUT_PATH
             else motions[r]
         )
-        y, changed = alternative_outputs(
-            problem, base, trajectory, alternatives, len(layout.system.states), motion
+        y, changed = trial_outputs(
+            problem, base, trajectory, trials, len(layout.system.states), motion
         )
-        # a divergent simulation has no signature and is left out
-        with counted_numerics():
-            for number, (first, count, reference, step) in enumerate(where):
+        # Overflows of divergent simulations are silenced here; `_stays_small` discards them later.
+        with overflow_tolerated():
+            for block, (first, size, reference, steps) in zip(
+                blocks, probe_simulations, strict=True
+            ):
                 zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
-                blocks[number].append((changed[:, :, first : first + count] - zero) / step)
+                block.append((changed[:, :, first : first + size] - zero) / steps)
     return blocks
 
 
-def _alternatives(
-    effect: Traceable, probes: Sequence[Probe], names: Sequence[str]
-) -> tuple[list[dict[str, float]], list[tuple[int, int, int, np.ndarray]]]:
-    """Parameter values of every column, and for each probe: its first column, their number, the
-    reference's column (-1: the base), steps.
+class _ProbeSimulations(NamedTuple):
+    """The simulations from which the signatures of one probe are computed.
+
+    Attributes
+    ----------
+    first : index of the first simulation.
+    size : number k of simulations.
+    reference : index of the simulation that is subtracted; -1 is the fitted model.
+    steps : ``(k,)`` step of each difference.
     """
+
+    first: int
+    size: int
+    reference: int
+    steps: np.ndarray
+
+
+def _trial_parameters(
+    effect: Traceable, probes: Sequence[Probe], names: Sequence[str]
+) -> tuple[list[dict[str, float]], list[_ProbeSimulations]]:
+    """Return the parameter values of all simulations, and the simulations of each probe."""
     size = {item.name: abs(item.value) or 1.0 for item in effect.parameters}
-    columns: list[dict[str, float]] = []
-    where = []
+    parameter_sets: list[dict[str, float]] = []
+    probe_simulations = []
     for probe in probes:
         full = {full_name(effect, local): value for local, value in probe.values.items()}
         if not probe.slopes:
-            where.append((len(columns), 1, -1, np.ones(1)))
-            columns.append(full)
+            probe_simulations.append(_ProbeSimulations(len(parameter_sets), 1, -1, np.ones(1)))
+            parameter_sets.append(full)
             continue
         reference = -1
         if any(probe.values.get(local) != value for local, value in effect.absent.items()):
-            reference = len(columns)
-            columns.append(full)
+            reference = len(parameter_sets)
+            parameter_sets.append(full)
         steps = np.array([SLOPE_STEP * size[local] for local in probe.slopes])
-        where.append((len(columns), len(steps), reference, steps))
-        columns += [
+        probe_simulations.append(
+            _ProbeSimulations(len(parameter_sets), len(steps), reference, steps)
+        )
+        parameter_sets += [
             {**full, full_name(effect, local): probe.values[local] + step}
             for local, step in zip(probe.slopes, steps.tolist(), strict=True)
         ]
-    return columns, where
+    return parameter_sets, probe_simulations
 
 
-def factors_prior(
+def coefficient_prior(
     effect: Traceable, probe: Probe, context: SearchContext
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean and sigma ``(k,)`` of the factors of a probe's columns."""
+    """Return the prior mean and sigma ``(k,)`` of the coefficients by which the signatures of a
+    probe are multiplied: each parameter minus its value at the probe, or the size of an event.
+    """
     if not probe.slopes:
-        return np.ones(1), np.full(1, PLACED_SIZE_SHARE)
+        return np.ones(1), np.full(1, EVENT_SIZE_REL_SIGMA)
     items = {item.name: item for item in effect.parameters}
     means, sigmas = [], []
     for local in probe.slopes:
@@ -184,6 +211,8 @@ def candidate_signatures(
 def _stays_small(
     effect: Traceable, probe: Probe, parts: Sequence[np.ndarray], context: SearchContext
 ) -> bool:
-    """Return whether a signature of the usual size of its parameters did not run away."""
-    _, usual = factors_prior(effect, probe, context)
-    return all(np.all(np.abs(part) * usual < LARGEST_SIGNATURE) for part in parts)
+    """Return whether the signatures, each times the prior sigma of its coefficient, are below
+    ``LARGEST_SIGNATURE``.
+    """
+    _, sigma = coefficient_prior(effect, probe, context)
+    return all(np.all(np.abs(part) * sigma < LARGEST_SIGNATURE) for part in parts)

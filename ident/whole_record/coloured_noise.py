@@ -156,38 +156,39 @@ class ColouredNoise:
         return np.moveaxis(self.whitened(r, np.moveaxis(standard, 2, 0)), 0, 2)
 
     def products_at_all_shifts(
-        self, r: int, output: int, columns: np.ndarray, others: np.ndarray
+        self, r: int, output: int, signatures: np.ndarray, fixed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return inner products of whitened columns that are shifted to later times by 0, 1, ... N
-        - 1 samples.
+        """Return inner products of whitened signatures that are shifted to later times by 0, 1,
+        ... N - 1 samples.
 
-        The products of a shifted column with a fixed row are their cross-correlation, computed by
-        Fourier transforms. The products of two shifted columns follow from their products as white
-        noise, and from their coefficients at low frequencies.
+        The products of a shifted signature with a fixed row are their cross-correlation, computed
+        by Fourier transforms. The products of two shifted signatures are those that white noise of
+        the upper level would give, plus a correction for the cosine coefficients of the lower band,
+        whose level differs.
 
         Parameters
         ----------
         r, output : positions of the record and of the output.
-        columns : ``(k, N)`` signatures in the unit of the output, at shift zero.
-        others : ``(c, N)`` whitened cosine transforms of fixed rows of this output.
+        signatures : ``(k, N)`` in the unit of the output, at shift zero; one a row.
+        fixed : ``(c, N)`` whitened cosine transforms that are not shifted; one a row.
 
         Returns
         -------
-        Products ``(N, k, k)`` of the shifted columns with each other, and ``(N, k, c)`` of the
-        shifted columns with the others. The first axis is the shift.
+        Products ``(N, k, k)`` of the shifted signatures with each other, and ``(N, k, c)`` of the
+        shifted signatures with the fixed rows. The first axis is the shift.
         """
         problem, sigma = self.fit.layout.problems[r], math.sqrt(self.fit.variance[output])
-        valid, n = problem.valid[output].astype(float), columns.shape[1]
+        valid, n = problem.valid[output].astype(float), signatures.shape[1]
         length = next_fast_len(2 * n, real=True)
 
         def correlated(rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
             spectrum = rfft(rows, length)[:, None] * np.conj(rfft(moved, length))
             return np.asarray(irfft(spectrum, length)[..., :n])
 
-        in_time = valid * cosine_transform(others * self._scales(r)[output], inverse=True) / sigma
-        with_others = correlated(in_time, columns).transpose(2, 1, 0)
-        k = len(columns)
-        pairs = (columns[:, None] * columns[None]).reshape(k * k, n)
+        in_time = valid * cosine_transform(fixed * self._scales(r)[output], inverse=True) / sigma
+        with_fixed = correlated(in_time, signatures).transpose(2, 1, 0)
+        k = len(signatures)
+        pairs = (signatures[:, None] * signatures[None]).reshape(k * k, n)
         low, high = (1.0 / (self._bands[1][output] * self.fit.variance[output])).tolist()
         squares = high * correlated(valid[None], pairs)[0].reshape(k, k, n)
         low_positions = np.flatnonzero(self._low[r]) if low != high else np.zeros(0, dtype=int)
@@ -195,9 +196,9 @@ class ColouredNoise:
             chosen = low_positions[first : first + _BATCH]
             unit = np.zeros((len(chosen), n))
             unit[np.arange(len(chosen)), chosen] = 1.0
-            inside = correlated(valid * cosine_transform(unit, inverse=True), columns)
+            inside = correlated(valid * cosine_transform(unit, inverse=True), signatures)
             squares += (low - high) * np.einsum("fkn,fln->kln", inside, inside)
-        return squares.transpose(2, 0, 1), with_others
+        return squares.transpose(2, 0, 1), with_fixed
 
     def in_time(self, r: int) -> np.ndarray:
         """Return the whitened residual ``(m, N)`` of record ``r`` over the samples."""

@@ -482,7 +482,7 @@ class Prediction:
             if model == "predicted"
         )
         return (
-            f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: "
+            f"<Prediction of {self.details.record.name} by the {self.details.stored.model} model: "
             f"fit {text or 'left all measure'}>"
         )
 

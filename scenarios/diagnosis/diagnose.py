@@ -56,7 +56,6 @@ from scenarios.files.vehicles import (
     refuse_unknown_model,
     vehicle_next_to,
 )
-from scenarios.kept import DIAGNOSE, KeptModel, KeptReading
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import PILOT
 from scenarios.maneuver_design.setting import DesignRequest
@@ -64,6 +63,7 @@ from scenarios.preparation.declared_model import sub_step
 from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
 from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED, WHOLE, Plan, Request
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
+from scenarios.stored_study import DIAGNOSE, StoredModel, StoredReading
 from sim.declaration.model import Model
 from sim.declaration.proposal import RangedCurve, Traceable, Traits
 from sim.effects.library import effects_for
@@ -146,13 +146,13 @@ class Tracing:
 SPIKES = "sensor-spikes:"  # an effect's name up to the channel
 
 
-def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
+def stored_diagnosis(tracing: Tracing) -> StoredModel | None:
     """Return the final model of a diagnosis; None if its fitted values are unknown."""
     diagnosis, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
     if diagnosis.trained_before is None or diagnosis.trained_after is None:
         return None
     inputs = {signal.name for signal in tracing.model.equations.inputs}
-    reading = KeptReading(
+    reading = StoredReading(
         tracing.records[0].hold.value,
         plan.hold is not None,
         weight=SPEED not in inputs or LIFT in inputs,
@@ -167,7 +167,7 @@ def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
         for name in claimed
         if name.startswith(SPIKES) and name.removeprefix(SPIKES) in inputs
     )
-    return KeptModel(
+    return StoredModel(
         DIAGNOSE,
         vehicle.model,
         vehicle.identity if vehicle.text else None,

@@ -33,7 +33,7 @@ from scenarios.files.user_models import (
     is_own,
     side_at,
 )
-from scenarios.files.vehicles import BESIDE_RECORD, VehicleFile, read_vehicle, vehicle_next_to
+from scenarios.files.vehicles import VEHICLE_FILE_NAME, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, outputs_with_bias
 from scenarios.preparation.filtering import PartedRecord
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
@@ -426,7 +426,7 @@ def vehicle_path_of(request: Request) -> Path | Source | None:
         raise DeclarationError(
             f"the {request.model} model needs constants and starting values",
             where="--vehicle",
-            remedy=f"name a vehicle file, or put {BESIDE_RECORD} beside {record}",
+            remedy=f"name a vehicle file, or put {VEHICLE_FILE_NAME} beside {record}",
         )
     return chosen
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from scenarios.files.declarations import read_toml_source
-from scenarios.files.vehicles import AIRCRAFT, BESIDE_RECORD
-from scenarios.kept import read_kept, vehicle_of_study
+from scenarios.files.vehicles import AIRCRAFT, VEHICLE_FILE_NAME
+from scenarios.stored_study import read_stored_study, vehicle_of_study
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import OnlineForm, full_name
 from sim.declaration.model import System
@@ -45,7 +45,8 @@ class ExportedModel:
     model : name of its equations.
     made_by : command of the study.
     system : compiled model with its values and starting states; SI and radians.
-    aircraft : declaration of a model ``aircraft`` with these values; None for other models.
+    aircraft : declaration of the aircraft with these values, if the equations are those named
+        ``aircraft``; else None.
     remarks : sentences on effects that are written in another form, or left out.
     """
 
@@ -68,17 +69,18 @@ class ExportedModel:
         Parameters
         ----------
         target : word after ``--to``.
-        content : content of the format, as the first words of the error.
+        content : what the format holds, such as ``a JSBSim file holds coefficients``; the error
+            begins with it.
 
         Raises
         ------
-        DeclarationError : the model is no ``aircraft``.
+        DeclarationError : the equations are not those named ``aircraft``.
         """
         if self.aircraft is None:
             raise DeclarationError(
                 f"{content}, and this is a study of the model {self.model}",
                 where=f"--to {target}",
-                remedy="take --to python or fmu, or identify the model aircraft "
+                remedy="use --to python or --to fmu, or repeat the study with --model aircraft "
                 "(flightid structure drafts its vehicle file)",
             )
         return self.aircraft
@@ -103,7 +105,7 @@ def exported(
     model : the model.
     values : parameter -> value; other parameters keep that of the model.
     starts : state -> starting value.
-    aircraft : declaration of a model ``aircraft``.
+    aircraft : declaration of the aircraft, if the equations are those named ``aircraft``.
     made_by : command of the study.
 
     Raises
@@ -123,7 +125,7 @@ def exported(
     try:
         system = compile_model(model)
         if system.input_stages or system.sensor_stages:
-            model, remarks = _without_whole_record_effects(model, system)
+            model, remarks = _without_stateless_path_effects(model, system)
             system = compile_model(model, online=True)
             if any(isinstance(effect, OnlineForm) for effect in model.effects):
                 remarks = ("Lags of inputs and sensors are written as states.", *remarks)
@@ -134,9 +136,9 @@ def exported(
     return ExportedModel(name, model.name, made_by, system, aircraft, remarks)
 
 
-def _without_whole_record_effects(model: Model, system: System) -> tuple[Model, tuple[str, ...]]:
-    """Return a model without the effects on inputs and sensors that have no states, and a sentence
-    that names them with their values.
+def _without_stateless_path_effects(model: Model, system: System) -> tuple[Model, tuple[str, ...]]:
+    """Return a model without the effects on the input and sensor paths that have no states, and a
+    sentence that names these effects with their values.
     """
     acting = {*system.input_stages, *system.sensor_stages}
     omitted = [
@@ -162,12 +164,12 @@ def _without_whole_record_effects(model: Model, system: System) -> tuple[Model, 
 
 
 def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> ExportedModel:
-    """Return the model of a study, or that of a vehicle file of model ``aircraft``.
+    """Return the model of a study, or that of the vehicle file of an ``aircraft``.
 
     Parameters
     ----------
     folder : folder of a study of ``identify``, ``diagnose`` or ``structure``, or a vehicle file.
-    user_model : the user's model of the study, whose file is run; None for other models.
+    user_model : Python file of the user's own model, if the study used one; the file is executed.
 
     Raises
     ------
@@ -175,30 +177,31 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
     """
     from scenarios.preparation.declared_model import model_of_file
 
-    if (folder / "structure.json").is_file() and (folder / BESIDE_RECORD).is_file():
-        folder = folder / BESIDE_RECORD
+    if (folder / "structure.json").is_file() and (folder / VEHICLE_FILE_NAME).is_file():
+        folder = folder / VEHICLE_FILE_NAME
     if folder.is_file() and folder.suffix == ".toml":
         from scenarios.files.aircraft_files import read_aircraft
         from sim.vehicles.aircraft import aircraft_model
 
         aircraft, _ = read_aircraft(read_toml_source(folder))
         return exported(aircraft.name, aircraft_model(aircraft), aircraft=aircraft)
-    file = read_kept(folder)
-    vehicle = vehicle_of_study(file, user_model)
-    stored = file.model()
+    stored_study = read_stored_study(folder)
+    vehicle = vehicle_of_study(stored_study, user_model)
+    stored = stored_study.model()
     model = model_of_file(vehicle)
-    if stored.after.effects:
-        model = model.with_effects(*stored.after.effects)
-    of_first_record = stored.after.own[0] if stored.after.own else {}
+    final = stored.after  # the model with the effects that the study found
+    if final.effects:
+        model = model.with_effects(*final.effects)
+    values_per_record = final.own
     starts = {
         name.removesuffix("(0)"): value
-        for name, value in of_first_record.items()
+        for name, value in (values_per_record[0] if values_per_record else {}).items()
         if name.endswith("(0)")
     }
     declared = None
     if stored.model == AIRCRAFT:
         declared = _aircraft_of(stored.vehicle_text, folder)
-    return exported(vehicle.name, model, stored.after.shared, starts, declared, stored.made_by)
+    return exported(vehicle.name, model, final.shared, starts, declared, stored.made_by)
 
 
 def _aircraft_of(text: str, folder: Path) -> Aircraft:
@@ -350,8 +353,9 @@ class Symbol(NDArrayOperatorsMixin):
         raise _NoFormula("it makes an array of a signal")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        in_place = set(options) <= {"out"}  # a += b, which gives a new symbol here
-        if method != "__call__" or not in_place or ufunc not in _UFUNCS:
+        # The only option allowed is `out`, as of a += b; a new symbol is returned either way.
+        only_out = set(options) <= {"out"}
+        if method != "__call__" or not only_out or ufunc not in _UFUNCS:
             raise _NoFormula(f"it uses numpy.{ufunc.__name__}, for which no formula is written")
         if any(np.ndim(item) for item in inputs if not isinstance(item, Symbol)):
             raise _NoFormula("it joins a signal with an array")
@@ -454,11 +458,11 @@ _SIGNS = {
     "greater": ">",
     "greater_equal": ">=",
 }
-Written = Callable[[Operation, Sequence[str]], str]
+OperationWriter = Callable[[Operation, Sequence[str]], str]
 
 
 def statements(
-    formulas: Formulas, results: Sequence[int], names: Mapping[str, str], special: Written
+    formulas: Formulas, results: Sequence[int], names: Mapping[str, str], special: OperationWriter
 ) -> tuple[list[tuple[str, str]], list[str]]:
     """Return assignments ``(variable, formula)`` in order, and the texts of the results.
 

@@ -44,7 +44,9 @@ MODELS = (
     "multirotor",
     "aircraft",
 )
-BESIDE_RECORD = "vehicle.toml"  # name of a vehicle file that is read from the folder of a record
+VEHICLE_FILE_NAME = (
+    "vehicle.toml"  # name of a vehicle file that is read from the folder of a record
+)
 AIRCRAFT = "aircraft"
 UNCERTAINTY = "uncertainty"
 # Model -> (key at the top of the file, whether a file of this model has it). A file that agrees
@@ -130,7 +132,7 @@ def vehicle_next_to(record: Path | RecordFile) -> Path | None:
     path = path_of(record)
     if path is None:
         return None
-    vehicle_path = path.parent / BESIDE_RECORD
+    vehicle_path = path.parent / VEHICLE_FILE_NAME
     return vehicle_path if vehicle_path.is_file() else None
 
 
@@ -178,7 +180,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
             what,
             where="--vehicle",
             remedy="name a vehicle file or one of the library, or put "
-            f"{BESIDE_RECORD} beside the record",
+            f"{VEHICLE_FILE_NAME} beside the record",
         )
     return vehicle_of(vehicle_source(path, model), model)
 

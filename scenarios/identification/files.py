@@ -43,14 +43,14 @@ from scenarios.identification.report import (
     fits_content,
     identification_page,
     intervals_content,
-    kept_identification,
+    stored_identification,
 )
-from scenarios.kept import write_kept
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
 from scenarios.preparation.recording import record_content
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.summary import levels_content
+from scenarios.stored_study import write_stored_study
 from scenarios.studies.comparison import estimate_content
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError, FlightidError
@@ -247,9 +247,9 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
     found, measured = identified.found, identified.measured
     made = all_simulated([*identified.files, *identified.validation])
     with study_folder(out, MAIN) as scratch:
-        kept = kept_identification(found, identified.plan)
-        if kept is not None:
-            write_kept(scratch, kept)
+        stored = stored_identification(found, identified.plan)
+        if stored is not None:
+            write_stored_study(scratch, stored)
         for fit in found.fits[:1]:
             simulated = {
                 name: row

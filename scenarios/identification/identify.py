@@ -469,7 +469,7 @@ def _identified(
         plan,
         choices,
         files[1],
-        flow=not is_filter_of_low_order and method != FREQUENCY,
+        use_measured_airspeed=not is_filter_of_low_order and method != FREQUENCY,
         attitude=uses_attitude(vehicle, method),
     )
     refuse_unrelated_records(ready.fitted, ready.validation)

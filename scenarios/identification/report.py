@@ -28,7 +28,6 @@ from scenarios.identification.conditions import METHOD as FREQUENCY
 from scenarios.identification.conditions import PATH
 from scenarios.identification.methods import uses_attitude
 from scenarios.identification.model_checks import considered_table
-from scenarios.kept import IDENTIFY, KeptModel, KeptReading
 from scenarios.preparation.plan import LIFT, SPEED, Plan
 from scenarios.preparation.recording import record_lines, record_table
 from scenarios.report.document import (
@@ -85,6 +84,7 @@ from scenarios.report.terminal import (
     show_table,
     tests_table,
 )
+from scenarios.stored_study import IDENTIFY, StoredModel, StoredReading
 from scenarios.studies.published import Row
 from sim.record import extent
 
@@ -324,7 +324,7 @@ def noise_phrase(found: IdentificationResult) -> str:
 # ---- The model of an identification in its study folder
 
 
-def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
+def stored_identification(found: IdentificationResult, plan: Plan) -> StoredModel | None:
     """Return the model of an identification; None if its numbers are not finite."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
     if trained is None or not np.all(
@@ -333,7 +333,7 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
         return None
     by_own_filter = vehicle.model == "loes" and found.method == "ekf"
     measured = set(first.input_names)
-    reading = KeptReading(
+    reading = StoredReading(
         first.hold.value,
         plan.hold is not None,
         weight=SPEED not in measured or LIFT in measured,
@@ -345,7 +345,7 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
     )
     identity = vehicle.identity if vehicle.text else None
     biases = tuple(name.removeprefix("bias_") for name in trained.own[0])
-    return KeptModel(
+    return StoredModel(
         IDENTIFY,
         vehicle.model,
         identity,

@@ -315,7 +315,7 @@ def prepare(
     channels: Mapping[str, ColumnChoice] | None = None,
     validate: Sequence[RecordFile] = (),
     *,
-    flow: bool = True,
+    use_measured_airspeed: bool = True,
     attitude: bool = False,
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
@@ -327,7 +327,7 @@ def prepare(
     files : files to fit; of each the segments of ``plan`` are read.
     channels : channel map; None: that of each file.
     validate : files to predict; of each ``part`` is read.
-    flow : whether a measured airspeed or dynamic pressure is used.
+    use_measured_airspeed : whether a measured airspeed or dynamic pressure is used.
     attitude : whether a measured pitch attitude is used, by effects.
     decided : hold of the inputs and trim lift, if files do not state them; None: those with which
         the declared model fits best.
@@ -349,7 +349,7 @@ def prepare(
     parts = [(file, segment) for file in files for segment in plan.segments]
     parts += [(file, part) for file in validate]
     optional = (
-        *(usable_flow_channels(model) if flow else ()),
+        *(usable_flow_channels(model) if use_measured_airspeed else ()),
         *((ATTITUDE,) if attitude and wants_attitude(model) else ()),
     )
     whole = [

@@ -30,7 +30,7 @@ from scenarios.files.measured.columns import (
     refuse_twice,
 )
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import BESIDE_RECORD, with_plain_terms
+from scenarios.files.vehicles import VEHICLE_FILE_NAME, with_plain_terms
 from scenarios.preparation.declared_model import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
@@ -147,7 +147,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     given = request.vehicle
     if given is None:
         path = first if isinstance(first, Path) else first.path
-        given = path.parent / BESIDE_RECORD
+        given = path.parent / VEHICLE_FILE_NAME
         if not given.is_file():
             raise DeclarationError(
                 "no vehicle file is named", where="--vehicle", remedy="name one of model aircraft"
@@ -246,7 +246,7 @@ def _prepared(
     model = aircraft_model(aircraft)
     signals = (*model.equations.inputs, *model.equations.outputs)
     choices = column_choices(request, {each.name: each.unit for each in signals})
-    ready = prepare(sources, model, request.plan, choices, flow=False)
+    ready = prepare(sources, model, request.plan, choices, use_measured_airspeed=False)
     return ready.measured, ready.notes
 
 

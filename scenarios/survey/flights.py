@@ -543,7 +543,7 @@ def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
     return {"done": True, "sentences": list(finding_lines(result)), "findings": list(names)}
 
 
-def kept_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
+def stored_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
     """Return the stored diagnosis of a flight; None without one, or if its inputs have changed.
 
     Inputs are records, vehicle, model, options and the version of the package.

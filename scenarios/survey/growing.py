@@ -25,7 +25,7 @@ from scenarios.files.sources import json_or_none
 from scenarios.files.user_models import is_model_file
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import Formats
-from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_diagnosis
+from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, stored_diagnosis
 from scenarios.survey.flights import KEPT as KEPT_FILES
 from scenarios.tasks.study import TaskRequest, run_study
 from scenarios.tasks.work import Row, Task
@@ -465,7 +465,7 @@ def survey_files(
     """
     before = last_survey(folder)
     missing = tuple(
-        flight for flight in survey_flights.flights if kept_diagnosis(flight, folder) is None
+        flight for flight in survey_flights.flights if stored_diagnosis(flight, folder) is None
     )
     failed: dict[str, str] = {}
     if missing:
@@ -485,7 +485,7 @@ def survey_files(
             for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
             if error
         }
-    kept = {flight.name: kept_diagnosis(flight, folder) for flight in survey_flights.flights}
+    kept = {flight.name: stored_diagnosis(flight, folder) for flight in survey_flights.flights}
     diagnoses = {name: content for name, content in kept.items() if content is not None}
     for name in kept:
         if name not in diagnoses:

@@ -191,7 +191,7 @@ class Regularity(Enum):
     REGULAR = "regular: the score test holds"
     BOUNDARY = "on the boundary of the parameter space: one-sided test"
     INACTIVE = "without influence until it is large enough: score is zero at absence"
-    UNDEFINED = "a second parameter has no meaning at absence: search over it"
+    UNIDENTIFIED_AT_ABSENCE = "a second parameter has no meaning at absence: search over it"
     CHANGE_POINT = "acts from an unknown time: search over it"
     OUTLIER = "isolated samples"
     PROCESS_NOISE = "random forcing: judged by innovations, not by simulation"
@@ -246,7 +246,7 @@ class InputEffect(Effect, Protocol):
     ``act(edges, u, p)`` takes the means ``u (n_cells, ...)`` of the input over cells with the
     boundaries ``edges (n_cells + 1,)``, s, and returns the means behind the effect.
 
-    The attribute ``rank`` decides its place on the path (see ``in_order``). An effect with
+    The attribute ``path_order`` decides its place on the path (see ``in_order``). An effect with
     ``commutes = True`` only shifts the input in time. With fixed parameters it may therefore act on
     the recorded input, ahead of effects that a filter has as states.
     """
@@ -465,7 +465,7 @@ class Ranked(Protocol):
     """Has a place among the effects of its station, see ``in_order``."""
 
     @property
-    def rank(self) -> int: ...
+    def path_order(self) -> int: ...
 
 
 @runtime_checkable
@@ -514,10 +514,12 @@ def states_read_by(effect: object) -> Sequence[str]:
 def in_order(effects: Sequence[Any]) -> list[Any]:
     """Return the effects of one station in the order in which a signal passes them.
 
-    The order is that of ``rank``, which is 0 for an effect without one. Effects of equal rank keep
-    the order in which they were added.
+    The order is that of ``path_order``, which is 0 for an effect without one. Effects of equal
+    ``path_order`` keep the order in which they were added.
     """
-    return sorted(effects, key=lambda effect: effect.rank if isinstance(effect, Ranked) else 0)
+    return sorted(
+        effects, key=lambda effect: effect.path_order if isinstance(effect, Ranked) else 0
+    )
 
 
 def full_name(effect: Effect, local: str) -> str:

@@ -101,7 +101,11 @@ def sized(
 ) -> Callable[[Signal, str], Traceable]:
     """Return a maker of effects whose size is a share of a large deflection in the input's unit."""
     return lambda signal, label: kind(
-        signal.name, signal.unit, share * large_input(signal.unit), label, has_size(signal.unit)
+        signal.name,
+        signal.unit,
+        share * large_input(signal.unit),
+        label,
+        has_typical_size(signal.unit),
     )
 
 
@@ -121,12 +125,12 @@ def large_input(unit: str) -> float:
     return _LARGE_INPUT.get(unit, 1.0)
 
 
-def has_size(unit: str) -> bool:
+def has_typical_size(unit: str) -> bool:
     """Return whether ``large_input`` knows the unit."""
     return unit in _LARGE_INPUT
 
 
-def has_output_size(unit: str) -> bool:
+def has_typical_output_size(unit: str) -> bool:
     """Return whether ``large_output`` knows the unit."""
     return unit in _LARGE_OUTPUT
 
@@ -399,7 +403,7 @@ class OfChannel:
 class SizedOnInput(OfInput):
     """An effect on an input with one parameter, in the unit of that input.
 
-    A subclass has ``of_peak``, the typical value as a share of the input's peak.
+    A subclass has ``typical_share_of_peak``, the typical value as a share of the input's peak.
 
     Attributes
     ----------
@@ -414,12 +418,16 @@ class SizedOnInput(OfInput):
     label: str = ""
     sized: bool = True
 
-    of_peak: ClassVar[float]
+    typical_share_of_peak: ClassVar[float]
 
     def fitted_to(self, context: SearchContext) -> Self:
         """Return the effect; if it is not ``sized``, with a size from the peak of the record."""
         peak = context.input_peak.get(self.signal, 0.0)
-        return self if self.sized or not peak > 0.0 else replace(self, typical=self.of_peak * peak)
+        return (
+            self
+            if self.sized or not peak > 0.0
+            else replace(self, typical=self.typical_share_of_peak * peak)
+        )
 
 
 # ---- Shared parts of dead band and backlash

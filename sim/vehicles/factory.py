@@ -168,7 +168,7 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     in_equations = {name: unit for name, unit in LOES_DERIVATIVES.items() if name != "delay"}
     model = _model(full, Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, in_equations, noise)
     delay = _checked(data, "delay", LOES_DERIVATIVES["delay"])
-    model = model.with_effects(InputDelay("stick", own_name=True))
+    model = model.with_effects(InputDelay("stick", in_vehicle_model=True))
     items = []
     for item in model.parameters:
         if item.name == "inv_tau":

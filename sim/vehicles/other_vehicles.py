@@ -155,7 +155,7 @@ def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
     """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()
     return (
-        (*lags, *(InputDelay(name, own_name=True, label=name) for name in COMMANDS))
+        (*lags, *(InputDelay(name, in_vehicle_model=True, label=name) for name in COMMANDS))
         if delay
         else lags
     )

@@ -237,7 +237,10 @@ SIM = (
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
         ),
         ("left - 0.5 * travel, left", "left - travel, left"),
-        ("of_peak: ClassVar[float] = 3.0", "of_peak: ClassVar[float] = 1.0"),
+        (
+            "typical_share_of_peak: ClassVar[float] = 3.0",
+            "typical_share_of_peak: ClassVar[float] = 1.0",
+        ),
     ),
     *changes(
         "sim/truth/measurement.py",

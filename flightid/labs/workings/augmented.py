@@ -53,8 +53,12 @@ def changes(
 ) -> tuple[str, ...]:
     """Return the changes of the scenario.
 
-    They are airframe, amplitude (in) and unit (s) of the 3-2-1-1 of the stick, its dead band (in),
-    and telemetry noise.
+    Parameters
+    ----------
+    airframe : a name of ``AIRFRAMES``.
+    amplitude, unit : amplitude (inches) and time unit (s) of the 3-2-1-1 of the stick.
+    dead_band : dead band of the stick, inches.
+    noise : whether there is telemetry noise.
     """
     return (
         f"flight.airframe={AIRFRAMES[airframe]}",
@@ -68,7 +72,8 @@ def changes(
 def vehicle_text(flown: SimulatedLoop) -> str:
     """Return the vehicle file for the identification.
 
-    It has the flight condition, and rounded starting values from Table 1 of the paper.
+    It has the flight condition, and rounded starting values from Table 1 of NASA
+    TM-101722 (``docs/papers.md``).
     """
     from scenarios.x29.declaration import loop_constants
 
@@ -134,7 +139,7 @@ def _identified(flown: SimulatedLoop) -> IdentificationResult:
             model_of_file(vehicle),
             request.plan,
             column_choices(request),
-            flow=True,
+            use_measured_airspeed=True,
         )
         return identify(ready.fitted[0], vehicle, "output-error", (), ready.model)
 
@@ -179,7 +184,9 @@ def numbers(
     noise: bool = True,
     seed: int = 1,
 ) -> dict[str, float]:
-    """Return the numbers of the key for one flight; delays in ms, moments per inch of stick."""
+    """Return the numbers that the answer key of the lab gives for one flight; delays in ms,
+    ``M_delta`` per inch of stick.
+    """
     flight = study(changes(airframe, amplitude, unit, dead_band, noise), seed)
     rows = {row.name: row.estimate for row in flight.found.rows}
     return {

@@ -23,7 +23,7 @@ from ident.tracing.diagnosis import (
     Quantity,
     Verdict,
 )
-from scenarios.diagnosis.diagnose import Tracing, kept_diagnosis
+from scenarios.diagnosis.diagnose import Tracing, stored_diagnosis
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report import tables, text
 from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
@@ -41,7 +41,6 @@ from scenarios.diagnosis.report.wording import (
 )
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import csv_text, study_folder, write_json, write_text
-from scenarios.kept import write_kept
 from scenarios.plots.display import (
     MEASURED_DATA,
     SIMULATED_DATA,
@@ -69,6 +68,7 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import UNDETERMINED, determined
 from scenarios.report.terminal import p_value
+from scenarios.stored_study import write_stored_study
 from sim.declaration.proposal import GUARD
 
 if TYPE_CHECKING:
@@ -515,9 +515,9 @@ def write_diagnosis(
         write_evidence(scratch / "evidence.csv", d.candidates)
         content = diagnosis_content(tracing, created)
         write_page(scratch, dressed(diagnosis_page(tracing, content["warnings"], drawn, created)))
-        kept = kept_diagnosis(tracing)
-        if kept is not None:
-            write_kept(scratch, kept)
+        stored = stored_diagnosis(tracing)
+        if stored is not None:
+            write_stored_study(scratch, stored)
         if tracing.decides is not None:
             from scenarios.maneuver_design.report import write_maneuver
 

@@ -119,7 +119,7 @@ def find_column(
             f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
         )
     default = (units or {}).get(channel, channel_units[channel])
-    inside = inside_unit(channel, channel_units)
+    inside = program_unit(channel, channel_units)
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
@@ -174,8 +174,10 @@ def _in_case_of_channel(
     return cells
 
 
-def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
-    """Return the unit that a channel is converted to; empty for a stick without a unit."""
+def program_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
+    """Return the unit in the program to which a channel is converted; empty for a stick without a
+    unit.
+    """
     return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
 
@@ -189,7 +191,7 @@ def named_otherwise(
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
     return all(
-        _unit_fault(SourceColumn(channel, cell, 0, word, inside_unit(channel)), "") is not None
+        _unit_fault(SourceColumn(channel, cell, 0, word, program_unit(channel)), "") is not None
         for cell, word in words
     )
 

@@ -17,11 +17,11 @@ from scenarios.files.declarations import (
     split_header,
 )
 from scenarios.files.formats.cells import CellTable, Topic, numbers
-from scenarios.files.measured.columns import RecordFile, inside_unit, map_command
+from scenarios.files.measured.columns import RecordFile, map_command, program_unit
 from scenarios.files.measured.expressions import evaluate, is_plain_name, parse
 from scenarios.files.measured.grid import (
+    ChannelRequest,
     Place,
-    Wanted,
     clock_of,
     clock_place,
     merge_topics,
@@ -32,7 +32,8 @@ from scenarios.files.measured.grid import (
 )
 from sim.errors import RecordError
 
-MOST_COMPARED_NAMES = 400  # most names of columns among which the closest one is searched for
+# from this number of column names on, no similar name is searched for
+MAX_NAMES_FOR_SUGGESTION = 400
 
 
 def with_derived(
@@ -80,17 +81,17 @@ def with_derived(
             for name in unmapped
             if _is_unique(name, topics) and (name in inputs or _is_measured(name, topics))
         }
-        wanted = [
-            _wanted(file, topics, name, choice, name in inputs, channel_units)
+        requests = [
+            _request_of(file, topics, name, choice, name in inputs, channel_units)
             for name, choice in {**by_own_name, **chosen}.items()
             if name != TIME
         ]
-        if not wanted and TIME in chosen:
+        if not requests and TIME in chosen:
             single, clock = _topic_with_clock(file, chosen[TIME], channel_units)
             return with_derived(
                 single, {TIME: clock, **absent}, inputs, outputs, channel_units=channel_units
             )
-        if not wanted:
+        if not requests:
             names = shortened_list([topic.name for topic in topics], 8)
             raise RecordError(
                 f"a log of {len(topics)} topics ({names})",
@@ -99,7 +100,7 @@ def with_derived(
                     f"make a channel map with {map_command(file.path)}, and name it with --channels"
                 ),
             )
-        single, new_choices = merge_topics(file, topics, wanted, rate, hold, channel_units)
+        single, new_choices = merge_topics(file, topics, requests, rate, hold, channel_units)
         return single, {**new_choices, **absent}
     computed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not computed:
@@ -121,26 +122,26 @@ def source_columns(
         for name, choice in choices.items()
         if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
-    wanted = [
-        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, CHANNEL_UNITS)
+    requests = [
+        _request_of(file, (Topic("", file.table),), name, choice, name in inputs, CHANNEL_UNITS)
         for name, choice in requested.items()
     ]
-    return tuple(sorted({index for item in wanted for _, index in item.places.values()}))
+    return tuple(sorted({index for item in requests for _, index in item.places.values()}))
 
 
 def _topic_with_clock(
     file: RecordFile, choice: ColumnChoice, channel_units: Mapping[str, str]
 ) -> tuple[RecordFile, ColumnChoice]:
-    """Return a file with the table of the topic whose clock the channel map names, and the entry of
-    this clock for that table.
+    """Return a file with only the topic whose clock the channel map names, and the map's entry for
+    the clock, rewritten without the name of the topic.
 
     Raises
     ------
     RecordError : if the column is missing, or if the entry names columns of several topics.
     """
     where = f"{file.path}, channel {TIME}"
-    wanted = _wanted(file, file.topics, TIME, choice, False, channel_units)
-    numbers_of_topics = {number for number, _ in wanted.places.values()}
+    request = _request_of(file, file.topics, TIME, choice, False, channel_units)
+    numbers_of_topics = {number for number, _ in request.places.values()}
     if len(numbers_of_topics) > 1:
         raise RecordError(
             f"{choice.column!r} names columns of several topics",
@@ -154,7 +155,9 @@ def _topic_with_clock(
 
 
 def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:
-    """Return whether a channel is not simply a column with a name."""
+    """Return whether a channel needs a column of its own in the new table: it is an expression, or
+    a column chosen by number.
+    """
     if isinstance(choice.column, int) or choice.computed:
         return True
     headers = {cell for cell in table.header} | {split_header(cell)[0] for cell in table.header}
@@ -175,15 +178,15 @@ def _is_measured(name: str, topics: Sequence[Topic]) -> bool:
     return bool(np.any(np.isfinite(values) & (values != 0.0)))
 
 
-def _wanted(
+def _request_of(
     file: RecordFile,
     topics: Sequence[Topic],
     channel: str,
     choice: ColumnChoice,
     is_input: bool,
     channel_units: Mapping[str, str],
-) -> Wanted:
-    """Return a channel with its expression and the places of its columns.
+) -> ChannelRequest:
+    """Return the request for a channel: its expression and the places of its columns.
 
     Raises
     ------
@@ -199,7 +202,7 @@ def _wanted(
             what = f"there is no column {choice.column}"
             raise RecordError(what, where=where, remedy=f"the columns are numbered 1 to {width}")
         name = f"#{choice.column}"
-        return Wanted(
+        return ChannelRequest(
             channel, choice, parse(f"`{name}`", where), {name: (0, choice.column - 1)}, is_input
         )
     is_column = bool(_places(choice.column, topics))
@@ -214,7 +217,7 @@ def _wanted(
         raise RecordError(
             f"{choice.column!r} reads no column", where=where, remedy="name at least one column"
         )
-    return Wanted(channel, choice, expression, places, is_input)
+    return ChannelRequest(channel, choice, expression, places, is_input)
 
 
 def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
@@ -271,7 +274,7 @@ def _missing_or_ambiguous(
             where=where,
             remedy="flightid map FILE drafts one",
         )
-    remedy = closest(column, names) if len(names) < MOST_COMPARED_NAMES else "see flightid map"
+    remedy = closest(column, names) if len(names) < MAX_NAMES_FOR_SUGGESTION else "see flightid map"
     return RecordError(f"there is no column {column!r}", where=where, remedy=remedy)
 
 
@@ -290,16 +293,16 @@ def _with_computed_columns(
     units = list(table.units) if table.units else []
     new_choices, notes = dict(choices), list(file.notes)
     for channel, choice in computed.items():
-        wanted = _wanted(file, topics, channel, choice, channel in inputs, channel_units)
+        request = _request_of(file, topics, channel, choice, channel in inputs, channel_units)
         if channel == TIME:
-            if wanted.computed:
-                values = _values(file, wanted, topics, choice.unit)
+            if request.computed:
+                values = _values(file, request, topics, choice.unit)
                 unit = "s" if choice.unit is None else choice.unit
             else:
-                _, index = next(iter(wanted.places.values()))
+                _, index = next(iter(request.places.values()))
                 values, unit = clock_of(table, index, choice.unit).time, "s"
         else:
-            values, unit, note = _values_and_unit(file, wanted, topics, channel_units)
+            values, unit, note = _values_and_unit(file, request, topics, channel_units)
             if note:
                 notes.append(f"{channel}: {note}")
         if choice.delay:
@@ -335,30 +338,33 @@ def _clock_index(table: CellTable, choices: Mapping[str, ColumnChoice]) -> int |
 
 
 def _values_and_unit(
-    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
+    file: RecordFile,
+    request: ChannelRequest,
+    topics: Sequence[Topic],
+    channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """Return the computed values ``(N,)`` of a channel, their unit, and a sentence on a stated unit
-    that is not used.
+    """Return the computed values ``(N,)`` of a channel, their unit, and a note if the unit in the
+    header of the file is overruled; else an empty text.
     """
-    unit, note = unit_of(wanted, topics, channel_units)
-    values = _values(file, wanted, topics, unit)
-    return values, inside_unit(wanted.channel, channel_units) if unit is None else unit, note
+    unit, note = unit_of(request, topics, channel_units)
+    values = _values(file, request, topics, unit)
+    return values, program_unit(request.channel, channel_units) if unit is None else unit, note
 
 
 def _values(
-    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None
+    file: RecordFile, request: ChannelRequest, topics: Sequence[Topic], unit: str | None
 ) -> np.ndarray:
     """Return the values ``(N,)`` of the expression of a channel at the rows of its columns. If
     ``unit`` is None, columns with a stated unit are converted to SI units first.
     """
     columns = {
-        name: topic_numbers(file, topics, place, wanted, si=unit is None)
-        for name, place in wanted.places.items()
+        name: topic_numbers(file, topics, place, request, si=unit is None)
+        for name, place in request.places.items()
     }
-    where = f"{file.path}, channel {wanted.channel}"
+    where = f"{file.path}, channel {request.channel}"
     sizes = {values.size for values in columns.values()}
     if len(sizes) > 1:
         raise RecordError(
             "its columns have different lengths", where=where, remedy="use columns of one table"
         )
-    return with_calibration(evaluate(wanted.expression, columns, where), wanted.choice)
+    return with_calibration(evaluate(request.expression, columns, where), request.choice)

@@ -25,7 +25,7 @@ from scenarios.files.measured.clock import (
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import RecordFile, inside_unit, split_at, suffix_unit
+from scenarios.files.measured.columns import RecordFile, program_unit, split_at, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate
 from scenarios.files.units import QUANTITIES, to_si
 from sim.errors import RecordError
@@ -56,7 +56,7 @@ Place = tuple[int, int]  # numbers of a topic and of a column in it
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class ChannelRequest:
     """A requested channel, which is computed from columns.
 
     Attributes
@@ -166,7 +166,7 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 
 
 def unit_of(
-    wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
+    request: ChannelRequest, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
     """Return the unit of the numbers of a channel, and a note if the unit in the file is not used.
 
@@ -177,10 +177,10 @@ def unit_of(
     ------
     RecordError : if the unit in the header does not measure the channel.
     """
-    if wanted.choice.unit is not None or wanted.computed:
-        return wanted.choice.unit, ""
-    topic, index = next(iter(wanted.places.values()))
-    table, inside = topics[topic].table, inside_unit(wanted.channel, channel_units)
+    if request.choice.unit is not None or request.computed:
+        return request.choice.unit, ""
+    topic, index = next(iter(request.places.values()))
+    table, inside = topics[topic].table, program_unit(request.channel, channel_units)
     stated = stated_unit(table, index)
     if not stated or not inside or measures(stated, inside):
         return stated or inside, ""
@@ -210,7 +210,7 @@ def with_calibration(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
 
 
 def topic_numbers(
-    file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
+    file: RecordFile, topics: Sequence[Topic], place: Place, request: ChannelRequest, *, si: bool
 ) -> np.ndarray:
     """Return the numbers ``(N,)`` of a column that a channel needs. If ``si`` is True and the file
     states a known unit, they are in SI units.
@@ -223,7 +223,7 @@ def topic_numbers(
         raise RecordError(
             f"{text[:LONGEST_SHOWN_CELL]!r} in row {table.rows[row]} is not a number",
             where=where,
-            remedy=f"{wanted.channel} is computed from it",
+            remedy=f"{request.channel} is computed from it",
         )
     unit = stated_unit(table, place[1])
     if not si or not unit or unit in QUANTITIES:
@@ -249,13 +249,13 @@ def without_delay(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndar
 def merge_topics(
     file: RecordFile,
     topics: Sequence[Topic],
-    wanted: Sequence[Wanted],
+    requests: Sequence[ChannelRequest],
     rate: float | None,
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """Return a file with one table of the wanted channels of several topics, and the channel map of
-    this table.
+    """Return a file with one table of the requested channels of several topics, and the channel
+    map of this table.
 
     Parameters
     ----------
@@ -264,11 +264,11 @@ def merge_topics(
         holds inputs that move in steps.
     channel_units : SI unit of every known channel.
     """
-    used = sorted({place[0] for channel in wanted for place in channel.places.values()})
+    used = sorted({place[0] for channel in requests for place in channel.places.values()})
     clocks = topic_clocks(file, topics, used)
     with_outputs = [
         topic
-        for channel in wanted
+        for channel in requests
         if not channel.is_input
         for topic in {place[0] for place in channel.places.values()}
     ]
@@ -276,7 +276,7 @@ def merge_topics(
     notes = [grid_note, *unread_topics(topics, used)]
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
-    for channel in wanted:
+    for channel in requests:
         values, unit, note = on_grid(file, topics, clocks, channel, grid, step, hold, channel_units)
         header.append(channel.channel)
         columns.append(values)
@@ -402,7 +402,7 @@ def on_grid(
     file: RecordFile,
     topics: Sequence[Topic],
     clocks: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    wanted: Wanted,
+    request: ChannelRequest,
     grid: np.ndarray,
     step: float,
     hold: str | None,
@@ -411,29 +411,29 @@ def on_grid(
     """Return the values of a channel at the times of the grid, NaN where an output has no sample;
     their unit; and a text on the resampling.
     """
-    unit, unused_unit = unit_of(wanted, topics, channel_units)
+    unit, unused_unit = unit_of(request, topics, channel_units)
     resampled: dict[str, np.ndarray] = {}
     longest_interval = 0.0
     notes: list[str] = [unused_unit] if unused_unit else []
-    for name, place in wanted.places.items():
+    for name, place in request.places.items():
         time, rows = clocks[place[0]]
-        values = topic_numbers(file, topics, place, wanted, si=unit is None)[rows]
+        values = topic_numbers(file, topics, place, request, si=unit is None)[rows]
         resampled[name], interval, sentence = _resampled(
-            time, values, grid + wanted.choice.delay, step, wanted, hold
+            time, values, grid + request.choice.delay, step, request, hold
         )
         longest_interval = max(longest_interval, interval)
         if sentence:
             notes.append(sentence)
-    where = f"{file.path}, channel {wanted.channel}"
-    values = with_calibration(evaluate(wanted.expression, resampled, where), wanted.choice)
-    if not wanted.is_input and longest_interval > SAME_RATE * step:
-        values = np.where(_nearest_to_samples(clocks, wanted, grid), values, np.nan)
+    where = f"{file.path}, channel {request.channel}"
+    values = with_calibration(evaluate(request.expression, resampled, where), request.choice)
+    if not request.is_input and longest_interval > SAME_RATE * step:
+        values = np.where(_nearest_to_samples(clocks, request, grid), values, np.nan)
         notes.append(
             f"its own samples come every {longest_interval:.3g} s, the grid's every {step:.3g} s: "
             "it has samples only where it was measured"
         )
     if unit is None:
-        unit = inside_unit(wanted.channel, channel_units)
+        unit = program_unit(request.channel, channel_units)
     return values, unit, "; ".join(dict.fromkeys(notes))
 
 
@@ -442,7 +442,7 @@ def _resampled(
     values: np.ndarray,
     grid: np.ndarray,
     step: float,
-    wanted: Wanted,
+    request: ChannelRequest,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
     """Return the values of a column at the times of the grid; its sampling interval, s; and a
@@ -462,9 +462,9 @@ def _resampled(
         smooth = _smoothed(time, values, interval, step)
         return np.interp(grid, time, smooth), interval, sentence
     linear = np.interp(grid, time, values)
-    if not wanted.is_input or interval <= SAME_RATE * step:
+    if not request.is_input or interval <= SAME_RATE * step:
         return linear, interval, ""
-    chosen = wanted.choice.hold or hold or ("previous" if moves_in_steps(values) else "linear")
+    chosen = request.choice.hold or hold or ("previous" if moves_in_steps(values) else "linear")
     sentence = (
         f"its own samples come every {interval:.3g} s and are "
         f"{'held' if chosen == 'previous' else 'joined by lines'} between them"
@@ -500,13 +500,13 @@ def _smoothed(time: np.ndarray, values: np.ndarray, interval: float, step: float
 
 
 def _nearest_to_samples(
-    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray
+    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], request: ChannelRequest, grid: np.ndarray
 ) -> np.ndarray:
     """Return whether each time of the grid is nearest to a sample of the slowest topic of a
     channel.
     """
     slowest = max(
-        {place[0] for place in wanted.places.values()},
+        {place[0] for place in request.places.values()},
         key=lambda n: float(np.median(np.diff(clocks[n][0]))),
     )
     time = clocks[slowest][0]

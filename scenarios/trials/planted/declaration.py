@@ -76,7 +76,7 @@ class DragBucket:
         Parameter("width", 0.05, "rad", bounds=(1e-6, 10.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("drag-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
@@ -140,7 +140,7 @@ class PeriodicMoment:
         Parameter("frequency", 5.0, "rad/s"),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
@@ -170,7 +170,7 @@ class TanhMoment:
         Parameter("width", 0.04, "rad", bounds=(1e-6, 10.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"loss": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("moment-nonlinearity",)
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (

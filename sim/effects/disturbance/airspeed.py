@@ -21,8 +21,9 @@ PLAUSIBLE = {  # Plausible ranges: three to five sigmas of the prior.
     "speed_damping": (-0.03, 0.05),
     "induced_drag": (-15.0, 25.0),
 }
-# Attitude, rad, above which a phugoid is a change of airspeed: 0.1 m/s2.
-EVEN_CHANGE = 0.01
+# Attitude, rad, above which a claimed phugoid also counts as the effect speed-variation: its
+# deceleration g attitude is then 0.1 m/s2.
+LEAST_ATTITUDE_OF_SPEED_CHANGE = 0.01
 # Trial attitudes, rad; few suffice, since the speed is almost linear in the attitude.
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
 
@@ -34,11 +35,13 @@ class Phugoid:
 
     Signals are perturbations about level flight at the declared airspeed. The lift that carries the
     weight follows the dynamic pressure (``weight_lift``): to first order alpha_dot gains -(2
-    g0/V^2) u and nz gains 2 u/V. The moment of the engines does not follow it, so that the moment
-    that balances it does: Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V. All
-    other loads are proportional to (1 + u/V)^2. A record begins at u = 0. ``attitude`` (rad, nose
-    up) is theta relative to level flight there; each record has its own. A steady deceleration has
-    the effect of an attitude: u_dot = -gravity attitude. With ``gravity`` = 0 the effect is absent.
+    g0/V^2) u and nz gains 2 u/V. The moment of the engines stays constant, while the aerodynamic
+    moment that balances it at trim is proportional to the dynamic pressure. The difference adds
+    ``trim_moment`` (1 - qbar_0/qbar) to Cm, near 2 trim_moment u/V. All other loads are
+    proportional to (1 + u/V)^2. A record begins at u = 0. ``attitude`` (rad, nose up) is theta at
+    the beginning of the record, minus theta in level flight; each record has its own value. A
+    steady deceleration has the effect of an attitude: u_dot = -gravity attitude. With ``gravity`` =
+    0 the effect is absent.
 
     ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong
     to the aircraft. Their priors are those of usual aircraft: D/m changes with the speed by 2 g0
@@ -49,8 +52,9 @@ class Phugoid:
     ----------
     attitude_recorded : whether the pitch attitude is an input of the equations, ``theta`` (rad,
         minus its value at the record's begin), and no state.
-    speed_recorded : whether the airspeed is an input, too, with the lift that carries the weight;
-        then only the trim moment is a parameter.
+    speed_recorded : whether the airspeed is an input, too. The effect of the airspeed on the lift
+        that carries the weight is then in the model already, and only ``trim_moment`` is a
+        parameter.
     """
 
     attitude_recorded: bool = False
@@ -60,7 +64,8 @@ class Phugoid:
     station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("airspeed_change", "lift", "moment")
     needs_constants: ClassVar[tuple[str, ...]] = ("mass", "wing_area", "chord", "airspeed")
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
+    # effects that usual records do not distinguish from this one
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
     explanation: ClassVar[str] = (
         "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot "
@@ -71,9 +76,10 @@ class Phugoid:
         "and all other loads and dampings go with the speed. The moment of the engines does not "
         "fall, and turns the aircraft where it was balanced by the air. A model at constant speed "
         "leaves all this out, and a slow drift of the accelerometer or of the vane, a jump of a "
-        "derivative or a load that nobody measured will imitate it. Any real aircraft has it, "
-        "whatever else is wrong with the model, so it is offered before them. A recorded airspeed "
-        "takes its place, a recorded pitch attitude that of its second state."
+        "derivative or a load that nobody measured will imitate it. Every real aircraft has "
+        "a phugoid, so the search offers it before those effects. If the airspeed is recorded, the "
+        "record replaces the phugoid, except for its moment; if only the pitch attitude is "
+        "recorded, the record replaces the state theta."
     )
 
     @property
@@ -82,15 +88,17 @@ class Phugoid:
             sentences=(
                 "the aircraft exchanges speed and height (phugoid) and loses speed as in a climb "
                 "of {attitude}, by its flight path or by drag beyond that of trim",
-                "with the airspeed the moment changes that balances the engines, a coefficient of "
-                "{trim_moment} in trim",
+                "the aerodynamic moment that balances the engines changes with the airspeed; at "
+                "trim its coefficient is {trim_moment}",
             ),
             short_name="phugoid",
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
             plausible={"trim_moment": PLAUSIBLE["trim_moment"]}
             if self.speed_recorded
             else {"attitude": (-STEEPEST_FLIGHT_PATH, STEEPEST_FLIGHT_PATH), **PLAUSIBLE},
-            same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
+            same_as={}
+            if self.speed_recorded
+            else {"attitude": ("speed-variation", LEAST_ATTITUDE_OF_SPEED_CHANGE)},
             never_beside=("speed-variation",),
             per_record=not self.speed_recorded,
             of_aircraft=()
@@ -151,7 +159,8 @@ class Phugoid:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe flight paths up and down, with the slope by the attitude.
+        """Probe climbs and descents of several attitudes. At each, the signature is the derivative
+        of the outputs with respect to the attitude.
 
         The attitude zero is a probe, too, since level flight also exchanges speed and height.
         """
@@ -173,8 +182,8 @@ class SpeedVariation:
     ----------
     begin : time at which the airspeed is V, s.
     weight : whether the lift that carries the weight follows the airspeed (`sim.effects.loads`),
-        with surfaces and attitude as trimmed at V. Otherwise the aircraft is trimmed at every
-        speed, without a trace in the record.
+        with surfaces and attitude as trimmed at V. Otherwise something that is not recorded
+        keeps the aircraft in trim at every speed, so that the lift does not change.
     """
 
     begin: float = 0.0

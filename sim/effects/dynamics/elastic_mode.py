@@ -84,7 +84,7 @@ class ElasticMode:
     angle_std: float = math.inf
 
     station: ClassVar[Station] = Station.DYNAMICS
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     bends: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator "

@@ -203,7 +203,7 @@ class FlowSeparation:
     name: ClassVar[str] = "flow-separation"
     station: ClassVar[Station] = Station.DYNAMICS
     rates_read: ClassVar[tuple[str, ...]] = ("alpha",)
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("moment-nonlinearity", "lift-nonlinearity")
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("separated_flow", "1", "share of the chord behind the point of separation"),

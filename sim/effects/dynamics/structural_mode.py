@@ -48,7 +48,7 @@ class StructuralMode:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0}
     )
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     needs_priors: ClassVar[bool] = True
     explanation: ClassVar[str] = (

@@ -297,7 +297,7 @@ class Hysteresis(SizedOnPorts):
 
     name: ClassVar[str] = "guard:hysteresis"
     station: ClassVar[Station] = Station.DYNAMICS
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("memory", "1", "which way the motion went last, -1 to 1"),

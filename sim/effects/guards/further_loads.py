@@ -64,7 +64,7 @@ class LaggedLoads(SizedOnPorts):
     of: str = ""
 
     station: ClassVar[Station] = Station.DYNAMICS
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     traits: ClassVar[Traits] = Traits(guard=True)
 
     @property
@@ -207,7 +207,7 @@ class PeriodicLoads:
     label: str = ""
 
     station: ClassVar[Station] = Station.DYNAMICS
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)

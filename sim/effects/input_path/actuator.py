@@ -27,7 +27,7 @@ from sim.effects.instances import (
     SizedOnInput,
     all_labelled,
     for_inputs,
-    has_size,
+    has_typical_size,
     sized,
 )
 from sim.maths import (
@@ -42,7 +42,9 @@ from sim.maths import (
     where,
 )
 
-LONGEST_LAG = 5.0  # s, longest lag of an engine or valve, which has no surface
+# s, longest plausible lag for an input that is not a surface deflection, such as an engine or a
+# valve
+LONGEST_LAG = 5.0
 # s, usual lag of engines: longer for turbofans near idle, shorter for propellers
 USUAL_OF_ENGINES = 1.0
 
@@ -51,18 +53,19 @@ USUAL_OF_ENGINES = 1.0
 class ActuatorLag(OfInput):
     """First-order lag: the surface y follows the recorded command u, y_dot = (u - y)/time_constant.
 
-    At the start y = u. ``time_constant`` is in s, not negative; at zero y = u. The state form is
-    stiff for a lag much shorter than the step. With ``own_name`` the lag belongs to the vehicle's
-    model: ``own_name`` is the full name of its parameter, which lags of other inputs may share.
+    At the start y = u. ``time_constant`` is in s, not negative; at zero y = u. As a differential
+    equation in a filter (``rates``) it is stiff for a lag much shorter than the step.
+    ``model_parameter`` is for a lag that a vehicle model declares itself: the full name of the time
+    constant there. Several inputs may have the same one.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     label: str = ""
-    own_name: str = ""
+    model_parameter: str = ""
 
     family: ClassVar[str] = "actuator-lag"
-    rank: ClassVar[int] = 40
+    path_order: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),
     )
@@ -70,11 +73,11 @@ class ActuatorLag(OfInput):
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A "
-        "step arrives as an exponential, through two thirds after one time constant, a slow input "
-        "merely late by that time, a fast one late and too small. A servo valve or a command "
-        "filter does this. A slow record cannot tell it from a pure delay of the same length; "
-        "steps sampled fast can, since a delay lets them pass as steps. Large and small steps take "
-        "the same time, unlike with a rate limit."
+        "step arrives as an exponential that has covered two thirds of the way after one time "
+        "constant. A slow input is only late by the time constant; a fast one is late and too "
+        "small. A servo valve or a command filter does this. A slow record cannot tell it "
+        "from a pure delay of the same length; steps sampled fast can, since a delay lets them "
+        "pass as steps. Large and small steps take the same time, unlike with a rate limit."
     )
 
     @property
@@ -92,19 +95,20 @@ class ActuatorLag(OfInput):
                     "loses amplitude there, a delay does not"
                 )
             },
-            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else LONGEST_LAG)},
-            usual={} if has_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
+            plausible={"time_constant": (0.0, 0.5 if has_typical_size(self.unit) else LONGEST_LAG)},
+            usual={} if has_typical_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
+            # other forms of the same fault, of which only one is claimed
             twins=all_labelled(("actuator-second-order",), self.label),
         )
 
     @property
     def shared(self) -> bool:
         """Whether lags of other inputs may have the same parameter."""
-        return bool(self.own_name)
+        return bool(self.model_parameter)
 
     def rename(self, local: str) -> str:
         """Return the full name of a parameter, whose name in the effect is ``local``."""
-        return self.own_name or f"{self.name}.{local}"
+        return self.model_parameter or f"{self.name}.{local}"
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
@@ -131,7 +135,8 @@ class ActuatorLag(OfInput):
 
 
 def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
-    # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+    # At lag 0, E = 0. The lag may carry an imaginary step; the factor T/h keeps it, so that the
+    # one-sided derivative is right.
     reached = -np.expm1(-h / lag) if lag.real > 0 else np.ones_like(h)
     y = linear_recurrence(1.0 - reached, reached * u, u[0])
     return u - (u - y[:-1]) * (lag / h * reached)
@@ -142,7 +147,6 @@ MOST_DAMPED = 3.0  # largest damping: the poles then differ 34-fold, and any rec
 SERVO_DAMPING = 0.7  # damping of a well-made servo
 # Trial values, rad/s, so close that a fit reaches all frequencies from one of them.
 FREQUENCIES = (45.0, 15.0)
-SERIES_ANGLE = 1e-3  # largest squared angle for which four terms of a series are exact to rounding
 
 
 @dataclass(frozen=True)
@@ -162,13 +166,13 @@ class ActuatorSecondOrder(OfInput):
     label: str = ""
 
     family: ClassVar[str] = "actuator-second-order"
-    rank: ClassVar[int] = 40
+    path_order: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", 20.0, "rad/s", bounds=(0.5, UNLIMITED)),
         Parameter("damping", 0.5, "1", bounds=(0.02, MOST_DAMPED)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     explanation: ClassVar[str] = (
         "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping "
         "frequency d_dot for a command u. A step arrives rounded at its beginning and, with little "
@@ -199,7 +203,7 @@ class ActuatorSecondOrder(OfInput):
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
             oscillates=("frequency",),
             plausible={
-                "frequency": (3.0 if has_size(self.unit) else 0.3, 200.0),
+                "frequency": (3.0 if has_typical_size(self.unit) else 0.3, 200.0),
                 "damping": (0.1, MOST_DAMPED),
             },
         )
@@ -266,6 +270,10 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     return np.asarray(u - bracket / (frequency * frequency * h))
 
 
+# largest |r^2| in `_transition` for which four terms of the series are exact to rounding
+SERIES_LIMIT = 1e-3
+
+
 def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     """Return the transition matrices ``(2, 2, n)`` over cells of lengths ``h``, exact for any
     damping.
@@ -274,9 +282,9 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     h^2 the elements contain exp(-damping frequency h) times cosh r and sinh(r)/r.
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
-    near = np.abs(square) < SERIES_ANGLE
+    near = np.abs(square) < SERIES_LIMIT
     # Both are even in r. Near zero, where the root has no derivative, a series is used.
-    r = sqrt(np.where(near, SERIES_ANGLE, square).astype(complex))
+    r = sqrt(np.where(near, SERIES_LIMIT, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
     C = np.where(
@@ -301,7 +309,9 @@ DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder()
 
 
 def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
+    """Return `ActuatorLag` and `ActuatorSecondOrder` for each input that ``VARIANTS`` does not
+    cover.
+    """
     return for_inputs(
         equations,
         lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
@@ -316,7 +326,9 @@ HALF_AND_TWICE = (
     "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
     "than small ones"
 )
-_LONG = 16  # cells during which the surface lags on one side, after which many are computed at once
+# If the surface stays behind the command on the same side for so many cells, further cells are
+# computed in batches.
+_CELLS_BEFORE_BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -325,15 +337,15 @@ class ActuatorRateLimit(SizedOnInput):
     per second.
 
     At ``UNLIMITED_RATE`` the effect is absent. The surface starts at the first recorded value. Its
-    speed is no smooth function of its position, so that the effect has no state form; a filter can
-    use it with a fixed rate only.
+    speed is no smooth function of its position, so that it has no differential equation for a
+    filter (``rates``); a filter can use it with a fixed rate only.
     """
 
     typical: float = 0.3
 
     family: ClassVar[str] = "actuator-rate-limit"
-    of_peak: ClassVar[float] = 3.0
-    rank: ClassVar[int] = 50
+    typical_share_of_peak: ClassVar[float] = 3.0
+    path_order: ClassVar[int] = 50
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
@@ -380,7 +392,7 @@ class ActuatorRateLimit(SizedOnInput):
 
         While the command is constant, the distance from it falls from d to max(d - rate h, 0) over
         a cell of length h. Its mean is d - rate h/2, or d^2/(2 rate h) if the surface arrives
-        within the cell. The loop only runs while the surface lags.
+        within the cell.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda u, rate: _limited(edges, u, rate), u, p.rate)
@@ -389,16 +401,15 @@ class ActuatorRateLimit(SizedOnInput):
 def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
     if rate.real >= UNLIMITED_RATE:
         return u
-    starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
-    begin = edges[starts]
-    start = _distances(u[starts], rate * np.diff(begin, append=edges[-1]))
-    count = np.diff(starts, append=len(u))
-    left = maximum(
-        np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0
-    )
+    changed_at = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
+    change_times = edges[changed_at]
+    initial_distances = _distances(u[changed_at], rate * np.diff(change_times, append=edges[-1]))
+    count = np.diff(changed_at, append=len(u))
+    since_change = edges[:-1] - np.repeat(change_times, count)
+    left = maximum(np.repeat(absolute(initial_distances), count) - rate * since_change, 0.0)
     travel = rate * np.diff(edges)
     mean = np.where(left.real >= travel.real, left - 0.5 * travel, left * left / (2.0 * travel))
-    return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
+    return u + np.repeat(np.where(initial_distances.real < 0, -1.0, 1.0), count) * mean
 
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
@@ -419,7 +430,7 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
         while done < last and abs(distance.real) > most_real(done):
             if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
                 first_behind, side = done, now
-            if done - first_behind == _LONG:
+            if done - first_behind == _CELLS_BEFORE_BATCH:
                 path = _lagging_run(commands, ways, done, distance, side)
                 distances[done + 1 : done + 1 + len(path)] = path
                 done, distance, first_behind = done + len(path), path[-1].item(), done + len(path)
@@ -433,11 +444,12 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _lagging_run(
     commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
 ) -> np.ndarray:
-    """Return the distances after cells from ``start`` on, of a surface that lags on one side.
+    """Return the distance at the end of each cell, from cell ``start`` on, as long as the surface
+    stays on one side of the command.
 
-    They end with the cell in which the surface arrives; there is one at least.
+    The last one is that of the cell in which the surface arrives; there is at least one.
     """
-    length, last = 2 * _LONG, len(commands) - 1
+    length, last = 2 * _CELLS_BEFORE_BATCH, len(commands) - 1
     while True:
         stop = min(start + length, last)
         path = distance + np.cumsum(
@@ -457,14 +469,14 @@ class ActuatorSaturation(SizedOnInput):
     """Travel limit: the vehicle's input is max(-limit, min(u, limit)), on both sides of trim.
 
     ``limit`` is in the unit of the input; at ``UNLIMITED_TRAVEL`` the effect is absent. The effect
-    has no memory, so that its state form has no states.
+    has no memory, so that it has no states in a filter.
     """
 
     typical: float = 0.05
 
     family: ClassVar[str] = "actuator-saturation"
-    of_peak: ClassVar[float] = 0.5
-    rank: ClassVar[int] = 60
+    typical_share_of_peak: ClassVar[float] = 0.5
+    path_order: ClassVar[int] = 60
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED_TRAVEL})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     online_states: ClassVar[tuple[Signal, ...]] = ()
@@ -524,7 +536,9 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 
 
 def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the effects of this file for each input that ``VARIANTS`` does not cover."""
+    """Return `ActuatorRateLimit` and `ActuatorSaturation` for each input that ``VARIANTS`` does not
+    cover.
+    """
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 
@@ -532,5 +546,5 @@ VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """Return all four effects for each input that ``VARIANTS`` does not cover."""
     return (*dynamics_made_for(equations), *limits_made_for(equations))

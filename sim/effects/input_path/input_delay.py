@@ -26,17 +26,17 @@ class InputDelay(OfInput):
     ``delay`` is in s, not negative. Before the begin of the record the first value holds. A delay
     has no state form of finite order, so that filters need a fixed delay. It commutes with effects
     that do not depend on time, and acts last on the input path: dead band and rate limit would not
-    be smooth in the delay of a step within a cell. With ``own_name`` the delay belongs to the
-    vehicle's model (the low-order equivalent system, a multirotor): the full name of its parameter
-    is ``delay``, which delays of other inputs share.
+    be smooth in the delay of a step within a cell. With ``in_vehicle_model`` the delay belongs to
+    the vehicle's model (the low-order equivalent system, a multirotor): the full name of its
+    parameter is ``delay``, and delays of other inputs have the same parameter.
     """
 
     signal: str = "elevator"
-    own_name: bool = False
+    in_vehicle_model: bool = False
     label: str = ""
 
     family: ClassVar[str] = "input-delay"
-    rank: ClassVar[int] = 90
+    path_order: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
@@ -67,11 +67,11 @@ class InputDelay(OfInput):
     @property
     def shared(self) -> bool:
         """Whether delays of other inputs may have the same parameter."""
-        return self.own_name
+        return self.in_vehicle_model
 
     def rename(self, local: str) -> str:
         """Return the full name of a parameter, whose name in the effect is ``local``."""
-        return local if self.own_name else f"{self.name}.{local}"
+        return local if self.in_vehicle_model else f"{self.name}.{local}"
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"delay": time}) for time in delays_to_try(context)]
@@ -100,7 +100,7 @@ class RecordedInputDelay(OfInput):
     label: str = ""
 
     family: ClassVar[str] = "input-recorded-late"
-    rank: ClassVar[int] = 90
+    path_order: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     anticipates: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (

@@ -39,8 +39,8 @@ class InputBacklash(SizedOnInput):
     typical: float = 0.005
 
     family: ClassVar[str] = "input-backlash"
-    of_peak: ClassVar[float] = 0.05
-    rank: ClassVar[int] = 30
+    typical_share_of_peak: ClassVar[float] = 0.05
+    path_order: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
@@ -97,8 +97,8 @@ class InputDeadband(SizedOnInput):
     typical: float = 0.01
 
     family: ClassVar[str] = "input-deadband"
-    of_peak: ClassVar[float] = 0.1
-    rank: ClassVar[int] = 20
+    typical_share_of_peak: ClassVar[float] = 0.1
+    path_order: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     online_states: ClassVar[tuple[Signal, ...]] = ()

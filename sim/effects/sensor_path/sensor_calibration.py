@@ -19,7 +19,7 @@ from sim.effects.instances import (
     OfChannel,
     for_outputs,
     further_outputs,
-    has_output_size,
+    has_typical_output_size,
     large_output,
     per,
     per_square,
@@ -60,7 +60,7 @@ class SensorScale(OfChannel):
     channel: str
 
     family: ClassVar[str] = "sensor-scale"
-    rank: ClassVar[int] = 10
+    path_order: ClassVar[int] = 10
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),
     )
@@ -151,7 +151,7 @@ class SensorCurve(OfChannel):
     bends: tuple[str, ...] = ("curvature",)
 
     family: ClassVar[str] = "sensor-curve"
-    rank: ClassVar[int] = 5
+    path_order: ClassVar[int] = 5
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
         "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y "
@@ -297,7 +297,7 @@ class SensorDrift(OfChannel):
     settles: bool = False
 
     family: ClassVar[str] = "sensor-drift"
-    rank: ClassVar[int] = 20
+    path_order: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
@@ -400,7 +400,7 @@ class SensorStep(OfChannel):
     sized: bool = True
 
     family: ClassVar[str] = "sensor-step"
-    rank: ClassVar[int] = 20
+    path_order: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
@@ -464,10 +464,10 @@ def zero_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return for_outputs(
         equations,
         lambda s: SensorDrift(
-            s.name, s.unit, 0.0025 * large_output(s.unit), sized=has_output_size(s.unit)
+            s.name, s.unit, 0.0025 * large_output(s.unit), sized=has_typical_output_size(s.unit)
         ),
         lambda s: SensorStep(
-            s.name, s.unit, 0.05 * large_output(s.unit), sized=has_output_size(s.unit)
+            s.name, s.unit, 0.05 * large_output(s.unit), sized=has_typical_output_size(s.unit)
         ),
     )
 

@@ -238,7 +238,7 @@ class SensorCoupling:
     name: ClassVar[str] = "sensor-coupling:q"
     channel: ClassVar[str] = "q"
     outputs_read: ClassVar[tuple[str, ...]] = ("nz",)
-    rank: ClassVar[int] = -10
+    path_order: ClassVar[int] = -10
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("gain", 0.02, "rad/s/g"),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gain": 0.0})
@@ -282,7 +282,7 @@ class TurnedGyro(OfChannel):
     channel: str
     other: str
 
-    rank: ClassVar[int] = -10
+    path_order: ClassVar[int] = -10
     family: ClassVar[str] = "sensor-coupling"
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("share", 0.05, "1"),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"share": 0.0})

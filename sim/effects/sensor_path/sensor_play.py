@@ -45,7 +45,7 @@ class SensorBacklash(OfChannel):
     typical: float = 0.005
 
     family: ClassVar[str] = "sensor-backlash"
-    rank: ClassVar[int] = 8
+    path_order: ClassVar[int] = 8
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
@@ -118,7 +118,7 @@ class SensorDeadband(OfChannel):
     typical: float = 0.01
 
     family: ClassVar[str] = "sensor-deadband"
-    rank: ClassVar[int] = 6
+    path_order: ClassVar[int] = 6
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (

@@ -129,7 +129,7 @@ class SensorSpikes(_Spikes):
     typical: float
     bursts: Bursts = Bursts()
 
-    rank: ClassVar[int] = 90
+    path_order: ClassVar[int] = 90
 
     @property
     def wrong(self) -> str:
@@ -164,7 +164,7 @@ class InputSpikes(_Spikes):
     typical: float = 0.1
     bursts: Bursts = Bursts()
 
-    rank: ClassVar[int] = -10
+    path_order: ClassVar[int] = -10
 
     @property
     def wrong(self) -> str:

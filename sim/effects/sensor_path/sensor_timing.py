@@ -35,7 +35,7 @@ class SensorDelay(OfChannel):
     channel: str
 
     family: ClassVar[str] = "sensor-delay"
-    rank: ClassVar[int] = 20
+    path_order: ClassVar[int] = 20
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
     )
@@ -104,7 +104,7 @@ class SensorLag(OfChannel):
     channel: str
 
     family: ClassVar[str] = "sensor-lag"
-    rank: ClassVar[int] = 10
+    path_order: ClassVar[int] = 10
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),
     )
@@ -233,7 +233,7 @@ class SensorHold(OfChannel):
     interval: float = 0.02
 
     family: ClassVar[str] = "sensor-hold"
-    rank: ClassVar[int] = 30
+    path_order: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (

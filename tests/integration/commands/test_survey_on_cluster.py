@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import flightid as fid
-from scenarios.survey.flights import Diagnoses, kept_diagnosis, read_flights
+from scenarios.survey.flights import Diagnoses, read_flights, stored_diagnosis
 from scenarios.survey.growing import run_flights, sent
 from sim.errors import FlightidError
 from tests.integration.command_line import CommandLine
@@ -91,7 +91,7 @@ def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) 
     )
     # so that the next survey leaves them as they are
     assert [
-        flight.name for flight in asked.flights if kept_diagnosis(flight, Path("morning"))
+        flight.name for flight in asked.flights if stored_diagnosis(flight, Path("morning"))
     ] == kept
 
 

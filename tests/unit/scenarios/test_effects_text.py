@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.kept import effect_content, effect_of
+from scenarios.stored_study import effect_content, effect_of
 from sim.declaration.proposal import Refinable
 from sim.effects.library import catch_all_terms_for, effects_for
 from sim.errors import DeclarationError

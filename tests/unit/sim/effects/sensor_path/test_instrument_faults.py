@@ -276,4 +276,4 @@ def test_hold_comes_behind_the_lag_of_the_same_sensor() -> None:
     assert compile_model(rigid_model().with_effects(HOLD, SensorScale("q"))).sensor_stages == (
         "sensor-hold:q",
     )
-    assert HOLD.rank > 20
+    assert HOLD.path_order > 20

@@ -1,4 +1,4 @@
-"""Outputs under alternative parameters, all at once, against one simulation each."""
+"""Outputs under trial parameters, all at once, against one simulation each."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from ident.whole_record.alternatives import alternative_outputs
 from ident.whole_record.record_problem import record_problem
+from ident.whole_record.trial_outputs import trial_outputs
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import System
@@ -45,7 +45,7 @@ def brute(system: System, record: Record, p: np.ndarray) -> np.ndarray:
 def compared(
     record: Record, effects: Sequence[Effect], columns: Sequence[Mapping[str, float]]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Base and alternatives by the function, then by simulation: ``(m, N)``, ``(m, N, a)``
+    """Base and trials by the function, then by simulation: ``(m, N)``, ``(m, N, a)``
     twice.
     """
     system = compile_model(rigid_model().with_effects(*effects))
@@ -69,16 +69,16 @@ def compared(
         )
     )[:, :: grid.substeps]
     path[2:] = 0.0
-    alternatives = np.repeat(base[:, None], len(columns), axis=1)
+    trials = np.repeat(base[:, None], len(columns), axis=1)
     for a, values in enumerate(columns):
         for name, value in values.items():
-            alternatives[system.parameters.index(name), a] = value
-    y, changed = alternative_outputs(problem, base, path, alternatives, 2)
+            trials[system.parameters.index(name), a] = value
+    y, changed = trial_outputs(problem, base, path, trials, 2)
     return (
         y,
         changed,
         brute(system, record, base),
-        np.stack([brute(system, record, alternatives[:, a]) for a in range(len(columns))], axis=2),
+        np.stack([brute(system, record, trials[:, a]) for a in range(len(columns))], axis=2),
     )
 
 
@@ -135,7 +135,7 @@ EXACT = [
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(("names", "columns"), EXACT, ids=["+".join(names) for names, _ in EXACT])
-def test_alternatives_equal_simulations_where_transitions_are_those_of_the_base(
+def test_trials_equal_simulations_where_transitions_are_those_of_the_base(
     record: Record, names: tuple[str, ...], columns: list[dict[str, float]]
 ) -> None:
     y, changed, base, simulated = compared(record, [effect_named(name) for name in names], columns)
@@ -193,7 +193,7 @@ def test_a_column_does_not_depend_on_its_neighbours(record: Record) -> None:
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("name", ["elastic-mode", "input-delay", "sensor-lag:q"])
-def test_alternatives_a_few_at_a_time_are_those_of_one_batch(
+def test_trials_a_few_at_a_time_are_those_of_one_batch(
     monkeypatch: pytest.MonkeyPatch, record: Record, name: str
 ) -> None:
     effect = effect_named(name)
@@ -209,7 +209,7 @@ def test_alternatives_a_few_at_a_time_are_those_of_one_batch(
         for column in columns
     ]
     y, together, _, _ = compared(record, [effect], columns)
-    monkeypatch.setattr("ident.whole_record.alternatives._LARGEST_BATCH", 1)
+    monkeypatch.setattr("ident.whole_record.trial_outputs._LARGEST_BATCH", 1)
     base, one_by_one, _, _ = compared(record, [effect], columns)
     np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-14)
     np.testing.assert_array_equal(base, y)

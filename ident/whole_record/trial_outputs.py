@@ -1,7 +1,7 @@
-"""Outputs of a record for many sets of parameters (alternatives) at once, linearised about one
+"""Outputs of a record for many sets of parameters (trials) at once, linearised about one
 motion.
 
-The alternatives may have a System with more states than the base. The states of the base come
+The trials may have a System with more states than the base. The states of the base come
 first, and the added states follow.
 """
 
@@ -29,7 +29,7 @@ _LARGEST_BATCH = 60_000
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """Motion of the base, about which alternatives are simulated.
+    """Motion of the base, about which trials are simulated.
 
     Attributes
     ----------
@@ -64,42 +64,40 @@ def base_motion(
         )
 
 
-def alternative_outputs(
+def trial_outputs(
     problem: RecordProblem,
     p: np.ndarray,
     states: np.ndarray,
-    alternatives: np.ndarray,
+    trials: np.ndarray,
     n_base: int,
     base: BaseMotion | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outputs at the samples for the base and for alternative parameters. Outputs of a
-    divergent alternative are not finite.
+    """Return the outputs at the samples for the base and for trial parameters. Outputs of a
+    divergent trial are not finite.
 
     Parameters
     ----------
-    problem : the record laid out for the System of the alternatives.
+    problem : the record laid out for the System of the trials.
     p : ``(np,)`` parameters of the base.
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
         zero in it.
-    alternatives : ``(np, a)`` all parameters; each column is one alternative.
+    trials : ``(np, a)`` all parameters; each column is one trial.
     n_base : number of states of the base; further states are added ones.
     base : motion of the base under these inputs; None computes it.
 
     Returns
     -------
-    Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
+    Base outputs ``(m, N)`` and those of the trials ``(m, N, a)``.
     """
     batch_size = max(1, _LARGEST_BATCH // states.shape[1])
-    varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
-    outputs = np.empty(
-        (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
-    )
-    # a divergent alternative overflows; the caller drops it
+    varied = np.flatnonzero(np.any(trials != p[:, None], axis=1))
+    outputs = np.empty((len(problem.system.outputs), trials.shape[1], len(problem.grid.sample)))
+    # a divergent trial overflows; the caller drops it
     with np.errstate(all="ignore"):
-        for first in range(0, alternatives.shape[1], batch_size):
+        for first in range(0, trials.shape[1], batch_size):
             batch = slice(first, first + batch_size)
             y, outputs[:, batch], base = _outputs_of_batch(
-                problem, p, states, alternatives[:, batch], varied, n_base, base
+                problem, p, states, trials[:, batch], varied, n_base, base
             )
     return y, outputs.swapaxes(1, 2)
 
@@ -108,20 +106,20 @@ def _outputs_of_batch(
     problem: RecordProblem,
     p: np.ndarray,
     states: np.ndarray,
-    alternatives: np.ndarray,
+    trials: np.ndarray,
     varied: np.ndarray,
     n_base: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """Return the base outputs ``(m, N)``, those of a batch of alternatives ``(m, a, N)``, and the
+    """Return the base outputs ``(m, N)``, those of a batch of trials ``(m, a, N)``, and the
     motion of the base.
 
-    ``varied`` are the positions of the parameters that differ from the base in any alternative.
+    ``varied`` are the positions of the parameters that differ from the base in any trial.
     """
-    n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
+    n_x, a, K = len(states), trials.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
     for index in varied:
-        rows[index] = np.concatenate([[p[index]], alternatives[index]])
+        rows[index] = np.concatenate([[p[index]], trials[index]])
     drive = _vehicle_inputs(problem, rows, varied)
     base = base or base_motion(
         problem,
@@ -133,7 +131,7 @@ def _outputs_of_batch(
     X = np.zeros((n_x, 1 + a, K + 1))
     X[:n_base] = base.states[:, None]
     if n_x > n_base:
-        X[n_base:, 1:] = _added_states(problem, alternatives, varied, states, n_base)
+        X[n_base:, 1:] = _added_states(problem, trials, varied, states, n_base)
     # Alternatives that differ only in the output equation have the motion of the base.
     only_outputs = all(
         problem.system.parameters.items[index].name in problem.system.output_parameters
@@ -145,12 +143,12 @@ def _outputs_of_batch(
             *(row[None, :-1] for row in states[:n_base]),
             *(row[1:, :-1] for row in X[n_base:]),
         ]
-        alternative_values = [value[1:] if np.ndim(value) else value for value in rows]
+        trial_values = [value[1:] if np.ndim(value) else value for value in rows]
         ends = interval_ends(
             problem,
             start,
             changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row),
-            alternative_values,
+            trial_values,
             a,
         )[:n_base]
         ends -= states[:n_base, None, 1:]
@@ -163,7 +161,7 @@ def _outputs_of_batch(
 
 def _added_states(
     problem: RecordProblem,
-    alternatives: np.ndarray,
+    trials: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
     n_base: int,
@@ -177,10 +175,10 @@ def _added_states(
     from scipy.linalg.lapack import dtbtrs
 
     added, intervals = len(states) - n_base, states.shape[1] - 1
-    acting = _parameters_of_added_states(problem, alternatives, varied, states, n_base)
-    keys, group = np.unique(alternatives[acting], axis=1, return_inverse=True)
+    acting = _parameters_of_added_states(problem, trials, varied, states, n_base)
+    keys, group = np.unique(trials[acting], axis=1, return_inverse=True)
     chosen = [int(np.flatnonzero(group.ravel() == k)[0]) for k in range(keys.shape[1])]
-    distinct = alternatives[:, chosen]
+    distinct = trials[:, chosen]
     count, width = len(chosen), len(chosen) * (1 + added)
     rows: list[Any] = distinct[:, 0].tolist()
     for index in varied:
@@ -193,7 +191,7 @@ def _added_states(
     ends = interval_ends(problem, start, _vehicle_inputs(problem, rows, varied), rows, width)[
         n_base:
     ].reshape(added, count, 1 + added, intervals)
-    trajectories = np.empty((added, alternatives.shape[1], intervals + 1))
+    trajectories = np.empty((added, trials.shape[1], intervals + 1))
     columns = np.arange(intervals) * added
     for k in range(count):
         base = ends[:, k, 0]
@@ -213,7 +211,7 @@ def _added_states(
 
 def _parameters_of_added_states(
     problem: RecordProblem,
-    alternatives: np.ndarray,
+    trials: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
     n_base: int,
@@ -226,7 +224,7 @@ def _parameters_of_added_states(
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
-    base = alternatives[:, 0].tolist()
+    base = trials[:, 0].tolist()
     reference = system.f(0.0, x.tolist(), u, base)[n_base:]
     acting = []
     for index in varied:

@@ -196,7 +196,7 @@ _TRAINED = {
 
 
 @dataclass(frozen=True)
-class KeptReading:
+class StoredReading:
     """How the fitted records were read and prepared.
 
     Attributes
@@ -219,7 +219,7 @@ class KeptReading:
 
 
 @dataclass(frozen=True, eq=False)
-class KeptModel:
+class StoredModel:
     """The stored model of a study.
 
     Attributes
@@ -244,7 +244,7 @@ class KeptModel:
     vehicle: InputFile | None
     vehicle_text: str
     own_file: InputFile | None
-    reading: KeptReading
+    reading: StoredReading
     biases: tuple[str, ...]
     after: Trained
     before: Trained | None = None
@@ -254,38 +254,38 @@ class KeptModel:
     claimed: tuple[str, ...] = field(default=())
 
 
-def write_kept(folder: Path, kept: KeptModel) -> None:
+def write_stored_study(folder: Path, study: StoredModel) -> None:
     """Write ``model.json`` into a folder."""
     files = {
-        "vehicle": kept.vehicle,
-        "model_file": kept.own_file,
-        "effects_file": kept.effects_file,
+        "vehicle": study.vehicle,
+        "model_file": study.own_file,
+        "effects_file": study.effects_file,
     }
     write_json(
         folder / NAME,
         {
             "schema": SCHEMA,
-            "made_by": kept.made_by,
-            "model": kept.model,
+            "made_by": study.made_by,
+            "model": study.model,
             "files": {key: asdict(file) for key, file in files.items() if file is not None},
-            "vehicle_text": kept.vehicle_text,
-            "reading": asdict(kept.reading),
-            "biases": list(kept.biases),
-            "spiked": list(kept.spiked),
-            "weighed": kept.weighed,
-            "claimed": list(kept.claimed),
-            "after": _trained_content(kept.after),
-            **({"before": _trained_content(kept.before)} if kept.before is not None else {}),
+            "vehicle_text": study.vehicle_text,
+            "reading": asdict(study.reading),
+            "biases": list(study.biases),
+            "spiked": list(study.spiked),
+            "weighed": study.weighed,
+            "claimed": list(study.claimed),
+            "after": _trained_content(study.after),
+            **({"before": _trained_content(study.before)} if study.before is not None else {}),
         },
     )
 
 
 @dataclass(frozen=True, eq=False)
-class KeptFile:
+class StoredStudy:
     """The content of a ``model.json``.
 
     It names the user's files that the study used. With the effects of these files it becomes a
-    ``KeptModel``.
+    ``StoredModel``.
     """
 
     path: Path
@@ -299,7 +299,7 @@ class KeptFile:
         entry = self.content["files"].get(key)
         return None if entry is None else InputFile(entry["name"], entry["sha256"])
 
-    def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
+    def model(self, own: Sequence[Traceable] = ()) -> StoredModel:
         """Return the model; ``own`` are the user effects.
 
         Raises
@@ -311,19 +311,19 @@ class KeptFile:
         except (AttributeError, KeyError, TypeError, ValueError):
             raise _unreadable(self.path) from None
 
-    def _checked_model(self, own: Sequence[Traceable]) -> KeptModel:
+    def _checked_model(self, own: Sequence[Traceable]) -> StoredModel:
         content, where = self.content, str(self.path)
         for key, kind in _KINDS.items():
             refuse_wrong_kind(content[key], kind)
-        refuse_wrong_fields(content["reading"], KeptReading)
+        refuse_wrong_fields(content["reading"], StoredReading)
         before = _trained(content["before"], own, where) if "before" in content else None
-        return KeptModel(
+        return StoredModel(
             content["made_by"],
             content["model"],
             self.file("vehicle"),
             content["vehicle_text"],
             self.file("model_file"),
-            KeptReading(**content["reading"]),
+            StoredReading(**content["reading"]),
             tuple(content["biases"]),
             _trained(content["after"], own, where),
             before,
@@ -334,7 +334,7 @@ class KeptFile:
         )
 
 
-def read_kept(folder: str | Path) -> KeptFile:
+def read_stored_study(folder: str | Path) -> StoredStudy:
     """Return the content of ``model.json`` in a study folder.
 
     Raises
@@ -360,7 +360,7 @@ def read_kept(folder: str | Path) -> KeptFile:
         or not _states_its_files(content)
     ):
         raise _unreadable(path)
-    return KeptFile(path, content)
+    return StoredStudy(path, content)
 
 
 def _states_its_files(content: Mapping[str, Any]) -> bool:
@@ -448,7 +448,7 @@ def _trained(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -
 # ---- Files of the user that a study used
 
 
-def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
+def vehicle_of_study(file: StoredStudy, model: Path | OwnModel | None) -> VehicleFile:
     """Return the vehicle of a study from its stored text.
 
     A study of a user's model also needs the file of the model, ``model``.

@@ -1,4 +1,4 @@
-"""A model that is kept in a study folder, which may come from somebody else."""
+"""A model that is stored in a study folder, which may come from somebody else."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.kept import (
+from scenarios.stored_study import (
     NAME,
     SCHEMA,
-    KeptFile,
+    StoredStudy,
     effect_content,
     effect_of,
-    read_kept,
+    read_stored_study,
     vehicle_of_study,
 )
 from sim.effects.disturbance.gusts import GustDiscrete
@@ -29,9 +29,9 @@ CONTENT = {
 }
 
 
-def kept(folder: Path, **changed: object) -> KeptFile:
+def stored_file(folder: Path, **changed: object) -> StoredStudy:
     (folder / NAME).write_text(json.dumps({**CONTENT, **changed}))
-    return read_kept(folder)
+    return read_stored_study(folder)
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def kept(folder: Path, **changed: object) -> KeptFile:
 )
 def test_a_spoilt_model_is_one_line(tmp_path: Path, changed: dict[str, object]) -> None:
     with pytest.raises(DeclarationError, match="no model that can be read here"):
-        kept(tmp_path, **changed)
+        stored_file(tmp_path, **changed)
 
 
 def test_a_model_that_lacks_its_parameters_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(DeclarationError, match="no model that can be read here"):
-        kept(tmp_path).model()
+        stored_file(tmp_path).model()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     given = name.replace("/outside", f"{tmp_path}/outside", 1) if name.startswith("/") else name
-    file = kept(
+    file = stored_file(
         tmp_path, files={"vehicle": {"name": given, "sha256": ""}}, vehicle_text="nothing = ["
     )
     with pytest.raises(DeclarationError, match="TOML"):
