@@ -259,7 +259,7 @@ FAULTS = {
         lambda each: late(each, "aileron", -3),
         "input-delay:aileron",
         3 * INTERVAL,
-        0.01,
+        0.5 * INTERVAL + 0.01,  # held or linear inputs between samples differ by half an interval
     ),
     "roll rate read late": (
         lambda each: late(each, "p", 4),
@@ -285,7 +285,8 @@ def test_faults_put_into_measured_records_are_named(
             write_record(tmp_path, change(record), record.name)
     (tmp_path / "attas.toml").write_text(ATTAS_VEHICLE)
     command = ["--model", "lateral", "--vehicle", "attas.toml", "--no-figures", "--out", "found"]
-    flightid.done("diagnose", *names[:2], "--validate", *names[2:], *command)
+    call = flightid("diagnose", *names[:2], "--validate", *names[2:], *command)
+    assert call.code == 0, call.err
     content = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     claimed = {each["name"]: each for each in content["effects"] if each.get("claimed", True)}
     assert content["verdict"] == "partial"
