@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -24,11 +23,15 @@ from ident.estimate import LARGEST_NUMBER
 from ident.regression.state_histories import rate_relations, windows
 from ident.whole_record.linear_record import linear_record
 from ident.whole_record.record_problem import (
-    DIFFERENCE_STEP_SHARE,
     RecordProblem,
-    changed_rows,
+    VehicleInputs,
+    changed_parameters,
+    inputs_with_changes,
     interval_ends,
+    parameter_increments,
     sample_outputs,
+    slopes_of,
+    state_increments,
     vehicle_inputs,
 )
 from sim.declaration.model import System
@@ -220,27 +223,30 @@ def linearise(
     All columns are integrated in one batch: column 0 is the base, then each state is changed in one
     column, then each parameter that changes the motion.
     """
-    linear_result = linear_record(problem, p, x0, guess)
+    by_parameter = parameter_increments(problem)
+    inputs = inputs_with_changes(problem, p, by_parameter)
+    linear_result = linear_record(problem, p, x0, guess, inputs, by_parameter)
     if linear_result is not None:
         return Linearisation(*linear_result)
+    by_state = state_increments(problem, guess)
     n_x, n_p, in_dynamics = len(problem.system.states), len(problem.free), list(problem.in_dynamics)
-    by_parameter, by_state = _increments(problem, guess)
     width = 1 + n_x + len(in_dynamics)
     columns = {position: 1 + n_x + column for column, position in enumerate(in_dynamics)}
     X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
-    inputs = _inputs_with_changes(problem, p, by_parameter)
     ends = interval_ends(
         problem,
         list(X),
         inputs.in_columns(columns, width),
-        _changed_parameters(problem, p, columns, by_parameter, width),
+        changed_parameters(problem, p, columns, by_parameter, width),
     )
     base = ends[:, 0].real
-    A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
+    A = slopes_of(problem.exact, ends[:, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))
-    B[:, in_dynamics] = _slopes(problem, ends[:, 1 + n_x :], base, by_parameter[in_dynamics])
+    B[:, in_dynamics] = slopes_of(
+        problem.exact, ends[:, 1 + n_x :], base, by_parameter[in_dynamics]
+    )
     corrections = join_intervals(A, B, base - guess[:, 1:], problem.free_initial, x0 - guess[:, 0])
     states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
     steps = np.concatenate([by_parameter, by_state[list(problem.free_initial)]])
@@ -248,90 +254,6 @@ def linearise(
     return Linearisation(
         y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2)
     )
-
-
-def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the differentiation steps of the unknown parameters ``(len(problem.free),)`` and of
-    the states ``(nx,)``.
-    """
-    if problem.exact:
-        return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
-    size = np.sqrt(np.mean(guess**2, axis=1))
-    return problem.increment, DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
-
-
-def _slopes(
-    problem: RecordProblem, changed: np.ndarray, base: np.ndarray, steps: np.ndarray
-) -> np.ndarray:
-    """Return the derivatives ``(..., c, n)`` from values at the base, ``base (..., n)``, and from
-    values that are changed by one of the ``steps (c,)`` each, ``changed (..., c, n)``.
-    """
-    if problem.exact:
-        return np.asarray(changed.imag / COMPLEX_STEP)
-    return np.asarray((changed - base[..., None, :]) / steps[:, None])
-
-
-def _changed_parameters(
-    problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
-) -> list[Any]:
-    """Return all parameters for a batch of ``width`` columns: a number, or a row ``(width,)`` for a
-    changed parameter.
-
-    ``columns`` maps the position of an unknown parameter to the column in which it is changed by
-    its step, one of ``steps (len(problem.free),)``.
-    """
-    rows: list[Any] = p.tolist()
-    for position, column in columns.items():
-        row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
-        row[column] += steps[position]
-        rows[problem.free[position]] = row
-    return rows
-
-
-@dataclass(frozen=True, eq=False)
-class _VehicleInputs:
-    """Inputs at the vehicle, with one further column for each unknown parameter of the input path.
-
-    Attributes
-    ----------
-    drive : rows ``(M,)``, or ``(M, 1 + a)`` where a unknown parameters act in the input path: the
-        base, then one column with each of them changed.
-    acting : positions of these a parameters among the unknown ones.
-    """
-
-    drive: Drive
-    acting: tuple[int, ...]
-
-    def in_columns(self, columns: Mapping[int, int], width: int) -> Drive:
-        """Return the inputs in the ``width`` columns of a batch, rows ``(width, M)`` or ``(M,)``;
-        ``columns`` maps the position of an unknown parameter to its column in the batch.
-        """
-        if not self.acting:
-            return self.drive
-        source = np.zeros(width, dtype=int)  # column of the drive for each column of the batch
-        for column, position in enumerate(self.acting):
-            if position in columns:
-                source[columns[position]] = 1 + column
-        return changed_rows(self.drive, lambda row: row.T[source] if np.ndim(row) == 2 else row)
-
-
-def _inputs_with_changes(
-    problem: RecordProblem, p: np.ndarray, steps: np.ndarray
-) -> _VehicleInputs:
-    """Return the inputs at the vehicle for the base and with each unknown parameter of the input
-    path changed by its step.
-    """
-    if problem.drive is not None:
-        return _VehicleInputs(problem.drive, ())
-    system = problem.system
-    acting = tuple(
-        position
-        for position, index in enumerate(problem.free)
-        if system.parameters.items[index].name in system.input_parameters
-    )
-    columns = {position: 1 + column for column, position in enumerate(acting)}
-    parameters = _changed_parameters(problem, p, columns, steps, 1 + len(acting))
-    return _VehicleInputs(vehicle_inputs(problem.record, system, parameters, problem.grid), acting)
 
 
 def join_intervals(
@@ -380,7 +302,7 @@ def join_intervals(
 def _outputs(
     problem: RecordProblem,
     p: np.ndarray,
-    inputs: _VehicleInputs,
+    inputs: VehicleInputs,
     states: np.ndarray,
     by_state: np.ndarray,
     steps: np.ndarray,
@@ -394,7 +316,7 @@ def _outputs(
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
     rows_p, drive = (
-        _changed_parameters(problem, p, columns, steps, c),
+        changed_parameters(problem, p, columns, steps, c),
         inputs.in_columns(columns, c),
     )
     X = np.empty((len(states), c, states.shape[1]), dtype=np.result_type(states, steps))
@@ -407,4 +329,4 @@ def _outputs(
     ]
     full = sample_outputs(problem, rows_p, list(X), drive, moving_columns)
     base = full[:, 0].real.copy()
-    return base, _slopes(problem, full[:, 1:], base, steps)
+    return base, slopes_of(problem.exact, full[:, 1:], base, steps)

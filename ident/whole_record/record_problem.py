@@ -9,7 +9,7 @@ and columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil
@@ -19,6 +19,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter
 from sim.declaration.model import System
+from sim.maths import COMPLEX_STEP
 from sim.propagation import (
     Drive,
     Grid,
@@ -168,6 +169,98 @@ def _changed(row_lists: Sequence[list[Any]], change: Callable[[Any], Any]) -> li
     distinct = {id(row): row for rows in row_lists for row in rows}
     changed = {key: change(row) for key, row in distinct.items()}
     return [[changed[id(row)] for row in rows] for rows in row_lists]
+
+
+# ---- Variants of the motion: one unknown changed in each column
+
+
+def parameter_increments(problem: RecordProblem) -> np.ndarray:
+    """Return the differentiation steps of the unknown parameters, ``(len(problem.free),)``."""
+    return np.full(len(problem.free), 1j * COMPLEX_STEP) if problem.exact else problem.increment
+
+
+def state_increments(problem: RecordProblem, guess: np.ndarray) -> np.ndarray:
+    """Return the differentiation steps ``(nx,)`` of the states of a trajectory ``guess (nx, K +
+    1)``.
+    """
+    if problem.exact:
+        return np.full(len(guess), 1j * COMPLEX_STEP)
+    size = np.sqrt(np.mean(guess**2, axis=1))
+    return DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
+
+
+def slopes_of(exact: bool, changed: np.ndarray, base: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the derivatives ``(..., c, n)`` from values at the base, ``base (..., n)``, and from
+    values that are changed by one of the ``steps (c,)`` each, ``changed (..., c, n)``. The steps
+    are complex where ``exact`` is True.
+    """
+    if exact:
+        return np.asarray(changed.imag / COMPLEX_STEP)
+    return np.asarray((changed - base[..., None, :]) / steps[:, None])
+
+
+def changed_parameters(
+    problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
+) -> list[Any]:
+    """Return all parameters for a batch of ``width`` columns: a number, or a row ``(width,)`` for a
+    changed parameter.
+
+    ``columns`` maps the position of an unknown parameter to the column in which it is changed by
+    its step, one of ``steps (len(problem.free),)``.
+    """
+    rows: list[Any] = p.tolist()
+    for position, column in columns.items():
+        row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
+        row[column] += steps[position]
+        rows[problem.free[position]] = row
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleInputs:
+    """Inputs at the vehicle, with one further column for each unknown parameter of the input path.
+
+    Attributes
+    ----------
+    drive : rows ``(M,)``, or ``(M, 1 + a)`` where a unknown parameters act in the input path: the
+        base, then one column with each of them changed.
+    acting : positions of these a parameters among the unknown ones.
+    """
+
+    drive: Drive
+    acting: tuple[int, ...]
+
+    def in_columns(self, columns: Mapping[int, int], width: int) -> Drive:
+        """Return the inputs in the ``width`` columns of a batch, rows ``(width, M)`` or ``(M,)``;
+        ``columns`` maps the position of an unknown parameter to its column in the batch.
+        """
+        if not self.acting:
+            return self.drive
+        source = np.zeros(width, dtype=int)  # column of the drive for each column of the batch
+        for column, position in enumerate(self.acting):
+            if position in columns:
+                source[columns[position]] = 1 + column
+        return changed_rows(self.drive, lambda row: row.T[source] if np.ndim(row) == 2 else row)
+
+
+def inputs_with_changes(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> VehicleInputs:
+    """Return the inputs at the vehicle for the base and with each unknown parameter of the input
+    path changed by its step.
+    """
+    if problem.drive is not None:
+        return VehicleInputs(problem.drive, ())
+    system = problem.system
+    acting = tuple(
+        position
+        for position, index in enumerate(problem.free)
+        if system.parameters.items[index].name in system.input_parameters
+    )
+    columns = {position: 1 + column for column, position in enumerate(acting)}
+    parameters = changed_parameters(problem, p, columns, steps, 1 + len(acting))
+    return VehicleInputs(vehicle_inputs(problem.record, system, parameters, problem.grid), acting)
+
+
+# ---- Outputs and ends of intervals
 
 
 def sample_outputs(
