@@ -57,8 +57,8 @@ def least(act: Callable[[], object], runs: int) -> float:
 
 
 def main() -> None:
-    from ident.tracing.context import search_context
-    from ident.tracing.priors import set_prior
+    from ident.tracing.evidence import set_prior
+    from ident.tracing.problem import search_context
     from ident.tracing.scan import leads_of, prepared
     from ident.tracing.signatures import candidate_signatures
     from scenarios.diagnosis.opening import candidates_for

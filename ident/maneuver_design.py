@@ -24,10 +24,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.statistics.intervals import inverse_information
-from ident.tracing.context import search_context
+from ident.tracing.evidence import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.fitted_model import FittedModel, added_parameters, declared_priors, is_event
 from ident.tracing.names import CLAIM_LEVEL
-from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
+from ident.tracing.problem import search_context
 from ident.tracing.scan import SCANNED_PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out

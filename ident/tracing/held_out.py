@@ -15,7 +15,6 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.intervals import add_normal_equations, inverse_information
-from ident.tracing.context import search_context
 from ident.tracing.diagnosis import Trained
 from ident.tracing.fitted_model import (
     FitData,
@@ -30,6 +29,7 @@ from ident.tracing.fitted_model import (
     local_names,
     start_and_guesses,
 )
+from ident.tracing.problem import search_context
 from ident.tracing.scan import KEPT_PLACES, starts_at
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records

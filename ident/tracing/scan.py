@@ -13,9 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE
+from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE, SetPrior, set_prior
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.priors import SetPrior, set_prior
 from ident.tracing.signatures import CandidateSignatures, candidate_signatures, coefficient_prior
 from ident.whole_record.coloured_noise import ColouredNoise
 from sim.declaration.effect import full_name

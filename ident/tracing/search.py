@@ -14,9 +14,8 @@ from functools import cached_property
 
 from ident.estimate import Outcome
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.context import search_context
 from ident.tracing.diagnosis import Candidate, Step
-from ident.tracing.evidence import Key, WeighedSet, evidence_of
+from ident.tracing.evidence import Key, WeighedSet, evidence_of, family_sizes, log_odds, set_prior
 from ident.tracing.fitted_model import (
     FittedModel,
     Start,
@@ -28,8 +27,7 @@ from ident.tracing.fitted_model import (
     quantities,
     together,
 )
-from ident.tracing.priors import family_sizes, log_odds, set_prior
-from ident.tracing.problem import TraceProblem
+from ident.tracing.problem import TraceProblem, search_context
 from ident.tracing.scan import (
     LinearSet,
     leading_sets,

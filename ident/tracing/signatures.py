@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimate import overflow_tolerated
+from ident.tracing.evidence import prior_of
 from ident.tracing.fitted_model import FittedModel, compiled_with
-from ident.tracing.priors import prior_of
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from ident.whole_record.trial_outputs import BaseMotion, base_motion, trial_outputs

@@ -22,9 +22,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri, stdtr
 
-from ident.tracing.evidence import WeighedSet
+from ident.tracing.evidence import ABSENT_LIMIT, WeighedSet, set_prior
 from ident.tracing.fitted_model import FittedModel, absent_values, belongs_to_record
-from ident.tracing.priors import ABSENT_LIMIT, set_prior
 from ident.tracing.search import CLEAR_GAIN, Search
 from ident.whole_record.coloured_noise import ColouredNoise
 from sim.declaration.effect import NoiseEffect

@@ -16,13 +16,11 @@ from ident.statistics.noise_levels import (
     input_spikes,
     provisional_mask,
 )
-from ident.tracing.context import search_context
 from ident.tracing.diagnosis import Claim, Quantity, Step
-from ident.tracing.evidence import evidence_of
+from ident.tracing.evidence import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS, evidence_of
 from ident.tracing.fitted_model import FittedModel, is_event
 from ident.tracing.held_out import HeldOut
-from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
-from ident.tracing.problem import TraceProblem
+from ident.tracing.problem import TraceProblem, search_context
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
 

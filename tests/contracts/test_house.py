@@ -37,7 +37,6 @@ ONE_A_FILE = ("sim/effects/", "scenarios/files/formats/")
 SHORT_OF_ONE: frozenset[str] = frozenset(
     {
         "flightid/plot.py",
-        "ident/tracing/declared.py",
     }
 )
 

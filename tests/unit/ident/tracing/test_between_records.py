@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ident.statistics.intervals import scatter_factors
 from ident.tracing.between_records import scatter_between_records
-from ident.tracing.declared import fit_declared, held_out_data
+from ident.tracing.loop import fit_declared, held_out_data
 from sim.effects.disturbance.gusts import GustTurbulence
 from sim.maneuvers import doublet, sequence, three_two_one_one
 from sim.record import Record

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from ident.tracing.priors import half_normal_factor, log_mass
+from ident.tracing.evidence import half_normal_factor, log_mass
 from ident.tracing.scan import closed_forms
 
 

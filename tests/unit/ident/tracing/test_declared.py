@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.declared import fit_declared, held_out_data
+from ident.tracing.loop import fit_declared, held_out_data
 from sim.effects.sensor_path.sensor_spikes import InputSpikes, SensorSpikes
 from sim.errors import ModelError
 from sim.record import Channel, Record

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from ident.tracing.context import search_context
 from ident.tracing.evidence import evidence_of
+from ident.tracing.problem import search_context
 from ident.whole_record.coloured_noise import ColouredNoise, cosine_transform, fast_transform_blocks
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable

@@ -10,11 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from ident.tracing.context import search_context
-from ident.tracing.evidence import evidence_of
+from ident.tracing.evidence import evidence_of, set_prior
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.priors import set_prior
-from ident.tracing.problem import TraceProblem
+from ident.tracing.problem import TraceProblem, search_context
 from ident.tracing.scan import leads_of, prepared, starts_at, weighed_sets
 from ident.tracing.signatures import candidate_signatures
 from sim.declaration.effect import Parameter, Regularity, Signal, Station

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.declared import fit_declared
 from ident.tracing.diagnosis import FittedRecord
+from ident.tracing.loop import fit_declared
 from ident.tracing.whiteness import noise_shown
 from scenarios.diagnosis.report.evidence import (
     SMALLEST_CORRELATION,
