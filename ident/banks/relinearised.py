@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.delays import likelihood_weights, run_delay_bank
-from ident.banks.iterated_bank import run_iterated_bank
+from ident.banks.engines import run_iterated_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, online_bank, with_delays
 from ident.estimate import Estimate, Outcome
 from sim.declaration.model import System

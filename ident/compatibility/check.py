@@ -21,7 +21,7 @@ from ident.compatibility.signals import (
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
+from ident.compatibility.six_degrees.kinematics import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,

@@ -543,17 +543,30 @@ def _search_result(
         shares = probabilities([(t.fault, t.quantity, losses.get(t.fault, 0.0)) for t in group])
         for t in group:
             if grouped[t.fault] is t:
-                others = tuple(name for name in names if name != t.fault.name)
-                finding = _finding(t, others, losses.get(t.fault, 0.0), supported=True)
-                leader = "" if t is group[0] else names[0]
-                findings.append(replace(finding, probabilities=shares, instead_of=leader))
+                finding = SensorFinding.of(
+                    t.fault,
+                    t.quantity,
+                    t.gain,
+                    supported=True,
+                    group=tuple(name for name in names if name != t.fault.name),
+                    lost=losses.get(t.fault, 0.0),
+                    probabilities=shares,
+                    instead_of="" if t is group[0] else names[0],
+                )
+                findings.append(finding)
     rejected = [trials[fault] for fault in faults if fault not in grouped]
     for t in sorted(rejected, key=lambda trial: trial.p_value):
-        finding = _finding(
-            t, (), losses.get(t.fault), supported=False, replicates=t.fault not in refused
+        in_place_only = t.fault in replaced and t.fault not in added
+        finding = SensorFinding.of(
+            t.fault,
+            t.quantity,
+            t.gain,
+            supported=False,
+            group=(),
+            lost=losses.get(t.fault),
+            replicates=t.fault not in refused,
+            instead_of=replaced[t.fault].name if in_place_only else "",
         )
-        if t.fault in replaced and t.fault not in added:
-            finding = replace(finding, instead_of=replaced[t.fault].name)
         findings.append(finding)
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
@@ -573,27 +586,3 @@ def _replacements(
                 losses[trial.fault], trials[trial.fault] = loss, trial
                 replaced[trial.fault] = slot.trials[0].fault
     return losses, trials, replaced
-
-
-def _finding(
-    trial: FaultTrial,
-    group: tuple[str, ...],
-    loss: float | None,
-    *,
-    supported: bool,
-    replicates: bool = True,
-) -> SensorFinding:
-    fault = trial.fault
-    return SensorFinding(
-        fault.channel,
-        fault.kind,
-        trial.quantity.value,
-        trial.quantity.std,
-        fault.unit,
-        trial.gain,
-        supported,
-        group,
-        fault.name,
-        replicates,
-        loss,
-    )

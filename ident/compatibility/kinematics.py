@@ -482,8 +482,7 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
     for i, item in enumerate(unknowns):
         channel, kind = item.key
         if channel == "start":
-            first = np.flatnonzero(s.valid[s.outputs.index(kind)])[:FIRST_SAMPLES]
-            start[i] = float(np.median(s.channels[kind][first])) if first.size else 0.0
+            start[i] = initial_state(s, kind)
         elif item.key == ("nz", BIAS):
             level = float(np.mean(s.channels["nz"]))
             if "theta" not in s.channels:
@@ -491,6 +490,25 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
             else:
                 start[i] = 0.0 if level > 0.5 else -1.0
     return start
+
+
+def initial_state(s: KinematicSignals, name: str) -> float:
+    """Return the median of the first valid samples of an output."""
+    first = np.flatnonzero(s.valid[s.outputs.index(name)])[:FIRST_SAMPLES]
+    return float(np.median(s.channels[name][first])) if first.size else 0.0
+
+
+def columns_of(
+    unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+) -> dict[Key, np.ndarray]:
+    """Return the key of each unknown and fault -> its values ``(P, 1)``. The arguments are those of
+    `evaluate`.
+    """
+    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
+    for j, fault in enumerate(faults):
+        key = (fault.channel, fault.kind)
+        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
+    return table
 
 
 def evaluate(
@@ -503,11 +521,7 @@ def evaluate(
     """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
     record and ``sizes (P, k)`` of the faults.
     """
-    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
-    for j, fault in enumerate(faults):
-        key = (fault.channel, fault.kind)
-        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
-    none = np.zeros((1, 1))
+    table, none = columns_of(unknowns, faults, own, sizes), np.zeros((1, 1))
     return reconstructed_outputs(s, lambda channel, kind: table.get((channel, kind), none))
 
 

@@ -8,7 +8,7 @@ A pair of roots is described by the coefficients of s^2 + rate s + stiffness, wi
 rate = 2 zeta omega and stiffness = omega^2. Unlike damping and frequency, they are smooth functions
 of the parameters where an oscillation becomes two real roots, so that a Gaussian distribution
 describes them better. Levels of flying qualities follow from random samples of these numbers
-(`ident.flying_qualities.mode_levels`).
+(`ident.flying_qualities.levels`).
 """
 
 from __future__ import annotations

@@ -18,22 +18,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.maneuver_detection.motion import (
-    ALL_AXES,
-    load_factor_excursions,
-    maneuver_of,
-    mean_conditions,
-    runs_of,
-    trim_points,
-    turns,
-)
 from ident.maneuver_detection.shapes import (
+    ALL_AXES,
     HALF_WAVE_EDGE_SHARE,
     Shape,
+    load_factor_excursions,
     lobes_of,
+    maneuver_of,
+    mean_conditions,
     oscillation_of,
+    runs_of,
     same_lines,
     step_shapes,
+    trim_points,
+    turns,
 )
 from ident.maneuver_detection.signals import (
     AXES,

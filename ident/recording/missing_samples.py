@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.recording.interpolation import FEWEST_UPDATES, phase_period
+from ident.recording.distorted_channels import FEWEST_UPDATES, phase_period
 from ident.recording.series import (
     Certainty,
     FindingQuantity,

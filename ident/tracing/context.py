@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.statistics.periods import spectral_peaks, update_period
+from ident.statistics.noise_levels import spectral_peaks, update_period
 from ident.tracing.fitted_model import FittedModel
 from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.proposal import SearchContext

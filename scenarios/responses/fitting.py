@@ -15,8 +15,12 @@ from scipy.linalg import expm
 from ident.flying_qualities.modes import level_flight
 from ident.flying_qualities.state_space import state_space
 from ident.frequency_response import FrequencyResponses
-from ident.frequency_response.envelopes import PILOT_BAND, unnoticeable_envelopes
-from ident.frequency_response.model_fit import ModelFit, fit_model
+from ident.frequency_response.model_fit import (
+    PILOT_BAND,
+    ModelFit,
+    fit_model,
+    unnoticeable_envelopes,
+)
 from ident.frequency_response.transfer_function import (
     ACCEPTABLE_COST,
     FORMS,

@@ -319,7 +319,7 @@ IDENT = (
         ("return 0.1 * self.plausible", "return self.plausible"),
     ),
     *changes(
-        "ident/recording/spectra.py",
+        "ident/recording/inspection.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
             "gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2",
@@ -387,7 +387,7 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/fitted_forms.py",
+        "ident/flying_qualities/levels.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
             "** 2 * inverse_time / p",
@@ -440,7 +440,7 @@ IDENT = (
         ),
     ),
     *changes(
-        "ident/frequency_domain/online_lag.py",
+        "ident/frequency_domain/online_regression.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
         ("second_decay * (1.0 - first_decay)", "(1.0 - first_decay)"),
         ("integral = area - delta / lag", "integral = area + delta / lag"),

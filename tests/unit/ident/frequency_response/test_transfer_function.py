@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from ident.frequency_response.envelopes import unnoticeable_envelopes
+from ident.frequency_response.model_fit import unnoticeable_envelopes
 from ident.frequency_response.transfer_function import (
     FORMS,
     Form,

@@ -10,13 +10,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from ident.structure.averaging import collinearity_of, multiples_of
 from ident.structure.coefficients import (
     Airframe,
     Histories,
     filled,
     histories_of,
 )
-from ident.structure.collinearity import collinearity_of, multiples_of
 from ident.structure.products import TermColumns, columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
