@@ -8,8 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, largest_chance_loss, search
-from ident.compatibility.fitting import KinematicFit, fit
-from ident.compatibility.instruments import instruments_of, projected_whitener, reduced_whitener
+from ident.compatibility.fitting import (
+    KinematicFit,
+    fit,
+    instruments_of,
+    projected_whitener,
+    reduced_whitener,
+)
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,

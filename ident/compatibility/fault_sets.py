@@ -11,8 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
-from ident.compatibility.instruments import instrumented, projected_whitener
+from ident.compatibility.fitting import (
+    KinematicFit,
+    fit,
+    instrumented,
+    least_misfit,
+    projected_whitener,
+    smoother_sigmas,
+)
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,

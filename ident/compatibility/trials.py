@@ -15,14 +15,15 @@ from ident.compatibility.fitting import (
     KinematicFit,
     difference_in_sigmas,
     fit,
+    instrumented,
     least_misfit,
     output_error,
     positions,
     prior_information,
+    projected_whitener,
     smoother_sigmas,
     whitened,
 )
-from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault, linearised, unknowns_of
 from ident.compatibility.signals import KinematicSignals, smoothed_walk
 from ident.statistics.intervals import bounded_inverse

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import projected_whitener
+from ident.compatibility.fitting import KinematicFit, projected_whitener
 from ident.compatibility.kinematics import (
     BIAS,
     DELAY,

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from ident.flying_qualities.modes import level_flight
-from ident.flying_qualities.state_space import state_space
+from ident.flying_qualities.modes import level_flight, state_space
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.model_fit import (
     PILOT_BAND,

@@ -75,12 +75,12 @@ ONCE_UNNOTICED = (
     *changes(
         "ident/frequency_domain/output_error.py",
         FREQUENCY_FIT,
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) >= 0"),
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) > 1e9"),
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) == 0"),
+        ("used = total > 0", "used = total >= 0"),
+        ("used = total > 0", "used = total > 1e9"),
+        ("used = total > 0", "used = total == 0"),
         (
-            "fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0), 1.0",
-            "fit.levels * fit.counts, axis=1), 1.0",
+            "np.sum(fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0)",
+            "np.sum(fit.levels * fit.counts, axis=1)",
         ),
     ),
     *changes(
@@ -410,7 +410,7 @@ IDENT = (
         ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
-        "ident/frequency_response/multitaper.py",
+        "ident/frequency_response/model_fit.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(zero_order_hold) ** 2", "np.abs(zero_order_hold)"),
     ),

@@ -13,8 +13,12 @@ from ident.compatibility.fault_sets import (
     penalty_per_fault,
     probabilities,
 )
-from ident.compatibility.fitting import KinematicFit, difference_in_sigmas
-from ident.compatibility.instruments import instruments_of, projected_whitener
+from ident.compatibility.fitting import (
+    KinematicFit,
+    difference_in_sigmas,
+    instruments_of,
+    projected_whitener,
+)
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, spike_notes, whitener
 from ident.compatibility.six_degrees.fitting import (

@@ -19,16 +19,14 @@ from ident.compatibility.fitting import (
     KinematicDescent,
     KinematicFit,
     descend,
-    least_misfit,
-    misfit,
-    residual_of,
-    starting_sizes,
-)
-from ident.compatibility.instruments import (
     instrument_projection,
     instrumented,
+    least_misfit,
+    misfit,
     projected_whitener,
     reduced_whitener,
+    residual_of,
+    starting_sizes,
 )
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
 from ident.compatibility.signals import (

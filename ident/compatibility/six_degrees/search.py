@@ -17,8 +17,7 @@ from ident.compatibility.fault_sets import (
     largest_chance_loss,
     penalty_per_fault,
 )
-from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import instrumented
+from ident.compatibility.fitting import KinematicFit, instrumented
 from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.six_degrees.fitting import (

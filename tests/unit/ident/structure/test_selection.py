@@ -14,8 +14,11 @@ from ident.structure.averaging import collinearity_of, multiples_of
 from ident.structure.coefficients import (
     Airframe,
     Histories,
+    bandwidth_of,
     filled,
+    half_width,
     histories_of,
+    noise_of,
 )
 from ident.structure.products import TermColumns, columns_of, products_of
 from ident.structure.selection import (
@@ -25,7 +28,6 @@ from ident.structure.selection import (
     select,
     stepwise,
 )
-from ident.structure.windows import bandwidth_of, half_width, noise_of
 from sim.aerodynamics import Term, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
