@@ -9,13 +9,13 @@ import pytest
 from scipy import signal
 
 from ident.flying_qualities.levels import form_levels, form_qualities
-from ident.frequency_response.model_fit import unnoticeable_envelopes
 from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,
     ResponseTarget,
     fit_transfer_functions,
     neighbour_correlation,
+    unnoticeable_envelopes,
 )
 from sim.maths import G0
 
