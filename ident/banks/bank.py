@@ -28,9 +28,15 @@ from ident.banks.equation_kernels import (
 )
 from ident.banks.row_kernel import SAMPLES_PER_CHECK, run_pass_in_rows
 from ident.banks.table_kernel import table_block_filter
-from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
-from ident.filters.problem import FilterProblem, filter_problem, with_free
+from ident.filters.problem import (
+    FilterBuffers,
+    FilterProblem,
+    estimate_with_history,
+    filter_problem,
+    with_free,
+)
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
@@ -449,36 +455,22 @@ def filter_batched(
         return by_table
     first = np.array(problem.start if start is None else start, dtype=float).reshape(-1, 1)
     runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], first)
-    system, trace = problem.system, empty_trace(problem, 1)
+    trace = empty_trace(problem, 1)
     result = run_pass(
         problem, settings, runs, False, None if nominal is None else nominal[:, :, None], trace
     )
     if not result.sound[0]:
         return filter_by_filterpy(problem, settings, start, nominal)
-    history, fitted = _history(problem, trace, nominal)
-    n_x = len(system.states)
-    names = problem.names[n_x:]
-    return Estimate(
-        "ekf",
-        names,
-        tuple(system.parameters[name].unit for name in names),
-        result.mean[n_x:, 0].copy(),
-        result.covariance[0, n_x:, n_x:].copy(),
-        Outcome.CONVERGED,
-        float(history.log_likelihood.sum()),
-        system.output_names,
-        np.sqrt(problem.variance),
-        (fitted,),
-        history,
-    )
+    estimate = _estimate_with_history(problem, trace, nominal)
+    n_x = len(problem.system.states)
+    covariance = result.covariance[0, n_x:, n_x:].copy()
+    return replace(estimate, values=result.mean[n_x:, 0].copy(), covariance=covariance)
 
 
-def _history(
+def _estimate_with_history(
     problem: FilterProblem, trace: BankTrace, nominal: np.ndarray | None
-) -> tuple[FilterHistory, np.ndarray]:
-    """Return the history of a pass of one run, and the predicted outputs ``(m, N)``, also where
-    samples are missing.
-    """
+) -> Estimate:
+    """Return the estimate of a pass of one run, with its history."""
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
@@ -501,22 +493,16 @@ def _history(
     log_likelihood, nis = likelihood_and_nis(
         np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid
     )
-    history = FilterHistory(
-        problem.time,
-        problem.names,
-        mean.T.copy(),
-        np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0)),
-        y.T.copy(),
-        np.sqrt(np.diagonal(S, axis1=1, axis2=2).T),
+    outputs = outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T
+    sensitivity = trace.H[:, 0].copy()
+    arrays = mean, covariance.copy(), before, P_before, transition, y, S.copy(), sensitivity
+    return estimate_with_history(
+        problem,
+        "ekf",
+        Outcome.CONVERGED,
+        FilterBuffers(*arrays, outputs.T),
         problem.valid.copy(),
         log_likelihood[:, 0],
         nis[:, 0],
         np.count_nonzero(problem.valid, axis=0),
-        before.T.copy(),
-        P_before,
-        covariance.copy(),
-        transition,
-        trace.H[:, 0].copy(),
-        S.copy(),
     )
-    return history, outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T

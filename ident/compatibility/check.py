@@ -99,7 +99,7 @@ def _compatibility(
     for record in records:
         _refuse_unusable(record)
     if warnings := bank_angle_warnings(records, settings.airspeed, settings.gravity):
-        return _nothing_observable(records, warnings)
+        return _without_estimates(records, channels_of(records), warnings)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_without_lateral_controls(record) for record in records]
@@ -123,7 +123,8 @@ def _compatibility(
     related = relations(usable)
     notes += [WINGS_LEVEL_NOTE] if related else []
     if not related:
-        return _without_relations(records, channels, notes)
+        sentences = _channels_without_relation(channels, {})
+        return _without_estimates(records, channels, sentences, notes)
     signals = [
         signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -182,21 +183,16 @@ def _timing_notes(search_result: FaultSearch, signals: Sequence[KinematicSignals
     return notes
 
 
-def _without_relations(
-    records: Sequence[Record], channels: tuple[str, ...], notes: Sequence[str]
+def _without_estimates(
+    records: Sequence[Record],
+    channels: tuple[str, ...],
+    unobservable: tuple[str, ...],
+    notes: Sequence[str] = (),
 ) -> Compatibility:
-    """Return the result for channels among which there is no kinematic relation."""
+    """Return the result without a relation that can be checked; ``unobservable`` says why."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
-    unobservable = _channels_without_relation(channels, {})
     return Compatibility(channels, {}, empty, single, (), unobservable, tuple(notes))
-
-
-def _nothing_observable(records: Sequence[Record], reasons: tuple[str, ...]) -> Compatibility:
-    """Return the result if nothing is observable; the sentences ``reasons`` say why."""
-    empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
-    single = tuple(replace(empty, records=(record.name,)) for record in records)
-    return Compatibility(channels_of(records), {}, empty, single, (), reasons, ())
 
 
 def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:

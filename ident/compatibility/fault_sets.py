@@ -472,13 +472,13 @@ def search(
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
         candidates = [fault for fault in faults if fault not in refused]
-        best, early = _select_set(
-            base,
-            [t.fit for t in singles if t.fault not in refused],
-            candidates,
-            penalty,
-            settings.most,
-        )
+        single_fits = [t.fit for t in singles if t.fault not in refused]
+        sets = grow_sets(base, single_fits, candidates, penalty, settings.most)
+        best = best_set_of(sets, penalty)
+        early = float(best.fit.sizes[-1]) if best.early else None
+        if best.early:
+            best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
+        best = without_superfluous_faults(base, best, penalty)
         best, slots = slots_with_trials(base, best, candidates, singles)
         failing = [
             slot.trials[0]
@@ -488,33 +488,11 @@ def search(
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
-    groups = [_group(slot, bases, chance_loss) for slot in slots]
+    groups = []
+    for slot in slots:
+        first, *rivals = slot.within(chance_loss)
+        groups.append([first, *(t for t in rivals if records_agree(bases, slot.others, t))])
     return _search_result(faults, groups, slots, singles, refused, best.fit, early)
-
-
-def _select_set(
-    base: KinematicFit,
-    singles: Sequence[KinematicFit],
-    faults: Sequence[SensorFault],
-    penalty: float,
-    most: int,
-) -> tuple[FaultSet, float | None]:
-    """Return the best set without superfluous faults, and the time (s) by which a load would be
-    early, where the best set has this.
-    """
-    best = best_set_of(grow_sets(base, singles, faults, penalty, most), penalty)
-    early = float(best.fit.sizes[-1]) if best.early else None
-    if best.early:
-        best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
-    return without_superfluous_faults(base, best, penalty), early
-
-
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance_loss: float) -> list[FaultTrial]:
-    """Return the best trial of a position, and those that may be confused with it and on which the
-    single records agree.
-    """
-    best, *rivals = slot.within(chance_loss)
-    return [best, *(t for t in rivals if records_agree(bases, slot.others, t))]
 
 
 def _search_result(

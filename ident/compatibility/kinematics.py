@@ -258,7 +258,10 @@ def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
             - s.gravity * h * midpoints(np.sin(climb))
         )
         states["airspeed"] = value("start", "airspeed") + cumulative(change)
-    readings = [_reading_of_state(s, name, states[name], value, speed) for name in s.outputs]
+    vane_arm = value("alpha", ARM) + s.vane_arm
+    if "alpha" in s.outputs and np.any(vane_arm):
+        states["alpha"] = states["alpha"] - vane_arm / speed * true_samples(s, "q", value)
+    readings = [sensor_reading(s, name, states[name], value) for name in s.outputs]
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
@@ -320,18 +323,6 @@ def true_samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     return np.asarray(
         (signal - value(name, BIAS) - value(name, DRIFT) * (t - t[0])) / (1.0 + value(name, SCALE))
     )
-
-
-def _reading_of_state(
-    s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
-) -> np.ndarray:
-    """Return the reading ``(P, N)`` of the sensor of a state ``(P, N)``. The arm of a vane acts
-    first, with the true pitch rate, then the faults of `sensor_reading`.
-    """
-    arm = value(name, ARM) + s.vane_arm
-    if name == "alpha" and np.any(arm):
-        state = state - arm / speed * true_samples(s, "q", value)
-    return sensor_reading(s, name, state, value)
 
 
 def sensor_reading(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:

@@ -18,17 +18,16 @@ posterior of the whole record. The prior keeps its mean and weight, so that no s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
 from ident.filters.ekf import (
-    SETTLED_SIGMAS,
     FilterSettings,
-    change_in_sigmas,
     iterated_to_convergence,
+    repeated_passes,
 )
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
@@ -69,19 +68,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = filter_by_points(problem, settings)
-    n_x = len(system.states)
-    for iteration in range(2, settings.passes + 1):
-        if estimate.outcome is not Outcome.CONVERGED:
-            break
-        start = np.concatenate([problem.start[:n_x], estimate.values])
-        before, estimate = (
-            estimate,
-            replace(filter_by_points(problem, settings, start), iterations=iteration),
-        )
-        if change_in_sigmas(before, estimate) < SETTLED_SIGMAS:
-            break
-    return estimate
+    return repeated_passes(problem, settings, filter_by_points)
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
@@ -110,25 +97,13 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``square_root(P)`` and its inverse, ``(n, n)`` each. The inverse is zero for entries
     without variance.
     """
-    values, vectors, scale, inverse = _decomposed(P)
-    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
-    root = (vectors * np.sqrt(values)) @ vectors.T * scale
-    return root, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
-
-
-def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the eigenvalues and the eigenvectors of the correlation matrix of ``P``, the standard
-    deviations, and their inverses. Eigenvalues that are rounding, and inverses of zero, are zero.
-    """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return (
-        np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0),
-        vectors,
-        scale,
-        inverse,
-    )
+    values = np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0)
+    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
+    root = (vectors * np.sqrt(values)) @ vectors.T * scale
+    return root, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
 
 
 def filter_by_points(
@@ -144,10 +119,8 @@ def filter_by_points(
     ukf = UnscentedKalmanFilter(
         dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points
     )
-    ukf.x, ukf.P = (
-        (problem.start if start is None else start).astype(float),
-        problem.covariance.copy(),
-    )
+    ukf.x = (problem.start if start is None else start).astype(float)
+    ukf.P = problem.covariance.copy()
     keeper = HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):
@@ -187,11 +160,7 @@ def _predict(
         after[:, i] = row
     noise = np.zeros_like(P)
     if np.any(problem.density):
-        F = np.zeros_like(P)
-        F[:n_x] = complex_step_jacobian(
-            lambda a: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])),
-            mean.tolist(),
-        )
+        F = _slopes(problem, mean, t, u[0])
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
@@ -259,31 +228,16 @@ def run_iterated_ukf(
     """Estimate states and free parameters by passes of an unscented filter, each linearised about
     the smoothed result of the pass before, until they converge.
 
-    Parameters
-    ----------
-    record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
-    iterations : largest number of passes. They end when no parameter changes by more than a
-        hundredth of its sigma.
-    first : the same model with narrower priors, for the first pass only, whose points cover the
-        prior; None takes ``system``.
-
-    Returns
-    -------
-    Estimate of the last pass. Its outcome is ``MAX_ITERATIONS`` where the passes have not
-    converged. Where a pass broke down, values and sigmas are those of the pass before, and the
-    outcome is that of the broken pass.
-
-    Raises
-    ------
-    ModelError : as for ``run_ekf``.
+    Arguments, results and errors are those of ``run_iterated_ekf``. The points of the first pass
+    cover the priors of ``first``.
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    first_pass = filter_by_points(
-        problem if first is None else filter_problem(record, first, settings.max_step), settings
-    )
+    first_problem = problem if first is None else filter_problem(record, first, settings.max_step)
     return iterated_to_convergence(
-        first_pass, lambda smoothed: _filter_about(problem, settings, smoothed), iterations
+        filter_by_points(first_problem, settings),
+        lambda smoothed: _filter_about(problem, settings, smoothed),
+        iterations,
     )
 
 

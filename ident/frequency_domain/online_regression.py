@@ -162,9 +162,10 @@ def _regressed(
     without_noise = scaled - noise_share / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
     undetermined = values < 1e-10 * max(float(values[-1]), 1e-300)
-    inverse = _inverse(scaled, values, vectors)
+    kept_vectors = vectors[:, ~undetermined]
+    inverse = np.asarray((kept_vectors / values[~undetermined]) @ kept_vectors.T)
     # share of the information that remains, in the direction with the largest share of noise
-    root = vectors[:, ~undetermined] / np.sqrt(values[~undetermined])
+    root = kept_vectors / np.sqrt(values[~undetermined])
     kept = np.linalg.eigvalsh(root.T @ without_noise @ root)
     if kept.size and kept[0] >= LEAST_INFORMATION_SHARE:
         inverse = np.linalg.pinv(without_noise, rcond=1e-10, hermitian=True)
@@ -179,11 +180,6 @@ def _regressed(
     gain = np.einsum("ab,ebf,ef->aef", inverse, all_regressors.conj(), weights)
     theta = np.einsum("aef,ef->a", gain, sums.known_side).real
     return theta, gain, np.flatnonzero(unknown | weak)
-
-
-def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    significant = values >= 1e-10 * max(float(values[-1]), 1e-300)
-    return np.asarray((vectors[:, significant] / values[significant]) @ vectors[:, significant].T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -394,7 +394,7 @@ def _gains(
     _, step1, ramp1 = _transition(A, b, part * dt)
     Phi2, step2, ramp2 = _transition(A, b, (1.0 - part) * dt)
     first, nothing = part[:, None], np.zeros_like(step1)
-    carried = np.array([_times(Phi2, row) for row in (step1, ramp1)])
+    carried = np.array([np.einsum("qij,qj->qi", Phi2, row) for row in (step1, ramp1)])
     if record.hold is Hold.PREVIOUS:
         return carried[0], step2, nothing
     return (
@@ -402,10 +402,6 @@ def _gains(
         (1.0 - first) * carried[0] + carried[1] / dt + step2 - ramp2 / dt,
         ramp2 / dt,
     )
-
-
-def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    return np.asarray(np.einsum("qij,qj->qi", Phi, rows))
 
 
 def _transition(

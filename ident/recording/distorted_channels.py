@@ -21,11 +21,11 @@ from scipy.special import gammainc
 
 from ident.recording.series import (
     Certainty,
-    FindingQuantity,
     Kind,
     RecordFinding,
     Series,
     exact_step,
+    quantities,
     quantity_text,
     runs_of,
 )
@@ -109,10 +109,7 @@ def interpolation_finding(
         f"is interpolated: {rate}, with {pattern.curve} between: {filled} of {len(series.values)} "
         "samples follow from their neighbours"
     )
-    numbers = {
-        "period": FindingQuantity(pattern.period * step, "s"),
-        "samples": FindingQuantity(pattern.period, "1"),
-    }
+    numbers = quantities(period=(pattern.period * step, "s"), samples=pattern.period)
     if is_input:
         return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, text, "", (), numbers)
     mask = np.zeros(count, dtype=bool)
@@ -301,7 +298,7 @@ def _clipping_finding(
     """Return the finding of a channel that is flat at its "highest" or "lowest" value."""
     runs = runs_of(at_level)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
-    numbers = {"level": FindingQuantity(level, series.unit)}
+    numbers = quantities(level=(level, series.unit))
     text = (
         f"flat at its {extreme} value, {quantity_text(level, series.unit)}, for "
         f"{int(np.count_nonzero(at_level))} samples"
@@ -398,7 +395,7 @@ def zero_step_findings(
             if (
                 not others_jump
                 and without_input_step[peak + length]
-                and not _any_masked(masked.get(name), rows[peak : peak + 2 * length])
+                and not (name in masked and masked[name][rows[peak : peak + 2 * length]].any())
             ):
                 findings.append(_one_zero_step_finding(channel, row, size))
     return findings
@@ -456,7 +453,7 @@ def _one_zero_step_finding(series: Series, row: int, size: float) -> RecordFindi
         f"jumps by {quantity_text(size, series.unit)} at {instant(time)} s and keeps the offset, "
         f"while no input and no other channel jumps: its bias changed{load}"
     )
-    numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
+    numbers = quantities(time=(time, "s"), step=(size, series.unit))
     remedy = "give the parts before and after as segments, --from and --to in pairs"
     return RecordFinding(
         series.name, Kind.ZERO_STEP, Certainty.LIKELY, text, remedy, ((time, time),), numbers
@@ -543,7 +540,3 @@ def _step_rows(residual: np.ndarray, noise: float, length: int, surroundings: in
         ):
             peaks.append(int(i))
     return peaks if len(peaks) <= MOST_JUMPS else []
-
-
-def _any_masked(masked: np.ndarray | None, rows: np.ndarray) -> bool:
-    return masked is not None and bool(np.any(masked[rows]))

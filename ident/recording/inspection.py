@@ -32,11 +32,11 @@ from ident.recording.series import (
     FEWEST_SAMPLES,
     Certainty,
     Expectations,
-    FindingQuantity,
     Kind,
     RecordFinding,
     Series,
     noise_level_finding,
+    quantities,
     quantity_text,
     resolution_finding,
     series_of,
@@ -122,10 +122,7 @@ def hum_finding(series: Series, inputs: Sequence[Series]) -> RecordFinding | Non
         f"{quantity_text(amplitude, series.unit)}, constant in phase and amplitude; "
         f"a hum above {0.5 / step:.3g} Hz, half the sample rate, appears at a lower frequency"
     )
-    numbers = {
-        "frequency": FindingQuantity(line_frequency, "Hz"),
-        "amplitude": FindingQuantity(amplitude, series.unit),
-    }
+    numbers = quantities(frequency=(line_frequency, "Hz"), amplitude=(amplitude, series.unit))
     remedy = (
         "filter all channels alike with --lowpass below it, or repair the wiring; mains is at 50 "
         "or 60 Hz, aircraft supply at 400 Hz"
@@ -156,8 +153,7 @@ def _refine_frequency(bends: np.ndarray, step: float, near: float, spacing: floa
     """Return the frequency of the line, Hz, with a resolution of a twentieth of the ``spacing`` of
     frequencies, from second differences ``bends``. The search begins at ``near``, Hz.
     """
-    number = np.arange(len(bends))
-    window = np.hanning(len(bends) + 2)[1:-1]
+    number, window = np.arange(len(bends)), np.hanning(len(bends) + 2)[1:-1]
     grid = near + spacing * np.linspace(-1.0, 1.0, 41)
     harmonics = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
     return float(grid[int(np.argmax(np.abs(harmonics @ (window * bends))))])
@@ -245,7 +241,7 @@ def band_limit_finding(series: Series) -> RecordFinding | None:
             "export the channel as it was recorded; otherwise residuals are not white, and sigmas "
             "for white noise are too small"
         )
-        numbers = {"cutoff": FindingQuantity(cutoff, "Hz")}
+        numbers = quantities(cutoff=(cutoff, "Hz"))
         return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, text, remedy, (), numbers)
     return None
 
@@ -281,6 +277,7 @@ def _is_flat(powers: np.ndarray, freedom: float) -> bool:
 
 # ---- All searches in turn
 
+LARGEST_MASKED_SHARE = 0.1  # a channel with more masked samples is not searched further
 # order of the findings
 ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certainty.NOTED)
 
@@ -321,7 +318,7 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     usable = [
         series_of(clean, clean[series.name])
         for series in outputs
-        if not _mostly_masked(masked.get(series.name))
+        if not np.mean(masked[series.name]) > LARGEST_MASKED_SHARE
     ]
     for series in usable:
         others = [other for other in usable if other is not series]
@@ -391,11 +388,6 @@ def _output_band_limit_finding(
     if any(0.5 < other.numbers["cutoff"].value / cutoff < 2.0 for other in input_findings):
         return None
     return finding
-
-
-def _mostly_masked(mask: np.ndarray | None) -> bool:
-    """Return whether more than a tenth of the samples is masked."""
-    return mask is not None and bool(np.mean(mask) > 0.1)
 
 
 def _without_masked(record: Record, masked: dict[str, np.ndarray]) -> Record:

@@ -25,9 +25,9 @@ from ident.recording.series import (
     FEWEST_SAMPLES,
     Certainty,
     Expectations,
-    FindingQuantity,
     Kind,
     RecordFinding,
+    quantities,
 )
 from sim.maths import G0
 from sim.record import Channel, Record
@@ -443,10 +443,11 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     control_integral = np.concatenate([[0.0], np.cumsum(control * np.diff(columns.time))])
     fits = []
     for delay in CONTROL_DELAYS:
-        delayed = _delayed(columns.time, control_integral, delay)
+        delayed = control_integral
+        if delay:
+            delayed = np.interp(columns.time - delay, columns.time, control_integral)
         fit = _control_power_fit(change_of_q, [*integrals, change(delayed, lag)], lag)
-        if fit is not None:
-            fits.append(fit)
+        fits += [fit] if fit is not None else []
     if not fits:
         return None
     best = max(fits, key=lambda fit: fit.explained)
@@ -501,10 +502,6 @@ def _control_power_fit(
     )
 
 
-def _delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    return values if delay == 0.0 else np.interp(time - delay, time, values)
-
-
 # ---- A height that is not in metres
 
 HEIGHT = "altitude"
@@ -544,10 +541,7 @@ def height_unit_findings(record: Record, expected: Expectations) -> list[RecordF
         f"{100.0 * best:.2g} % of the motion), not as heights in m "
         f"({100.0 * share_in_metres:.2g} %)"
     )
-    numbers = {
-        "unexplained": FindingQuantity(share_in_metres, "1"),
-        "unexplained_otherwise": FindingQuantity(best, "1"),
-    }
+    numbers = quantities(unexplained=share_in_metres, unexplained_otherwise=best)
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
     return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, text, remedy, numbers=numbers)]
 

@@ -416,8 +416,13 @@ def check(
     joint, single = _joint_and_single(search_result, settings.false_alarm, each=each)
     notes += _notes(search_result, signals)
     final = search_result.linear.fit
+    named = {name for names in related.values() for name in names}
     unobservable = (
-        *_channels_without_relation(channels, related),
+        *(
+            f"{name}: cannot be checked, no relation among the recorded channels contains it"
+            for name in channels
+            if name not in named
+        ),
         *_unobservable(search_result, signals[0], settings.false_alarm),
         STEADY_WIND,
     )
@@ -561,15 +566,3 @@ def _unobservable(
 
 def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
     return any(fault.channel == name for fault in faults)
-
-
-def _channels_without_relation(
-    channels: Sequence[str], related: dict[str, tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Return a sentence on each channel that is in no relation."""
-    named = {name for names in related.values() for name in names}
-    return tuple(
-        f"{name}: cannot be checked, no relation among the recorded channels contains it"
-        for name in channels
-        if name not in named
-    )
