@@ -137,9 +137,7 @@ def _scalar_or_row(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Return the table from the values ``constant (m,)`` and the Jacobian ``at_rest (m, size)`` at
-    zero, and from the second derivatives ``twice (m, size, size)``.
-    """
+    """Return the table from values, Jacobian and second derivatives ``(m, size, size)`` at zero."""
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
     halves = np.zeros((1 + size, m, 1 + size))
@@ -164,9 +162,7 @@ def _agrees(function: Function, table: Bilinear) -> bool:
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by
-    complex steps in one call.
-    """
+    """Return values ``(m, K)`` and Jacobians ``(m, size, K)`` at ``points``, by complex steps."""
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
     result = rows_into(np.empty((len(out), size, count), dtype=complex), out)

@@ -505,9 +505,7 @@ def _rival_form(best: FittedModel, rival: Traceable) -> Traceable:
 
 
 def _rival_values(best: FittedModel, rival: Traceable) -> dict[str, float]:
-    """Return local name -> fitted value of the rival; where it was not fitted, the values at which
-    it is absent.
-    """
+    """Return local name -> fitted value of the rival, or its value when absent if not fitted."""
     effect = _rival_form(best, rival)
     initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:

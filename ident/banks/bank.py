@@ -389,9 +389,7 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """Return the result ``old`` with the runs at the positions ``at`` replaced by those of
-    ``new``.
-    """
+    """Return the result ``old`` with the runs ``at`` replaced by those of ``new``."""
 
     def replaced(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         merged = whole.copy()

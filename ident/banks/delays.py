@@ -313,9 +313,7 @@ def _final_parameters(system: System, trajectory: np.ndarray) -> Mapping[str, fl
 def _with_delay(
     estimate: Estimate, name: str, unit: str, refined: _RefinedDelay, n_x: int
 ) -> Estimate:
-    """Return the estimate with the delay as its last parameter. The uncertainty of the delay is
-    added to the covariance of the others.
-    """
+    """Return the estimate with the delay as last parameter, its uncertainty added to the others."""
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

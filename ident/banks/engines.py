@@ -371,9 +371,7 @@ def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[Sys
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Return the estimates of single filters as a bank. A run that is not ``sound (B,)`` has zero
-    likelihood.
-    """
+    """Return single filters as a bank. A run that is not ``sound (B,)`` has zero likelihood."""
     histories = [item.history for item in estimates if item.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(

@@ -327,9 +327,7 @@ def _node_times(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _states_after(
     bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
-    """Return the states after the rows of ``nodes`` with the samples ``outputs (m, K)``, NaN where
-    missing.
-    """
+    """Return the states after the rows of ``nodes`` with ``outputs (m, K)``, NaN if missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
@@ -573,7 +571,5 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _median_variance(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Return the variances from the median over the starts (second axis) of the squared
-    ``differences``. The square of a diverged start counts as infinite.
-    """
+    """Return the median over the starts (second axis) of squares; a diverged start is infinite."""
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

@@ -423,9 +423,7 @@ def _prepared(
 
 
 def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
-    """Return the columns ``part`` of rows ``(M, B)``; rows that are common to all runs, ``(M,)`` or
-    ``(M, 1)``, remain as they are.
-    """
+    """Return the columns ``part`` of rows ``(M, B)``; rows common to all runs stay as they are."""
     return [
         row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
     ]

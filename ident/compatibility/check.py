@@ -245,9 +245,7 @@ def _result_of_record(
 
 
 def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
-    """Return the starting point of a joint fit: the unknowns of the fits of single records, and the
-    geometric means of their noise variances.
-    """
+    """Return the unknowns of single records, with the geometric means of their noise."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
@@ -362,9 +360,7 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """Return the errors ``(N,)``, rad/s, that the assumption of level wings causes in the rate of
-    theta and, where an airspeed is known, in that of alpha.
-    """
+    """Return the errors ``(N,)``, rad/s, of the rates of theta and alpha if wings are not level."""
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
     if "r" in rates:

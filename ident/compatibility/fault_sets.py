@@ -211,9 +211,7 @@ def _extended(
     faults: Sequence[SensorFault],
     fitted: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
-    """Return fits of a set with one more fault, for the faults with the largest first-order gains.
-    Sets that are already ``fitted`` are left out.
-    """
+    """Return fits with one more fault, those of the largest gains, without those ``fitted``."""
     timed = time_references(kinematic_fit.signals)
     candidates = [
         fault

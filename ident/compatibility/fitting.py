@@ -540,9 +540,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sandwich(inverse: np.ndarray, gradient_covariance: np.ndarray) -> np.ndarray:
-    """Return the product of ``inverse``, ``gradient_covariance`` and ``inverse``, ``(n, n)``. It is
-    computed as a matrix times its transpose, so that rounding makes no variance negative.
-    """
+    """Return ``inverse gradient_covariance inverse`` as a product that has no negative variance."""
     scale = np.sqrt(np.maximum(np.diag(gradient_covariance), 1e-300))
     values, vectors = np.linalg.eigh(gradient_covariance / np.outer(scale, scale))
     half = inverse @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -361,9 +361,7 @@ def _lagged(y: np.ndarray, dy: np.ndarray, t: np.ndarray, lag: np.ndarray) -> np
 
 
 def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Return y(t + by), ``(P, N)``, for times ``by (P, 1)``, s: cubic between samples with the
-    slopes ``dy``, and linear beyond the ends.
-    """
+    """Return y(t + by), ``(P, N)``: cubic with slopes ``dy``, linear beyond the ends."""
     if y.ndim == 1:  # one signal for all P shifts, most of which are equal
         shifts, which = np.unique(by[:, 0], return_inverse=True)
         rows = [_shifted_by_one_time(t, y[None], dy[None], float(shift)) for shift in shifts]
@@ -406,9 +404,7 @@ def cumulative(increments: np.ndarray) -> np.ndarray:
 
 
 def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the slopes of ``y`` at the samples, by parabolas through three successive samples, and
-    at the ends by straight lines.
-    """
+    """Return the slopes of ``y``, by parabolas through three samples; lines at the ends."""
     h = np.diff(t)
     secants = np.diff(y, axis=-1) / h
     inner = (secants[..., :-1] * h[1:] + secants[..., 1:] * h[:-1]) / (h[1:] + h[:-1])

@@ -200,9 +200,7 @@ def measured_channels(record: Record) -> tuple[str, ...]:
 
 
 def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(N,)`` of a channel and the mask of valid ones. Where nz is not recorded,
-    az gives it.
-    """
+    """Return the values ``(N,)`` of a channel and its mask; az gives an unrecorded nz."""
     if name == "nz" and "nz" not in record.output_names:
         return -record["az"].values / G0, record["az"].valid
     return record[name].values, record[name].valid

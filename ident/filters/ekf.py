@@ -326,9 +326,7 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """Update by filterpy (Joseph's form) with the channels that have a sample. Return the outcome
-    of a filter that broke down, else None.
-    """
+    """Update by filterpy (Joseph's form). Return the outcome of a breakdown, else None."""
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.observe(k, at)
     rows = np.flatnonzero(problem.valid[:, k])

@@ -449,9 +449,7 @@ def _stages(
 
 
 def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Return the function that writes the inputs of a step into ``w``, after its first 1 + ``n``
-    entries.
-    """
+    """Return the function that writes the inputs of a step into ``w``, after 1 + ``n`` entries."""
     inputs = w[1 + n :]
     if not len(inputs):
         return lambda s: None

@@ -144,9 +144,7 @@ def filter_by_points(
 def _predict(
     ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float
 ) -> np.ndarray:
-    """Move the sigma points over one sub-step, and return its statistical linearisation
-    ``(n, n)``.
-    """
+    """Move the sigma points over one sub-step; return its statistical linearisation ``(n, n)``."""
     from filterpy.kalman import unscented_transform
 
     system, n_x = problem.system, len(problem.system.states)
@@ -168,9 +166,7 @@ def _predict(
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
-    """Update by filterpy with the channels that have a sample. Return the outcome of a filter that
-    broke down, else None.
-    """
+    """Update by filterpy. Return the outcome of a filter that broke down, else None."""
     n_x, at = len(problem.system.states), problem.grid.sample[k]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     columns = list(ukf.sigmas_f.T)
@@ -280,9 +276,7 @@ def _sigma_points(nominal: SmoothedHistory, k: int, fallback_std: np.ndarray) ->
 def _filter_about(
     problem: FilterProblem, settings: FilterSettings, nominal: SmoothedHistory
 ) -> Estimate:
-    """Return the estimate of one pass of the Kalman filter, linearised statistically over the
-    smoothed result ``nominal``.
-    """
+    """Return the estimate of one pass, linearised statistically over the result ``nominal``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     fallback_std = np.sqrt(np.maximum(np.diagonal(nominal.covariance[-1]), 0.0))

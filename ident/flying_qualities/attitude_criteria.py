@@ -185,9 +185,7 @@ def dropback(function: FittedResponse) -> BandwidthQuantity | None:
 def _propagated(
     function: FittedResponse, value: Callable[[dict[str, float]], float]
 ) -> BandwidthQuantity | None:
-    """Return a function of the parameters of a fit with its standard deviation; None if 1/T_theta2
-    or the frequency is zero.
-    """
+    """Return a function of a fit with its standard deviation; None if not finite."""
     p = dict(function.values)
     if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
@@ -487,9 +485,7 @@ def _closed_loop_gain(
 def _adjusted_pilots(
     omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return resonance, compensation and droop, ``(D,)`` each, of the pilots adjusted to D
-    responses ``attitude (D, F)``; None if no compensation gives the bandwidth for the first one.
-    """
+    """Return resonance, compensation and droop, ``(D,)``, of pilots adjusted to D responses."""
     below = omega <= demand.bandwidth * (1.0 + 1e-9)
     tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
     # The droop of every compensation on a grid.
@@ -577,9 +573,7 @@ def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
 def _standard_deviations(
     function: FittedResponse, value: Callable[[Mapping[str, float]], np.ndarray]
 ) -> np.ndarray:
-    """Return the standard deviations ``(N,)`` of the quantities ``value``, from the covariance of
-    the parameters of a fitted transfer function.
-    """
+    """Return the standard deviations ``(N,)`` of the quantities ``value`` of a fitted function."""
     p, slopes = dict(function.values), []
     for name in function.std:
         step = 1e-5 * max(abs(p[name]), 1e-3)

@@ -438,9 +438,7 @@ def _range(
 
 
 def _draws(characteristics: Characteristics) -> np.ndarray:
-    """Return random samples ``(k, LEVEL_DRAWS)`` of the characteristics, as antithetic pairs of
-    Gaussian numbers; the same in every call.
-    """
+    """Return antithetic Gaussian samples ``(k, LEVEL_DRAWS)``, the same in every call."""
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
@@ -450,9 +448,7 @@ def _draws(characteristics: Characteristics) -> np.ndarray:
 
 
 def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
-    """Return quantity -> ``(N,)`` for all quantities that have limits, from N samples ``draws (k,
-    N)`` of the characteristics ``names``.
-    """
+    """Return quantity -> ``(N,)`` from N samples ``draws (k, N)`` of characteristics ``names``."""
     values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
     for mode, prefix in (

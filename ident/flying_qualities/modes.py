@@ -130,9 +130,7 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
 def _roots(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
-    """Return the eigenvalues of the motion of the states ``names``, with all other states constant;
-    empty if the derivatives are not finite.
-    """
+    """Return the eigenvalues of the motion of the states ``names`` alone; empty if not finite."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return np.linalg.eigvals(F) if np.all(np.isfinite(F)) else np.zeros(0)
@@ -438,9 +436,7 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of the rates of the states ``names`` with respect to these states, and
-    with respect to all inputs.
-    """
+    """Return the derivatives of the rates of states ``names`` by these and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
@@ -556,9 +552,7 @@ def state_space(
 def _linear(
     g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives of ``g``, f or h of a System, with respect to states and to inputs,
-    and its value.
-    """
+    """Return the derivatives of f or h with respect to states and to inputs, and the value."""
     value = np.array(g(0.0, x, u, p), dtype=float)
     by_inputs = (
         complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))

@@ -237,9 +237,7 @@ def _crossings(
 def _determined(
     crossings: list[tuple[float, float, float]],
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
-    """Return the crossings whose frequency is known to within the half width of the parabola, and
-    the frequencies of the others.
-    """
+    """Return the crossings known to half the parabola's width, and the other frequencies."""
     determined = [
         (at, slope, std) for at, slope, std in crossings if std <= PARABOLA_HALF_WIDTH * abs(slope)
     ]

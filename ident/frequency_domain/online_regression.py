@@ -465,9 +465,7 @@ def _regression(
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """Return the derivatives ``(e, q)`` of the regressors of all equations with respect to the
-    pseudo-control.
-    """
+    """Return the derivatives ``(e, q)`` of all regressors with respect to the pseudo-control."""
     system, points = equations.system, LinearParts(equations, None)
     n, time = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))

@@ -262,9 +262,7 @@ def first_nonlinear(system: System, records: Sequence[Record]) -> str:
 
 
 def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return rates and outputs ``(n + m, T)`` at a ``point (n + r,)`` of states and inputs, at all
-    ``times (T,)``.
-    """
+    """Return rates and outputs ``(n + m, T)`` at one ``point (n + r,)`` and all ``times (T,)``."""
     n = len(system.states)
     # NumPy numbers: their division by zero raises no exception.
     x, u = list(point[:n]), list(point[n:])
@@ -273,9 +271,7 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 
 def _largest_value(name: str, records: Sequence[Record]) -> float:
-    """Return the largest absolute value of a signal in the records, or one if it is not recorded or
-    always zero.
-    """
+    """Return the largest absolute value of a signal; one if it is not recorded or always zero."""
     result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records

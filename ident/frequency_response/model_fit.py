@@ -307,9 +307,7 @@ def estimate_response(
 
 
 def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
-    """Return the lag of the output ``y`` behind the input ``u`` in samples, at most ``latest``, by
-    the largest absolute cross-correlation.
-    """
+    """Return the lag of ``y`` behind ``u`` in samples by the largest absolute cross-correlation."""
     sums = [abs(float(u[: len(u) - k] @ y[k:])) for k in range(min(latest, len(u) - 1) + 1)]
     return int(np.argmax(sums))
 

@@ -192,9 +192,7 @@ def _energy_ratio(activity: Activity, rows: slice = _ALL_ROWS) -> np.ndarray:
 def _quiet_samples(
     stretch: EvenSegment, activities: Mapping[str, Activity], maneuvers: Sequence[DetectedManeuver]
 ) -> np.ndarray:
-    """Return a mask ``(N,)`` of the samples at which no control moves beyond its rest level and no
-    maneuver is flown.
-    """
+    """Return a mask ``(N,)`` of samples at which no control moves and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
         quiet &= _energy_ratio(activity) <= ACTIVE_RATIO
@@ -261,9 +259,7 @@ def _energy(activity: Activity, shape: Shape) -> float:
 def _largest_without_overlap(
     candidates: Iterable[ManeuverCandidate], rest: int
 ) -> list[ManeuverCandidate]:
-    """Return the candidates of one control, the largest first, without those within ``rest``
-    samples of a larger one.
-    """
+    """Return the candidates, largest first, without those within ``rest`` samples of a larger."""
     chosen: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,

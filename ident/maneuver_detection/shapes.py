@@ -281,9 +281,7 @@ def _change_sequences(
 
 
 def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
-    """Return the pattern of the level changes at the samples ``at``, with its merit; None if they
-    form no pattern.
-    """
+    """Return the pattern of the level changes ``at``, with its merit; None if they form none."""
     kind = _kind(np.diff(at) * control.stretch.step)
     result = _levels(control, at) if kind else None
     if kind is None or result is None:
@@ -302,9 +300,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
 
 
 def _changes_within(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
-    """Return the mean of a signal over half of ``rise``, s, after each sample minus the mean over
-    the same time before it, ``(N,)``.
-    """
+    """Return the mean over half of ``rise``, s, after each sample minus that before, ``(N,)``."""
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
@@ -312,9 +308,7 @@ def _changes_within(stretch: EvenSegment, values: np.ndarray, rise: float) -> np
 
 
 def _major_changes(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """Return the level changes ``at`` without minor ones: those smaller than ``share`` of the
-    largest change within ``near`` samples.
-    """
+    """Return the level changes without those below ``share`` of the largest one within ``near``."""
     sizes = np.abs(moved[at])
     first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
     largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -322,9 +316,7 @@ def _major_changes(at: np.ndarray, moved: np.ndarray, near: int, share: float) -
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Return flatness, levels and energy of the control between level changes; None if these form
-    no pattern.
-    """
+    """Return flatness, levels and energy between level changes; None if they form no pattern."""
     values, half, settle = control.values, control.half, control.stretch.samples(OUTSIDE_TIME)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -488,9 +480,7 @@ def maneuver_of(
 
 
 def _extended_to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
-    """Return the samples before and after a positive lobe at which the signal is below ``level``;
-    the ends of the signal where it never is.
-    """
+    """Return the samples before and after a positive lobe where the signal is below ``level``."""
     before = np.flatnonzero(signal[: lobe.first] < level)
     after = np.flatnonzero(signal[lobe.last :] < level)
     return int(before[-1]) if before.size else 0, lobe.last + int(

@@ -180,9 +180,7 @@ def _cubics(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 
 def _is_bimodal(bends: np.ndarray, rounding: float, bent: np.ndarray) -> bool:
-    """Return whether nearly every bend is either within the rounding or far above it. ``bent`` is
-    True where a bend exceeds the rounding.
-    """
+    """Return whether nearly every bend is either within the rounding or far above it (``bent``)."""
     if (
         np.count_nonzero(bent) < FEWEST_UPDATES
         or np.count_nonzero(~bent) < FEWEST_UPDATES
@@ -194,9 +192,7 @@ def _is_bimodal(bends: np.ndarray, rounding: float, bent: np.ndarray) -> bool:
 
 
 def _bends_are_response(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Return whether the ``times (B,)`` of bends, s, coincide with changes of an input that is
-    piecewise constant.
-    """
+    """Return whether the ``times (B,)``, s, of bends are those of a piecewise constant input."""
     for control in inputs:
         changes = control.time[np.flatnonzero(np.diff(control.values))]
         if not changes.size or len(changes) > 0.7 * len(control.time):
@@ -461,9 +457,7 @@ def _one_zero_step_finding(series: Series, row: int, size: float) -> RecordFindi
 
 
 def _resampled(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """Return a channel at given rows. Gaps are interpolated, and a median of three samples removes
-    single wrong ones.
-    """
+    """Return a channel at given rows, gaps interpolated, after a median of three samples."""
     usable = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
     if np.count_nonzero(usable) < 2:
         return np.zeros(len(rows))
@@ -482,9 +476,7 @@ def _weights(length: int) -> np.ndarray:
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Return the value of the line after each row minus that of the line before it. Each line is
-    fitted to ``length`` rows.
-    """
+    """Return the value of the line after each row minus that of the line before it."""
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))

@@ -264,9 +264,7 @@ def _band_powers(values: np.ndarray) -> np.ndarray:
 
 
 def _is_flat(powers: np.ndarray, freedom: float) -> bool:
-    """Return whether the power is the same in both halves of some bands, and in their first and
-    last quarter, by F tests. ``freedom`` is the number of degrees of freedom of a band.
-    """
+    """Return whether noise is equal in both halves, and in first and last quarter (F tests)."""
     for count in (len(powers) // 2, max(len(powers) // 4, 1)):
         ratio = float(np.mean(powers[:count]) / np.mean(powers[-count:]))
         limit = fdtri(count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE)

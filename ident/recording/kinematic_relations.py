@@ -231,9 +231,7 @@ def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
 
 
 def _unexplained_share_of_lift(load: np.ndarray, alpha: np.ndarray, surface: np.ndarray) -> float:
-    """Return the unexplained share of the power of a load in a regression on alpha + surface and
-    alpha - surface. Both factors must not be negative.
-    """
+    """Return the unexplained share of a load, regressed on alpha + surface and alpha - surface."""
     load, alpha, surface = (values - np.mean(values) for values in (load, alpha, surface))
     power = float(load @ load)
     if power <= POWER_FLOOR:
@@ -476,9 +474,7 @@ def is_reliable(power: ControlPower) -> bool:
 def _control_power_fit(
     change_of_q: np.ndarray, integrals: list[np.ndarray], lag: int
 ) -> ControlPower | None:
-    """Return the regression of the change of q on the integrals of alpha (or nz), q and the
-    control; None for collinear regressors.
-    """
+    """Return the regression of the change of q on ``integrals``; None if these are collinear."""
     regressors = np.stack([*integrals, np.ones(len(change_of_q))])
     scale = np.sqrt(np.mean(regressors**2, axis=1))
     if np.min(scale) <= 0.0:
@@ -576,9 +572,7 @@ def _residual_of(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _local_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the slope ``(N,)`` of a line through the samples within a fortieth of the record on
-    either side, by running sums.
-    """
+    """Return the slope ``(N,)`` of a line through a fortieth of the record on either side."""
     reach = max(2, len(t) // VELOCITY_PARTS)
     low = np.maximum(np.arange(len(t)) - reach, 0)
     high = np.minimum(np.arange(len(t)) + reach + 1, len(t))

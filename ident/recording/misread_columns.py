@@ -230,9 +230,7 @@ def _load_factor_unit_finding(channel: Channel) -> RecordFinding | None:
 
 
 def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Return a finding if the correlation of nz with alpha shows a wrong sign, or an exchange of nz
-    with the control, and the kinematics confirm it.
-    """
+    """Return a finding if the correlation with alpha shows a wrong sign or exchange of nz."""
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
         return None
@@ -301,9 +299,7 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
 
 
 def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Return a finding if all angles are in degrees: they are large, and consistent with each other
-    but not with nz.
-    """
+    """Return a finding if all angles are in degrees: large, and consistent except with nz."""
     names = [name for name in columns.outputs if name in UNITS]
     if (
         "alpha" not in names
@@ -335,9 +331,7 @@ def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding
 def _best_reading_finding(
     columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
-    """Return the finding of the best other reading of the columns, of a wrong airspeed or of a
-    wrong time base; None without any.
-    """
+    """Return the finding of another reading, a wrong airspeed or time base; None without any."""
     readings = sorted(
         (
             reading
@@ -472,9 +466,7 @@ def _supported_by_other_evidence(
 def _control_power_agrees(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Return whether the control power agrees with the vehicle file (None if it is unreliable), and
-    the control power.
-    """
+    """Return the control power, after whether it agrees with the vehicle file (None: unclear)."""
     power = control_power(columns)
     if power is None or not is_reliable(power) or not expected.control_power:
         return None, power
@@ -482,9 +474,7 @@ def _control_power_agrees(
 
 
 def _power_agrees(power: float, expected: Expectations) -> bool:
-    """Return whether a control power agrees with the vehicle file; only its sign must agree if the
-    unit of the control is unknown.
-    """
+    """Return whether a control power agrees, by sign alone if the control's unit is unknown."""
     ratio = power / expected.control_power if expected.control_power else 0.0
     if not expected.angular_control and ratio > 0.0:
         return True

@@ -80,9 +80,7 @@ def _dropout_finding(
 
 
 def _zeros(series: Series) -> np.ndarray:
-    """Return whether each sample is in a run of exact zeros between two values of one sign, far
-    from zero.
-    """
+    """Return whether each sample is in a run of zeros far from both neighbours of one sign."""
     values = series.values
     is_dropout = np.zeros(len(values), dtype=bool)
     zero = values == 0.0
@@ -104,9 +102,7 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _is_sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Return whether the steps to and from zero exceed ``least``, and are several times the steps
-    before and after.
-    """
+    """Return whether the steps to and from zero exceed ``least`` and the usual steps."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -181,9 +177,7 @@ def missing_rows_findings(record: Record) -> list[RecordFinding]:
 def _rows_finding(
     record: Record, gaps: np.ndarray, step: float, *, input_moves: bool
 ) -> RecordFinding:
-    """Return the finding of missing rows after the rows ``gaps``; ``step`` is the median step,
-    s.
-    """
+    """Return the finding of missing rows after the rows ``gaps``, at the median ``step``, s."""
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST_COUNTED_ROWS * step) / step) - 1))
@@ -338,9 +332,7 @@ def stuck_finding(
 def _held_finding(
     series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
 ) -> RecordFinding:
-    """Return the finding of held values. It masks the samples ``repeats (N,)``; ``period`` is in
-    samples.
-    """
+    """Return the finding of held values, which masks ``repeats (N,)``; ``period`` is in samples."""
     step = float(np.median(np.diff(series.time)))
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[repeats]] = True
@@ -363,9 +355,7 @@ def _held_finding(
 
 
 def _fits_even_clock(changes: np.ndarray, period: float) -> bool:
-    """Return whether the positions of changes are multiples of one period of about ``period``
-    samples, in each block of a hundred.
-    """
+    """Return whether changes are multiples of ``period`` samples, in each block of a hundred."""
     jitter = []
     for begin in range(0, len(changes) - FEWEST_UPDATES + 1, 100):
         block = changes[begin : begin + 100]
@@ -377,9 +367,7 @@ def _fits_even_clock(changes: np.ndarray, period: float) -> bool:
 
 
 def _is_improbable(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
-    """Return whether equal samples from ``begin`` to ``end`` are explained neither by noise nor by
-    a channel at rest.
-    """
+    """Return whether neither noise nor a channel at rest explains the equal samples."""
     values, time = series.values, series.time
     if series.resolved and _all_others_change(others, time[begin], time[end]):
         # The probability of a repeat is computed for half the noise, to be safe: the estimate of
@@ -403,9 +391,7 @@ def _is_improbable(series: Series, others: Sequence[Series], begin: int, end: in
 
 
 def _jumps_at_end(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Return whether a moving channel ends its run with a step several times the usual one, while
-    no input steps.
-    """
+    """Return whether a run ends with a step several times the usual one, while no input steps."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -433,9 +419,7 @@ def _all_others_change(others: Sequence[Series], begin: float, end: float) -> bo
 
 
 def _another_moves(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Return whether another channel moves from time ``begin`` to ``end``, s, by more than its
-    noise and a share of its span.
-    """
+    """Return whether another channel moves from ``begin`` to ``end``, s, by a share of its span."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:

@@ -476,9 +476,7 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Return the ratio of two noise levels, divided by the largest ratio of the roughness of an
-    input; zero if motion explains the ratio.
-    """
+    """Return the ratio of two noise levels over that of the inputs; zero if motion explains it."""
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     input_ratio = 1.0
@@ -508,9 +506,7 @@ def _is_significant(quiet: _NoisePart, loud: _NoisePart) -> bool:
 def _finding_between_parts(
     series: Series, parts: int, count: int, inputs: Sequence[Series], others: Sequence[Series]
 ) -> RecordFinding | None:
-    """Return the finding for a record in ``parts`` equal parts, or None. ``others`` are the other
-    outputs.
-    """
+    """Return the finding for a record in ``parts`` equal parts, or None."""
     if parts < 3:
         return None
     all_parts = _parts(series, parts, inputs)
@@ -567,9 +563,7 @@ def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud_samples(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Return a mask ``(count,)`` of the samples at which the noise in a short window exceeds the
-    level ``above``.
-    """
+    """Return a mask ``(count,)`` where the noise in a short window exceeds the level ``above``."""
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")
     local = SIGMA_PER_MEDIAN_DEVIATION * np.nanmedian(

@@ -527,9 +527,7 @@ def _with_noise(record: Record, names: Sequence[str], noise: np.ndarray) -> Reco
 
 
 def _noise_std(layout: RegressionLayout, parts: list[EquationResiduals]) -> np.ndarray:
-    """Return the rms difference ``(m,)`` of each output from its fitted values; 1 where it is not
-    recorded.
-    """
+    """Return the rms difference ``(m,)`` of outputs and fitted values; 1 if not recorded."""
     squares, counts = np.zeros(len(layout.system.outputs)), np.zeros(len(layout.system.outputs))
     for record, part in zip(layout.records, parts, strict=True):
         z, valid = record.output_array(layout.system.output_names)

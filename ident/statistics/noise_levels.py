@@ -250,9 +250,7 @@ def _differences(series: np.ndarray, order: int) -> np.ndarray:
 
 
 def _running_level(fourth: np.ndarray, half: int) -> np.ndarray:
-    """Return the robust sigma ``(N,)`` over windows of ``half`` samples to both sides, computed at
-    every tenth of a window and interpolated linearly.
-    """
+    """Return the robust sigma ``(N,)`` over ``half`` samples on both sides, interpolated."""
     at = np.unique(
         np.linspace(0, len(fourth) - 1, max(2, 20 * len(fourth) // (2 * half))).astype(int)
     )
@@ -440,9 +438,7 @@ def difference_from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndar
 
 
 def _isolated(large: np.ndarray) -> np.ndarray:
-    """Return a mask ``(N,)`` of the large samples that have no large neighbour within two
-    samples.
-    """
+    """Return a mask ``(N,)`` of the large samples without a large neighbour within two samples."""
     count = np.convolve(np.pad(large, 2), np.ones(5), mode="valid")
     return large & (count < 1.5)
 

@@ -335,9 +335,7 @@ def multiples_of(
 
 
 def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """Return a sentence on the maneuver that would separate the terms; empty for terms without
-    signals.
-    """
+    """Return a sentence on the maneuver that separates the terms; empty without signals."""
     signals = sorted(set().union(*(term.signals for term in terms)))
     controls = [name for name in signals if name in surfaces]
     states = [name for name in signals if name not in surfaces]

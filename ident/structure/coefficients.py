@@ -519,9 +519,7 @@ def _second_differences(values: np.ndarray, slope_jumps: np.ndarray | float) -> 
 def _common_signals(
     s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the signals of terms that every aircraft has: flow angles, Mach number,
-    non-dimensional rates.
-    """
+    """Return the signals of every aircraft: flow angles, Mach number, non-dimensional rates."""
     half = 0.5 / s["airspeed"]
     return {
         "alpha": s["alpha"],

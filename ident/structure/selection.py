@@ -260,9 +260,7 @@ def _with_exchange(
 
 
 def _simpler_columns(terms: Sequence[Term], at: int) -> list[int]:
-    """Return the columns of terms that have only some of the signals of term ``at``, and of its
-    linear parents.
-    """
+    """Return the columns of terms with only some signals of term ``at`` and of its parents."""
     term, above = terms[at], parents(terms[at])
     return [
         i

@@ -166,9 +166,7 @@ def faults_instead_of_bias(
 def _gain_value_variance(
     free: Sequence[int], information: np.ndarray, gradient: np.ndarray
 ) -> tuple[float, float, float]:
-    """Return the gain of log likelihood by the unknowns ``free``, and the value and variance of the
-    last of them.
-    """
+    """Return the gain of log likelihood by ``free``, and value and variance of the last one."""
     inverse = bounded_inverse(information[np.ix_(free, free)])
     values = inverse @ gradient[list(free)]
     return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
@@ -229,9 +227,7 @@ def estimates_and_findings(
 
 
 def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """Return for each fault that is accepted, or may be confused with an accepted one, the accepted
-    fault and the loss of log likelihood against it.
-    """
+    """Return for each grouped fault its accepted fault and the loss of log likelihood."""
     groups = list(zip(search_result.accepted, search_result.groups, strict=True))
     confusable = {j: (i, loss) for i, group in reversed(groups) for j, loss in group}
     return confusable | {i: (i, 0.0) for i in search_result.accepted}
@@ -240,9 +236,7 @@ def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, f
 def _context(
     search_result: SixDegreeSearch, j: int, accepted_and_loss: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """Return the set in which fault ``j`` is tested, with ``j`` last, and its loss of log
-    likelihood if it replaces an accepted fault; else None.
-    """
+    """Return the set in which fault ``j`` is tested, ``j`` last, and its loss as replacement."""
     faults, accepted = search_result.linear.faults, search_result.accepted
     if j in accepted_and_loss:
         replaced, loss = accepted_and_loss[j]
@@ -443,9 +437,7 @@ def _signals_and_notes(
     related: dict[str, tuple[str, ...]],
     settings: CompatibilitySettings,
 ) -> tuple[tuple[KinematicSignals, ...], list[str]]:
-    """Return the signals of each record, and sentences on changes of the channels and on missing
-    relations. ``related`` has the usable relations.
-    """
+    """Return the signals of each record, and sentences on channels and missing relations."""
     prepared = [
         prepared_signals(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -471,9 +463,7 @@ def _signals_and_notes(
 def _joint_and_single(
     search_result: SixDegreeSearch, false_alarm: float, *, each: bool
 ) -> tuple[CheckResult, tuple[CheckResult, ...]]:
-    """Return the result of all records together and those of single records; the latter are empty
-    for several records unless ``each`` is True.
-    """
+    """Return the result of all records together and, where wanted, those of single records."""
     estimates, findings = estimates_and_findings(search_result)
     final = search_result.linear.fit
     noise, names = final.noise, tuple(s.name for s in final.signals)
@@ -511,9 +501,7 @@ def _findings_of_record(
     false_alarm: float,
     count: int,
 ) -> tuple[SensorFinding, ...]:
-    """Return the findings of biases and of a drift in record ``r`` of ``count`` records. A bias
-    that may be confused with the drift is left out.
-    """
+    """Return the drift of record ``r``, and the biases that are not confusable with it."""
     drift = drift_finding(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (

@@ -493,9 +493,7 @@ def _fault_equations(
 
 
 def _projection_matrix(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Return the matrix ``(k, n + k)`` that projects the n unknowns of a record out of equations of
-    these and k faults, ``gram (n + k, n + k)``.
-    """
+    """Return the matrix ``(k, n + k)`` that projects n unknowns out of ``gram (n + k, n + k)``."""
     n = len(prior)
     inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
     return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])

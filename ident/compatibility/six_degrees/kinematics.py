@@ -283,9 +283,7 @@ def _flow_angle_at_vane(
 def _lever_arm_integral(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` over each interval, m/s, of the additional specific force
-    that an accelerometer measures at a distance from the centre of gravity.
-    """
+    """Return the integral ``(P, N - 1)``, m/s, of the specific force due to a sensor's arm."""
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
         return np.zeros((1, 1))

@@ -507,9 +507,7 @@ def _records_agree(linear: FaultLinearisation, members: Sequence[int], i: int) -
 def _values_by_record(
     linear: FaultLinearisation, members: Sequence[int], i: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the size of fault ``i`` in each of R records, ``(R,)``, and the inverse variances
-    ``(R,)``. The other faults keep their joint sizes.
-    """
+    """Return the size of fault ``i`` in each of R records, ``(R,)``, and its inverse variances."""
     sizes = fit_sets(linear.joint, linear.faults, [members]).sizes[0]
     values, weights = [], []
     for normal in linear.smoother:
@@ -538,9 +536,7 @@ def _group(
     candidates: Sequence[int],
     exchange_losses: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """Return the positions of accepted fault ``i`` and of its alternatives, each with its loss of
-    log likelihood under coloured residuals.
-    """
+    """Return fault ``i`` and its alternatives, each with its loss under coloured residuals."""
     losses = confusable_faults(
         linear, members, i, chance_loss * widening, candidates, exchange_losses
     )
