@@ -98,10 +98,8 @@ def run_pass(
             log_likelihood = log_likelihood + np.where(finite, gains, 0.0).sum(axis=0)
             nis[first:last] = np.where(finite, block_nis, 0.0)
             if trace is not None:
-                trace.mean[first:last], trace.covariance[first:last] = (
-                    block.mean.transpose(0, 2, 1),
-                    block.covariance,
-                )
+                trace.mean[first:last] = block.mean.transpose(0, 2, 1)
+                trace.covariance[first:last] = block.covariance
             if history is not None:
                 _write_history(history, slice(first, last), block, finite, (last_x, last_P))
             last_x, last_P, sound = *_last_sound(block, finite, last_x, last_P), finite[-1]
@@ -153,10 +151,8 @@ def _last_sound(
         return block.mean[-1].T, block.covariance[-1]
     last_x, last_P, count = x.copy(), P.copy(), np.count_nonzero(finite, axis=0)
     for run in np.flatnonzero(count):
-        last_x[:, run], last_P[run] = (
-            block.mean[count[run] - 1, run],
-            block.covariance[count[run] - 1, run],
-        )
+        k = count[run] - 1
+        last_x[:, run], last_P[run] = block.mean[k, run], block.covariance[k, run]
     return last_x, last_P
 
 
@@ -189,10 +185,8 @@ def _write_history(
             np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0),
             variance_before,
         )
-    history.mean[:, at], history.std[:, at] = (
-        mean.transpose(2, 0, 1),
-        np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1),
-    )
+    history.mean[:, at] = mean.transpose(2, 0, 1)
+    history.std[:, at] = np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1)
     y, S = block.innovation[..., 0], np.diagonal(block.innovation[..., 1:], axis1=2, axis2=3)
     history.innovation[:, at] = np.where(finite[:, :, None], y, 0.0).transpose(2, 0, 1)
     history.innovation_std[:, at] = np.where(finite[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
@@ -313,20 +307,18 @@ def bank_estimate(
     likelihood.
     """
     history = result.history
-    log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
-    estimate = (
+    histories: tuple[np.ndarray, ...] = ()
+    if history is not None:
+        histories = history.innovation, history.innovation_std, history.mean, history.std
+    return BankEstimate(
         problem.names,
         result.mean,
         result.covariance,
-        log_likelihood,
+        np.where(sound, result.log_likelihood, -np.inf),
         result.nis,
         sound,
         iterations,
-    )
-    if history is None:
-        return BankEstimate(*estimate)
-    return BankEstimate(
-        *estimate, history.innovation, history.innovation_std, history.mean, history.std
+        *histories,
     )
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from ident.banks.bank import BankEstimate, likelihood_and_nis, sound_so_far
 from ident.banks.delays import DELAYS
 from ident.banks.table_kernel import BlockData, Tables, equation_tables, filter_block
-from ident.filters.problem import prior_std
+from ident.filters.problem import prior_covariance, refuse_undeclared_noise
 from sim.declaration.model import System
 from sim.errors import ModelError
 
@@ -166,13 +166,7 @@ def online_bank(
         raise ModelError("the parameter is free", where=f"bank, {name}", remedy="fix it")
     values = system.parameters.values().tolist()
     density, variance = system.noise(values)
-    for output, value in zip(system.output_names, variance, strict=True):
-        if not (np.isfinite(value) and value > 0):
-            raise ModelError(
-                "its measurement noise is not declared",
-                where=f"output {output}",
-                remedy="give its standard deviation",
-            )
+    refuse_undeclared_noise(system, variance)
     for parameter in free_names:
         if system.declared_noise.process_density.get(parameter, 0.0):
             raise ModelError(
@@ -198,8 +192,6 @@ def online_bank(
             where="on-line bank",
             remedy="use run_bank on the whole record",
         )
-    std = [prior_std(system, state, state=True) for state in system.state_names]
-    std += [prior_std(system, parameter, state=False) for parameter in free_names]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
     p: list[Any] = list(values)
     p[system.parameters.index(name)] = grid
@@ -214,7 +206,7 @@ def online_bank(
         p,
         tables,
         start,
-        np.diag(np.square(std)),
+        prior_covariance(system),
         gate,
         interval,
         memory,

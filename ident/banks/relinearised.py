@@ -288,10 +288,7 @@ def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndar
     ``least`` and ``most``. All are in s.
     """
     half_range = (FILTERS_ON_EITHER_SIDE + 0.5) * std
-    low, high = (
-        min(max(delay - half_range, least), most),
-        min(max(delay + half_range, least), most),
-    )
+    low, high = (min(max(end, least), most) for end in (delay - half_range, delay + half_range))
     count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)  # rounded up, but for rounding
     return low + (high - low) / count * (np.arange(count) + 0.5)
 

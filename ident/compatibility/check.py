@@ -239,8 +239,7 @@ def _result_of_record(
     one_drift = replace(settings, false_alarm=settings.false_alarm / count, most=1)
     drift_search = search(with_accepted, drifts, [], one_drift)
     return _result(
-        replace(drift_search, trials=(*trials, *drift_search.trials)),
-        bias_estimates(with_accepted),
+        replace(drift_search, trials=(*trials, *drift_search.trials)), bias_estimates(with_accepted)
     )
 
 

@@ -120,10 +120,8 @@ def series_noise(
         if not walks:
             return np.asarray(noise_states)
         noise = np.zeros((*like.shape[:-1], len(density)))
-        noise[..., :r], noise[..., driven[walking]] = (
-            noise_states,
-            weighted[..., :width][..., walking],
-        )
+        noise[..., :r] = noise_states
+        noise[..., driven[walking]] = weighted[..., :width][..., walking]
         return noise
 
     return noise_of

@@ -92,17 +92,8 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
         value if name in present else 1.0
         for value, name in zip(variance, system.output_names, strict=True)
     ]
-    for name, value in zip(system.output_names, variance, strict=True):
-        if not (math.isfinite(value) and value > 0):
-            raise ModelError(
-                "its measurement noise is not declared",
-                where=f"output {name}",
-                remedy="give its standard deviation",
-            )
+    refuse_undeclared_noise(system, variance)
     free_names = system.parameters.free_names
-    std: list[float] = [prior_std(system, name, state=True) for name in system.state_names] + [
-        prior_std(system, name, state=False) for name in free_names
-    ]
     random_walk = [system.declared_noise.process_density.get(name, 0.0) for name in free_names]
     grid = make_grid(
         record.time, max_step if math.isfinite(max_step) else float(np.diff(record.time).max())
@@ -120,10 +111,28 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
         [system.parameters.index(name) for name in free_names],
         (*system.state_names, *free_names),
         np.concatenate([system.initial.values(), system.parameters.values(free_names)]),
-        np.diag(np.square(std)),
+        prior_covariance(system),
         np.array([*density_of_states, *random_walk], dtype=float),
         np.array(variance, dtype=float),
     )
+
+
+def refuse_undeclared_noise(system: System, variance: Sequence[float]) -> None:
+    """Raise ModelError where the measurement noise ``variance (m,)`` is not declared."""
+    for name, value in zip(system.output_names, variance, strict=True):
+        if not (math.isfinite(value) and value > 0):
+            raise ModelError(
+                "its measurement noise is not declared",
+                where=f"output {name}",
+                remedy="give its standard deviation",
+            )
+
+
+def prior_covariance(system: System) -> np.ndarray:
+    """Return the prior covariance of the states and free parameters; see `prior_std`."""
+    std = [prior_std(system, name, state=True) for name in system.state_names]
+    std += [prior_std(system, name, state=False) for name in system.parameters.free_names]
+    return np.diag(np.square(std))
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:

@@ -24,11 +24,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import (
-    FilterSettings,
-    iterated_to_convergence,
-    repeated_passes,
-)
+from ident.filters.ekf import FilterSettings, iterated_to_convergence, repeated_passes
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory

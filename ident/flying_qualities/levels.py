@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
+from ident.flying_qualities.attitude_criteria import propagated
 from ident.flying_qualities.modes import Characteristics
 from ident.frequency_response.transfer_function import DELAY, FittedResponse
 from sim.errors import DeclarationError, ModelError
@@ -529,7 +530,7 @@ def form_qualities(
     for name, value in _quantities_of_form(
         function.form.name, airspeed, dutch_roll=dutch_roll
     ).items():
-        result = _propagated(function, value)
+        result = propagated(function, value)
         if result is not None:
             out.append(Quality(name, *result, UNITS[name]))
     return tuple(out)
@@ -572,22 +573,3 @@ def _quantities_of_form(
     if form == "roll-and-dutch-roll":
         return {**roll, **dutch, **delay}
     return {**dutch, **delay} if form == "dutch-roll" and dutch_roll else {}
-
-
-def _propagated(
-    function: FittedResponse, value: Callable[[Values], float]
-) -> tuple[float, float] | None:
-    """Return the value and standard deviation of a function of estimates; None if not finite."""
-    p = dict(function.values)
-    slopes = []
-    try:
-        centre = value(p)
-        for name in function.std:
-            step = 1e-6 * max(abs(p[name]), 1e-3)
-            ends = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
-            slopes.append((ends[0] - ends[1]) / (2.0 * step))
-    except ZeroDivisionError:
-        return None
-    row = np.array(slopes)
-    std = math.sqrt(max(float(row @ function.covariance @ row), 0.0))
-    return (centre, std) if math.isfinite(centre) and math.isfinite(std) else None

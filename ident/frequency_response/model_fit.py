@@ -22,7 +22,9 @@ import numpy as np
 
 from ident.frequency_response.segments import sine_segments
 from ident.frequency_response.transfer_function import (
+    SMALLEST_SCALE,
     ResponseTarget,
+    central_slopes,
     mismatch_cost,
     weighted_errors,
     weighted_noise,
@@ -39,7 +41,6 @@ SPREAD = (1.0, 0.7, 1.4)  # factors of the starting values: one search begins fr
 _LARGEST_ERROR = 1e6  # weighted error where the model has no response
 _MOST_EVALUATIONS = 200  # most evaluations of one search
 _LEAST_IMPROVEMENT = 1e-6  # smallest relative decrease of the cost by a later search
-_RELATIVE_STEP, _SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,7 @@ def fit_model(
     if least >= 0.5 * _LARGEST_ERROR**2:
         what = "the model has no finite responses at its starting values"
         raise ModelError(what, where="fit", remedy="check them in the vehicle file")
-    slopes = _slopes(residuals, best)
+    slopes = central_slopes(residuals, best)
     hessian = 2.0 * slopes.T @ slopes
     inverse = _inverse(hessian)
     gains = 2.0 * inverse @ slopes.T
@@ -172,25 +173,13 @@ def _minimum(
     best, least, converged = starting_values, math.inf, False
     for factor in SPREAD:
         p = np.maximum(factor * starting_values, lowest_start)
-        scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
+        scale, most = np.maximum(np.abs(p), SMALLEST_SCALE), _MOST_EVALUATIONS
         solution = least_squares(
             residuals, p, bounds=(lowest, np.inf), x_scale=scale, max_nfev=most
         )
         if solution.cost < least * (1.0 - _LEAST_IMPROVEMENT):
             best, least, converged = solution.x, float(solution.cost), solution.status > 0
     return best, least, converged
-
-
-def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
-    """Return the derivatives ``(R, q)`` of the residuals by central differences."""
-    columns = []
-    for k, value in enumerate(p):
-        step = _RELATIVE_STEP * max(abs(value), _SMALLEST_SCALE)
-        above, below = p.copy(), p.copy()
-        above[k] += step
-        below[k] -= step
-        columns.append((residuals(above) - residuals(below)) / (2.0 * step))
-    return np.array(columns).T
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
@@ -329,10 +318,7 @@ class ResponseFit:
 
 
 def model_response(
-    system: System,
-    values: Mapping[str, float],
-    omega: np.ndarray,
-    outputs: Sequence[str],
+    system: System, values: Mapping[str, float], omega: np.ndarray, outputs: Sequence[str]
 ) -> np.ndarray:
     """Return the response ``(m, n)`` of a System, linearised at rest, to its first input.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ _START_ITERATIONS = 12  # linear least-squares iterations for a starting point
 _MOST_EVALUATIONS = 300  # most evaluations of a search from one starting point
 _HIGHEST_ORDER = 8
 _LARGEST_ERROR = 1e6  # limit of a weighted error, so that the cost is finite
-_RELATIVE_STEP, _SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
+_RELATIVE_STEP, SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
 
 
 @dataclass(frozen=True)
@@ -382,7 +382,7 @@ class _Problem:
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
-            scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
+            scale, most = np.maximum(np.abs(p), SMALLEST_SCALE), _MOST_EVALUATIONS
             solution = least_squares(
                 self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=most
             )
@@ -392,7 +392,7 @@ class _Problem:
 
     def result(self, p: np.ndarray, converged: bool) -> TransferFit:
         """Return the fit with standard deviations from the errors of the responses."""
-        slopes = self.slopes(p)
+        slopes = central_slopes(self.residuals, p)
         normal = slopes.T @ slopes
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         scales = np.outer(scale, scale)
@@ -426,16 +426,17 @@ class _Problem:
         cost = float(np.mean([function.cost for function in functions]))
         return TransferFit(tuple(functions), cost, self.shared, converged)
 
-    def slopes(self, p: np.ndarray) -> np.ndarray:
-        """Return the derivatives ``(R, q)`` of the residuals by central differences."""
-        columns = []
-        for k, value in enumerate(p):
-            step = _RELATIVE_STEP * max(abs(value), _SMALLEST_SCALE)
-            above, below = p.copy(), p.copy()
-            above[k] += step
-            below[k] -= step
-            columns.append((self.residuals(above) - self.residuals(below)) / (2.0 * step))
-        return np.array(columns).T
+
+def central_slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
+    """Return the derivatives ``(R, q)`` of residuals at ``p (q,)`` by central differences."""
+    columns = []
+    for k, value in enumerate(p):
+        step = _RELATIVE_STEP * max(abs(value), SMALLEST_SCALE)
+        above, below = p.copy(), p.copy()
+        above[k] += step
+        below[k] -= step
+        columns.append((residuals(above) - residuals(below)) / (2.0 * step))
+    return np.array(columns).T
 
 
 def conditional_std(covariance: np.ndarray) -> np.ndarray:
@@ -523,13 +524,10 @@ def _starts(
     They follow from iterated linear least squares (Sanathanan and Koerner, IEEE Trans. Automatic
     Control 8(1), 1963).
     """
-    group_delay = _group_delay(target)
+    group_delay, s = _group_delay(target), 1j * target.omega
     delays = (*_STARTING_DELAYS, *(share * group_delay for share in _GROUP_DELAY_SHARES))
-    if DELAY in fixed:
-        delays = (fixed[DELAY],) * len(delays)
     starts = []
-    for delay in delays:
-        s = 1j * target.omega
+    for delay in (fixed.get(DELAY, delay) for delay in delays):
         undelayed = target.response * np.exp(s * delay)
         scale = float(np.exp(np.mean(np.log(target.omega))))
         z = s / scale

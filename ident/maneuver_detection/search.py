@@ -391,9 +391,7 @@ def _are_independent(
     if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
         return False
     rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))
-    return not same_lines(
-        activities[one.channel].deviation[rows], activities[other.channel].deviation[rows]
-    )
+    return not same_lines(*(activities[each.channel].deviation[rows] for each in (one, other)))
 
 
 # ---- How well a maneuver determines each derivative
@@ -462,11 +460,8 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
         return {}
     residual = wanted - scaled @ estimate
     power = float(residual @ residual)
-    rho = (
-        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, LARGEST_CORRECTED_CORRELATION))
-        if power > 0.0
-        else 0.0
-    )
+    correlation = residual[1:] @ residual[:-1] / power if power > 0.0 else 0.0
+    rho = float(np.clip(correlation, 0.0, LARGEST_CORRECTED_CORRELATION))
     variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
     sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
     t = np.minimum(np.abs(estimate), LARGEST_T_VALUE * sigma) / np.where(sigma > 0.0, sigma, 1.0)

@@ -328,22 +328,16 @@ def final_spikes(
             [residual[i][valid[i]] for residual, valid in zip(residuals, measured, strict=True)]
         )
         sigma = robust_sigma(pooled)
-        if sigma == 0.0:
+        if sigma == 0.0 or _heavy_tailed(pooled / sigma):
             continue
-        heavy = _heavy_tailed(pooled / sigma)
         for r, (residual, valid) in enumerate(zip(residuals, measured, strict=True)):
             large = valid[i] & (np.abs(residual[i]) > SPIKE_AT_THE_END * sigma)
             alone = _isolated(large)
-            if heavy:
-                continue
             masks[r][i] = ~alone
             samples = np.flatnonzero(alone & ~blocked[r])
             if samples.size:
-                claims.append(
-                    Spikes(
-                        r, channel, tuple(samples.tolist()), tuple(residual[i][samples].tolist())
-                    )
-                )
+                sizes = residual[i][samples].tolist()
+                claims.append(Spikes(r, channel, tuple(samples.tolist()), tuple(sizes)))
     return masks, claims
 
 

@@ -130,10 +130,8 @@ def estimated_noise(
             factor = walk[i] / (walk[i] - unexplained)
             density[np.flatnonzero(gains[i])] *= factor
     # A record cannot show less noise than the resolution of its columns.
-    white, density = (
-        np.maximum(white, rounding_variances(signals, starting_noise.outputs)),
-        np.maximum(density, rounding_variances(signals, starting_noise.inputs)),
-    )
+    white = np.maximum(white, rounding_variances(signals, starting_noise.outputs))
+    density = np.maximum(density, rounding_variances(signals, starting_noise.inputs))
     return RelationNoise(starting_noise.outputs, starting_noise.inputs, white, density)
 
 
@@ -274,10 +272,8 @@ def fit(
         whiteners = [reduced_whitener(s, noise) for s in signals]
         own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
-        before, noise = (
-            noise,
-            estimated_noise(signals, residuals, [slope for _, slope in linear], starting_noise),
-        )
+        before, columns = noise, [slope for _, slope in linear]
+        noise = estimated_noise(signals, residuals, columns, starting_noise)
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_CHANGE):
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
