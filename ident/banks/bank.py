@@ -2,7 +2,7 @@
 
 A bank runs B filters over one time base. The runs may differ in parameters, inputs, measurements
 and starts. The filter is that of `ident.filters.ekf` with the runs on a batch axis. It agrees with
-filterpy to rounding. A pass filters its samples in blocks (`ident.banks.equation_kernels`), by a
+filterpy to rounding. A pass filters its samples in blocks (`ident.banks.block_kernels`), by a
 table of coefficients where the equations are bilinear, and otherwise by calls of the equations.
 Each block ends with a check for failed runs.
 """
@@ -15,19 +15,22 @@ from functools import partial
 
 import numpy as np
 
-from ident.banks.equation_kernels import (
-    BankHistory,
-    BankPass,
+from ident.banks.block_kernels import (
     BankRuns,
     BankTrace,
     FilteredBlock,
     eliminate_channels,
     empty_trace,
     step_block_filter,
+    table_block_filter,
     values_and_jacobians,
 )
-from ident.banks.row_kernel import SAMPLES_PER_CHECK, run_pass_in_rows
-from ident.banks.table_kernel import table_block_filter
+from ident.banks.row_kernel import (
+    SAMPLES_PER_CHECK,
+    BankHistory,
+    BankPass,
+    run_pass_in_rows,
+)
 from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import (

@@ -25,7 +25,7 @@ from ident.banks.bank import (
     run_bank,
     run_pass,
 )
-from ident.banks.equation_kernels import BankTrace, empty_trace
+from ident.banks.block_kernels import BankTrace, empty_trace
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, OnePass, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem

@@ -24,8 +24,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.banks.bank import BankEstimate, likelihood_and_nis, sound_so_far
+from ident.banks.block_kernels import BlockInputs, filter_samples, table_kernel
 from ident.banks.delays import DELAYS
-from ident.banks.table_kernel import BlockData, Tables, equation_tables, filter_block
+from ident.bilinear_table import Tables, equation_tables
 from ident.filters.problem import prior_covariance, refuse_undeclared_noise
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -365,12 +366,10 @@ def _filtered(
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    result = filter_block(
-        bank.tables,
-        BlockData(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
-        before.mean,
-        before.covariance,
-    )
+    inputs = BlockInputs(nodes.dt, nodes.u, None)
+    kernel = table_kernel(bank.tables, inputs, before.mean, before.covariance)
+    samples = z.T[:, None, :, None]
+    result = filter_samples(kernel, bank.R, nodes.steps[rows], samples, missing)
     gains, nis = likelihood_and_nis(result.innovation, valid)
     sound = sound_so_far(result, nis, before.sound)
     log_likelihood = before.log_likelihood + np.cumsum(np.where(sound, gains, 0.0), axis=0)

@@ -3,7 +3,7 @@
 The last axis of every array counts the runs: each number of the filter is a row ``(B,)`` over the
 runs. NumPy works on whole rows, element by element. The result of a run therefore does not depend
 on the other runs, and zero coefficients of the equations are skipped. The filters equal those of
-`ident.banks.equation_kernels` and are several times faster for hundreds of runs.
+`ident.banks.block_kernels` and are several times faster for hundreds of runs.
 
 A pass filters as many runs together as fit into the cache of a processor. After every
 ``SAMPLES_PER_CHECK`` samples it checks which runs are still finite. If a run has diverged, the pass
@@ -18,18 +18,60 @@ B)``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns
-from ident.banks.table_kernel import Tables, pass_tables
-from ident.bilinear_table import Bilinear
+from ident.banks.block_kernels import BankRuns, pass_tables
+from ident.bilinear_table import Bilinear, Tables
 from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
+
+# ---- Result of a pass
+
+
+@dataclass(frozen=True, eq=False)
+class BankHistory:
+    """Histories of B runs over N samples. A failed run keeps its last mean.
+
+    Attributes
+    ----------
+    innovation : ``(m, N, B)``, zero where a sample is missing.
+    innovation_std : ``(m, N, B)`` standard deviations, one where a sample is missing.
+    mean : ``(n, N, B)`` after each update.
+    std : ``(n, N, B)`` standard deviations after each update.
+    """
+
+    innovation: np.ndarray
+    innovation_std: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BankPass:
+    """Result of one pass of B runs.
+
+    Attributes
+    ----------
+    mean : ``(n, B)`` after the last finite sample.
+    covariance : ``(B, n, n)`` after the last finite sample.
+    log_likelihood : ``(B,)`` of the finite samples.
+    nis : ``(N, B)`` normalised innovation squared, zero where a run has broken down.
+    sound : ``(B,)`` False where a run broke down.
+    history : histories, None where they are not kept.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    log_likelihood: np.ndarray
+    nis: np.ndarray
+    sound: np.ndarray
+    history: BankHistory | None
+
 
 # ---- One step of many filters of bilinear equations
 
