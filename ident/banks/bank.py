@@ -81,13 +81,7 @@ def run_pass(
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = (
-        BankHistory(
-            np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
-        )
-        if keep
-        else None
-    )
+    history = BankHistory.empty(n, m, N, B) if keep else None
     with np.errstate(all="ignore"):
         filter_next_block = table_block_filter(problem, settings, runs) or step_block_filter(
             problem, settings, runs
@@ -104,7 +98,12 @@ def run_pass(
                 trace.mean[first:last] = block.mean.transpose(0, 2, 1)
                 trace.covariance[first:last] = block.covariance
             if history is not None:
-                _write_history(history, slice(first, last), block, finite, (last_x, last_P))
+                diagonals = (last_P, block.covariance, block.innovation[..., 1:])
+                last_variance, variance, y_variance = (
+                    np.diagonal(array, axis1=-2, axis2=-1) for array in diagonals
+                )
+                rows = block.mean, variance, block.innovation[..., 0], y_variance
+                history.write(slice(first, last), *rows, finite, (last_x.T, last_variance))
             last_x, last_P, sound = *_last_sound(block, finite, last_x, last_P), finite[-1]
     # P is symmetric but for rounding, since each step mirrors the rows of the states.
     return BankPass(
@@ -157,42 +156,6 @@ def _last_sound(
         k = count[run] - 1
         last_x[:, run], last_P[run] = block.mean[k, run], block.covariance[k, run]
     return last_x, last_P
-
-
-def _write_history(
-    history: BankHistory,
-    at: slice,
-    block: FilteredBlock,
-    finite: np.ndarray,
-    before: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Write a block into the samples ``at`` of the history. Runs that have broken down keep their
-    last finite values.
-
-    ``finite (K, B)`` is False where a run has broken down. ``before`` are the mean ``(n, B)`` and
-    covariance ``(B, n, n)`` of the last finite sample before the block.
-    """
-    mean, variance = block.mean, np.diagonal(block.covariance, axis1=2, axis2=3)
-    if not finite.all():
-        count = np.count_nonzero(finite, axis=0)
-        # the last finite sample, -1 if before this block
-        row = np.minimum(np.arange(len(mean))[:, None], count - 1)
-        mean = np.where(
-            (row >= 0)[:, :, None],
-            np.take_along_axis(mean, np.maximum(row, 0)[:, :, None], axis=0),
-            before[0].T,
-        )
-        variance_before = np.diagonal(before[1], axis1=1, axis2=2)
-        variance = np.where(
-            (row >= 0)[:, :, None],
-            np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0),
-            variance_before,
-        )
-    history.mean[:, at] = mean.transpose(2, 0, 1)
-    history.std[:, at] = np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1)
-    y, S = block.innovation[..., 0], np.diagonal(block.innovation[..., 1:], axis1=2, axis2=3)
-    history.innovation[:, at] = np.where(finite[:, :, None], y, 0.0).transpose(2, 0, 1)
-    history.innovation_std[:, at] = np.where(finite[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
 
 
 # ---- Many extended Kalman filters in one batched pass: banks of delays, Monte-Carlo campaigns

@@ -394,7 +394,11 @@ IDENT = (
             "** 2 * inverse_time * p",
         ),
         ('p["inv_T_theta2"] / inverse_time', 'p["inv_T_theta2"] * inverse_time'),
-        ("(2.0 * step))", "step)"),
+    ),
+    *changes(
+        "ident/flying_qualities/attitude_criteria.py",
+        ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
+        ("row @ function.covariance @ row", "row @ row"),
     ),
     *changes(
         "ident/flying_qualities/stability_margins.py",
