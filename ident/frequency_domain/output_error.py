@@ -28,7 +28,6 @@ from ident.frequency_domain.transform import (
     linear_model,
     means_over_neighbours,
     noise_levels,
-    one_band,
     response,
     transformed,
 )
@@ -491,7 +490,7 @@ def _problem(
         low,
         high,
         prior,
-        tuple(one_band(len(record.omega)) for record in result),
+        tuple(np.zeros(len(record.omega), dtype=int) for record in result),
     )
 
 

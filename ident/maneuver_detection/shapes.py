@@ -137,13 +137,9 @@ def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> l
         control = _Control(
             stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise))
         )
-        for selected in (
-            at,
-            *(
-                _major_changes(at, moved, stretch.samples(NEAR_TIME), share)
-                for share in MINOR_CHANGE_SHARES
-            ),
-        ):
+        near = stretch.samples(NEAR_TIME)
+        major = (_major_changes(at, moved, near, share) for share in MINOR_CHANGE_SHARES)
+        for selected in (at, *major):
             for times in _change_sequences(stretch, selected, moved):
                 if times not in result and (one := _pattern(control, np.array(times))) is not None:
                     result[times] = one
@@ -163,18 +159,15 @@ def _doublets_with_pause(
 
     ``shapes`` are pairs of a merit and a shape.
     """
-    pulses = sorted(
-        ((merit, one) for merit, one in shapes if one.kind == "pulse"),
-        key=lambda each: each[1].first,
-    )
+    pulses = [each for each in shapes if each[1].kind == "pulse"]
+    pulses.sort(key=lambda each: each[1].first)
     for i, (merit, one) in enumerate(pulses):
         for other_merit, other in pulses[i + 1 :]:
             sizes = (one.last - one.first, other.last - other.first)
             if other.first - one.last > min(sizes):
                 break
-            signs = np.mean(deviation[one.first : one.last]) * np.mean(
-                deviation[other.first : other.last]
-            )
+            means = [np.mean(deviation[each.first : each.last]) for each in (one, other)]
+            signs = means[0] * means[1]
             amplitudes = (one.amplitude, other.amplitude)
             if (
                 other.first <= one.last
@@ -340,9 +333,8 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     ):
         return None
     jumps = control.moved[at]
-    changes_cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(
-        np.max(np.abs(jumps))
-    )
+    largest_jump = float(np.max(np.abs(jumps)))
+    changes_cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * largest_jump
     if abs(after - before) > RETURN_SHARE * largest and not changes_cancel:
         return None
     offset = base - float(np.median(control.trim[at[0] : at[-1]]))
@@ -393,11 +385,9 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
     trend, ratio = _trend(half_waves)
     if trend >= SWEEP_RANK_CORRELATION and max(ratio, 1.0 / ratio) >= SWEEP_LENGTH_RATIO:
         return Shape("sweep", half_waves[0].first, half_waves[-1].last, amplitude, trend)
-    return (
-        Shape("multisine", half_waves[0].first, half_waves[-1].last, amplitude, trend)
-        if len(half_waves) >= FEWEST_HALF_WAVES - 1
-        else None
-    )
+    if len(half_waves) < FEWEST_HALF_WAVES - 1:
+        return None
+    return Shape("multisine", half_waves[0].first, half_waves[-1].last, amplitude, trend)
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:

@@ -315,41 +315,27 @@ def _lever_arm_integral(
 
 
 def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    q = m.rate_integrals["q"]
-    if "r" not in m.rate_integrals or "phi" not in s.channels:
-        return np.asarray(q)
-    return np.asarray(
-        q * midpoints(np.cos(m.phi)) - m.rate_integrals["r"] * midpoints(np.sin(m.phi))
-    )
+    q, r = m.rate_integrals["q"], m.rate_integrals.get("r")
+    if r is None or "phi" not in s.channels:
+        return q
+    return q * midpoints(np.cos(m.phi)) - r * midpoints(np.sin(m.phi))
 
 
 def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
+    p, q, r = m.rate_integrals["p"], m.rate_integrals.get("q"), m.rate_integrals.get("r")
     tan = np.tan(m.theta)
-    if "r" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["p"]
-            + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
-        )
-    if "q" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["p"] + m.rate_integrals["r"] * midpoints(tan / np.cos(m.phi))
-        )
-    return np.asarray(
-        m.rate_integrals["p"]
-        + m.rate_integrals["q"] * midpoints(tan * np.sin(m.phi))
-        + m.rate_integrals["r"] * midpoints(tan * np.cos(m.phi))
-    )
+    if r is None:
+        return p + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+    if q is None:
+        return p + r * midpoints(tan / np.cos(m.phi))
+    return p + q * midpoints(tan * np.sin(m.phi)) + r * midpoints(tan * np.cos(m.phi))
 
 
 def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    if "q" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["r"] * midpoints(1.0 / (np.cos(m.phi) * np.cos(m.theta)))
-        )
-    return np.asarray(
-        m.rate_integrals["q"] * midpoints(np.sin(m.phi) / np.cos(m.theta))
-        + m.rate_integrals["r"] * midpoints(np.cos(m.phi) / np.cos(m.theta))
-    )
+    q, r, cos = m.rate_integrals.get("q"), m.rate_integrals["r"], np.cos(m.theta)
+    if q is None:
+        return r * midpoints(1.0 / (np.cos(m.phi) * cos))
+    return q * midpoints(np.sin(m.phi) / cos) + r * midpoints(np.cos(m.phi) / cos)
 
 
 def _forces(
@@ -377,11 +363,9 @@ def _forces(
 def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     inverse_speed = 1.0 / (m.speed * np.cos(m.beta))
-    axes = (
-        (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
-        if "x" in m.force_integrals
-        else (("z", inverse_speed / cos),)
-    )
+    axes: tuple[tuple[str, np.ndarray], ...] = (("z", inverse_speed / cos),)
+    if "x" in m.force_integrals:
+        axes = (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
     change = m.rate_integrals["q"] + _forces(s, m, axes)
     if "beta" in s.channels:
         slip = np.tan(m.beta)
@@ -404,9 +388,8 @@ def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray
         ),
     )
     change = change - m.rate_integrals["r"] * midpoints(cos)
-    return np.asarray(
-        change + m.rate_integrals["p"] * midpoints(sin) if "p" in m.rate_integrals else change
-    )
+    p = m.rate_integrals.get("p")
+    return change if p is None else change + p * midpoints(sin)
 
 
 def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
