@@ -108,7 +108,6 @@ def estimate(
     )
     if degrees < 3.0:
         return None
-    result = None
     for _ in range(NOISE_SPECTRUM_PASSES):
         result = _regressed(sums, all_regressors, levels, q - sums.regressors.shape[1])
         if result is None:
@@ -123,7 +122,6 @@ def estimate(
         sensors = _sensor_levels(equations, sums, theta[: len(equations.names)], count)
         known = sensors.within + sensors.ends
         levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes, known)
-    assert result is not None
     covariance = _covariance(gain, residuals, levels, sensors, sums, equations.omega, count)
     from scipy.stats import t
 
@@ -171,11 +169,7 @@ def _regressed(
         inverse = np.linalg.pinv(without_noise, rcond=1e-10, hermitian=True)
     elif kept.size:
         return None
-    weak = (
-        np.any(np.abs(vectors[:, undetermined]) > 1e-3, axis=1)
-        if undetermined.any()
-        else np.zeros(len(scale), dtype=bool)
-    )
+    weak = np.any(np.abs(vectors[:, undetermined]) > 1e-3, axis=1)
     inverse = inverse / np.outer(scale, scale)
     gain = np.einsum("ab,ebf,ef->aef", inverse, all_regressors.conj(), weights)
     theta = np.einsum("aef,ef->a", gain, sums.known_side).real
@@ -374,11 +368,13 @@ def with_rows(
     sums = advance(stream.equations, stream.sums, time, stick[None], outputs, without_lag)
     complete = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
     phasors = np.exp(-1j * np.outer(time, stream.equations.omega)) * complete[:, None]
-    extended = [
-        np.concatenate(each)
-        for each in ((stream.times, time), (stream.stick, stick), (stream.phasors, phasors))
-    ]
-    return replace(stream, sums=sums, times=extended[0], stick=extended[1], phasors=extended[2])
+    return replace(
+        stream,
+        sums=sums,
+        times=np.append(stream.times, time),
+        stick=np.append(stream.stick, stick),
+        phasors=np.concatenate([stream.phasors, phasors]),
+    )
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
